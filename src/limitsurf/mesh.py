@@ -1,0 +1,728 @@
+"""The control cage: faces, rings and tags as integers; points are carried, never computed with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
+from types import MappingProxyType
+from typing import Any, Generic, Self, TypeAlias, TypeVar, cast, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Mesh", "MeshError"]
+
+IntArray: TypeAlias = NDArray[np.int64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+Channel: TypeAlias = tuple[NDArray[Any], IntArray, str]
+Faces: TypeAlias = ArrayLike | Sequence[ArrayLike] | tuple[ArrayLike, ArrayLike]
+
+T = TypeVar("T")
+
+BOUNDARY = (None, "none", "edge_only", "edge_and_corner")
+CREASING = (None, "uniform", "chaikin")
+TRIANGLES = (None, "catmull-clark", "smooth")
+INTERPOLATION = ("none", "corners_only", "corners_plus1", "corners_plus2", "boundaries", "all")
+
+
+class MeshError(ValueError):
+    """A broken cage; the message names the first culprit and says how many more there are.
+
+    ``culprits`` holds what it is about, as pairs such as ``("face", 3)`` or ``("crease", (0, 1))``.
+    """
+
+    culprits: tuple[tuple[str, Any], ...] = ()
+
+
+class _shared(Generic[T]):
+    """Computed on first use, read-only, and shared by all copies of a mesh with other points."""
+
+    def __init__(self, compute: Callable[[Any], T]) -> None:
+        self.compute = compute
+        self.name = compute.__name__
+        self.__doc__ = compute.__doc__
+
+    @overload
+    def __get__(self, mesh: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, mesh: Mesh, owner: type) -> T: ...
+    def __get__(self, mesh: Mesh | None, owner: type) -> Self | T:
+        if mesh is None:
+            return self
+        if self.name not in mesh._connectivity:
+            mesh._connectivity[self.name] = _frozen(self.compute(mesh))
+        return cast(T, mesh._connectivity[self.name])
+
+
+class Mesh:
+    """A polygonal control cage: an oriented manifold, open or closed, of faces of any size.
+
+    A *corner* ``h`` (0 to ``n_corners`` - 1) is a vertex in a face; it also stands for the
+    half-edge from its vertex to that of the next corner of the face. The corners of face ``f`` are
+    ``offsets[f]`` to ``offsets[f + 1] - 1``, counter-clockwise. All arrays are read-only.
+
+    Parameters
+    ----------
+    points : array_like, shape (n_vertices, ...)
+        Control points with any number of channels. Integers and floats are stored as float64;
+        arrays of objects (Fractions, mpf, sympy numbers) are kept as they are.
+    faces : (m, k) integer array, or list of index sequences, or pair (sizes, indices)
+        Vertex indices of each face, counter-clockwise. The pair is a tuple of two 1-d integer
+        arrays: the number of corners of each face, and the vertices of all faces in turn. Two
+        faces are a list, or a tuple of tuples.
+    creases : mapping {(a, b): sharpness} or pair (edges (c, 2), sharpness (c,)), optional
+        Edges, in either order of their vertices, with a sharpness in [0, inf]; from 10 on an edge
+        is infinitely sharp.
+    corners : mapping {vertex: sharpness} or pair (vertices (c,), sharpness (c,)), optional
+        Vertices with a sharpness.
+    holes : sequence of int, optional
+        Faces that have no surface, yet shape their neighbours.
+    scheme : str or Scheme, optional
+        Kept as it is. None here and below leaves the choice to whoever uses the mesh.
+    boundary : {"none", "edge_only", "edge_and_corner"}, optional
+    creasing : {"uniform", "chaikin"}, optional
+    triangles : {"catmull-clark", "smooth"}, optional
+    channels : mapping {name: (values (k, ...), face_indices (n_corners,), interpolation)}, optional
+        Face-varying data: for each corner the row of ``values`` that it takes. ``interpolation``
+        is "none", "corners_only", "corners_plus1", "corners_plus2", "boundaries" or "all".
+
+    Attributes
+    ----------
+    points : ndarray, shape (n_vertices, ...), float64 or object
+    sizes : ndarray of int64, shape (n_faces,)
+        Number of corners of each face.
+    indices : ndarray of int64, shape (n_corners,)
+        Vertex of each corner.
+    creases : (edges (c, 2), sharpness (c,))
+        Rows ascending, in the order of ``edges``. Sharpness is float64, or object where Fractions
+        were given.
+    corners : (vertices (c,), sharpness (c,))
+        Vertices ascending.
+    holes : ndarray of int64
+        Faces ascending.
+    scheme, boundary, creasing, triangles
+        As given.
+    channels : read-only mapping {name: (values, face_indices, interpolation)}
+
+    Raises
+    ------
+    MeshError
+        No vertex or face; a coordinate that is NaN or infinite; a vertex index that is negative or
+        out of range; a face with fewer than three corners or with a repeated vertex; an edge with
+        more than two faces; neighbouring faces of opposite orientation; a vertex whose faces are
+        not one fan; a tag on an edge, vertex or face that does not exist, a tag given twice, or
+        one with a sharpness outside [0, inf].
+    TypeError
+        Points that are no numbers, indices that are no integers.
+    ValueError
+        An unknown ``boundary``, ``creasing``, ``triangles`` or interpolation.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> points = [[0, 0], [1, 0], [2, 0], [0, 1], [1, 1]]
+    >>> mesh = ls.Mesh(points, [[0, 1, 4, 3], [1, 2, 4]], creases={(4, 1): 2.5})
+    >>> mesh
+    Mesh(5 vertices, 6 edges, 2 faces {3: 1, 4: 1}, 5 boundary vertices, 1 crease)
+    >>> mesh.edges[mesh.boundary_edge].tolist()
+    [[0, 1], [0, 3], [1, 2], [2, 4], [3, 4]]
+    """
+
+    points: NDArray[Any]
+    sizes: IntArray
+    indices: IntArray
+    creases: tuple[IntArray, NDArray[Any]]
+    corners: tuple[IntArray, NDArray[Any]]
+    holes: IntArray
+    scheme: Any
+    boundary: str | None
+    creasing: str | None
+    triangles: str | None
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        faces: Faces,
+        *,
+        creases: Mapping[tuple[int, int], Any] | tuple[ArrayLike, ArrayLike] | None = None,
+        corners: Mapping[int, Any] | tuple[ArrayLike, ArrayLike] | None = None,
+        holes: ArrayLike | None = None,
+        scheme: Any = None,
+        boundary: str | None = None,
+        creasing: str | None = None,
+        triangles: str | None = None,
+        channels: Mapping[str, tuple[ArrayLike, ArrayLike, str]] | None = None,
+    ) -> None:
+        self._connectivity: dict[str, Any] = {}
+        self.points = _frozen(_numbers(points, "vertex"))
+        sizes, indices = _face_arrays(faces)
+        self.sizes, self.indices = _frozen(sizes), _frozen(indices)
+        _check_faces(self)
+        _check_manifold(self)
+        self._set_tags(creases, corners, holes, scheme, boundary, creasing, triangles, channels)
+
+    @classmethod
+    def _from_valid(
+        cls, points: NDArray[Any], sizes: IntArray, indices: IntArray, **tags: Any
+    ) -> Self:
+        """A mesh of arrays known to be valid, taken without a copy; tags are as in ``Mesh``."""
+        mesh = object.__new__(cls)
+        mesh._connectivity = {}
+        mesh.points, mesh.sizes, mesh.indices = _frozen(points), _frozen(sizes), _frozen(indices)
+        mesh._set_tags(**tags)
+        return mesh
+
+    def _set_tags(
+        self,
+        creases: Any = None,
+        corners: Any = None,
+        holes: Any = None,
+        scheme: Any = None,
+        boundary: str | None = None,
+        creasing: str | None = None,
+        triangles: str | None = None,
+        channels: Any = None,
+    ) -> None:
+        self.scheme = scheme
+        self.boundary = _choice(boundary, "boundary", BOUNDARY)
+        self.creasing = _choice(creasing, "creasing", CREASING)
+        self.triangles = _choice(triangles, "triangles", TRIANGLES)
+        self.creases = _frozen(_crease_tags(self, creases))
+        self.corners = _frozen(_corner_tags(self, corners))
+        self.holes = _frozen(_hole_tags(self, holes))
+        self._channels = _frozen(
+            {name: _channel(self, name, given) for name, given in (channels or {}).items()}
+        )
+
+    def with_points(self, points: ArrayLike) -> Self:
+        """A copy with other points, (n_vertices, ...); faces, tags and connectivity are shared.
+
+        Raises
+        ------
+        MeshError
+            A number of points other than ``n_vertices``, or coordinates that are NaN or infinite.
+        """
+        new_points = _numbers(points, "vertex")
+        if len(new_points) != self.n_vertices:
+            raise MeshError(
+                f"got {len(new_points)} points, need {self.n_vertices}, one for each vertex"
+            )
+        mesh = object.__new__(type(self))
+        mesh.__dict__.update(self.__dict__, points=_frozen(new_points))
+        return mesh
+
+    @property
+    def channels(self) -> Mapping[str, Channel]:
+        """Face-varying data: {name: (values (k, ...), face_indices (n_corners,), mode)}."""
+        return MappingProxyType(self._channels)
+
+    @property
+    def n_vertices(self) -> int:
+        """Number of vertices, unused ones included."""
+        return len(self.points)
+
+    @property
+    def n_faces(self) -> int:
+        """Number of faces."""
+        return len(self.sizes)
+
+    @property
+    def n_edges(self) -> int:
+        """Number of edges."""
+        return len(self.edges)
+
+    @property
+    def n_corners(self) -> int:
+        """Number of face corners, the sum of ``sizes``."""
+        return len(self.indices)
+
+    @_shared
+    def faces(self) -> IntArray | list[IntArray]:
+        """Vertices of each face: an (m, k) array if all have k corners, else a list of m arrays."""
+        if (self.sizes == self.sizes[0]).all():
+            return self.indices.reshape(self.n_faces, -1)
+        return np.split(self.indices, self.offsets[1:-1])
+
+    @_shared
+    def offsets(self) -> IntArray:
+        """First corner of each face, and ``n_corners``: shape (n_faces + 1,)."""
+        return _offsets(self.sizes)
+
+    @_shared
+    def corner_face(self) -> IntArray:
+        """Face of each corner: shape (n_corners,)."""
+        return np.repeat(np.arange(self.n_faces), self.sizes)
+
+    @_shared
+    def next_corner(self) -> IntArray:
+        """The next corner in the same face: shape (n_corners,)."""
+        following = np.arange(1, self.n_corners + 1)
+        following[self.offsets[1:] - 1] = self.offsets[:-1]
+        return following
+
+    @_shared
+    def previous_corner(self) -> IntArray:
+        """The previous corner in the same face: shape (n_corners,)."""
+        preceding = np.arange(-1, self.n_corners - 1)
+        preceding[self.offsets[:-1]] = self.offsets[1:] - 1
+        return preceding
+
+    @_shared
+    def _edge_table(self) -> tuple[IntArray, IntArray, IntArray]:
+        """``edges``, ``corner_edge`` and ``edge_corners``: half-edges sorted by their vertices."""
+        start, end = self.indices, self.indices[self.next_corner]
+        key = np.minimum(start, end) * self.n_vertices + np.maximum(start, end)
+        order = np.argsort(key)
+        key = key[order]
+        is_first = np.append(True, key[1:] != key[:-1])
+        first = np.flatnonzero(is_first)  # (E,) into order
+        corner_edge = np.empty_like(order)
+        corner_edge[order] = np.cumsum(is_first) - 1
+        paired = np.flatnonzero(np.diff(first, append=len(order)) > 1)
+        one = order[first]
+        other = np.full_like(one, -1)
+        other[paired] = order[first[paired] + 1]
+        edge_corners = np.stack([one, other], axis=1)  # (E, 2)
+        edge_corners[paired] = np.sort(edge_corners[paired], axis=1)
+        return np.stack(np.divmod(key[first], self.n_vertices), axis=1), corner_edge, edge_corners
+
+    @_shared
+    def edges(self) -> IntArray:
+        """The vertices of each edge, ascending, rows in lexicographic order: shape (n_edges, 2)."""
+        return self._edge_table[0]
+
+    @_shared
+    def corner_edge(self) -> IntArray:
+        """Edge of each corner's half-edge: shape (n_corners,)."""
+        return self._edge_table[1]
+
+    @_shared
+    def edge_corners(self) -> IntArray:
+        """The half-edges of each edge, lower first; -1 second on a boundary: shape (n_edges, 2)."""
+        return self._edge_table[2]
+
+    @_shared
+    def boundary_edge(self) -> BoolArray:
+        """Whether an edge has one face only: shape (n_edges,)."""
+        return self.edge_corners[:, 1] < 0
+
+    @_shared
+    def twin(self) -> IntArray:
+        """The half-edge in the opposite direction, -1 on a boundary: shape (n_corners,)."""
+        twin = np.full(self.n_corners, -1)
+        one, other = self.edge_corners[~self.boundary_edge].T
+        twin[one], twin[other] = other, one
+        return twin
+
+    @_shared
+    def boundary_vertex(self) -> BoolArray:
+        """Whether a vertex lies on a boundary edge: shape (n_vertices,)."""
+        on_boundary = np.zeros(self.n_vertices, dtype=bool)
+        on_boundary[self.edges[self.boundary_edge]] = True
+        return on_boundary
+
+    @_shared
+    def vertex_faces(self) -> IntArray:
+        """Number of faces at each vertex, 0 if it is unused: shape (n_vertices,).
+
+        At an interior vertex this is its valence.
+        """
+        return np.bincount(self.indices, minlength=self.n_vertices)
+
+    @_shared
+    def ring_offsets(self) -> IntArray:
+        """Start of each vertex's ring in ``ring_corners``, and the end: shape (n_vertices + 1,)."""
+        return _offsets(self.vertex_faces)
+
+    @_shared
+    def _ring_ranks(self) -> tuple[IntArray, BoolArray]:
+        """``ring_position``, and whether a corner is in the fan of the first of its vertex.
+
+        Linked lists ranked by pointer doubling, in log2 of the largest valence steps.
+        """
+        corner = np.arange(self.n_corners)
+        first = np.empty(self.n_vertices, dtype=np.int64)
+        first[self.indices[::-1]] = corner[
+            ::-1
+        ]  # of several assignments the last one holds: the smallest
+        start = np.flatnonzero(self.twin < 0)[::-1]
+        first[self.indices[start]] = start
+        first = first[self.indices]  # (H,)
+        # The neighbour clockwise; the first of a ring, and of any open chain, points to itself.
+        back = np.where((self.twin < 0) | (corner == first), corner, self.next_corner[self.twin])
+        position = (back != corner).astype(np.int64)
+        for _ in range(int(self.vertex_faces.max() - 1).bit_length()):
+            position += position[back]
+            back = back[back]
+        return position, back == first
+
+    @_shared
+    def ring_position(self) -> IntArray:
+        """Position of each corner in the ring of its vertex: shape (n_corners,)."""
+        return self._ring_ranks[0]
+
+    @_shared
+    def ring_corners(self) -> IntArray:
+        """The corners (outgoing half-edges) at each vertex, counter-clockwise: shape (n_corners,).
+
+        After corner ``h`` comes ``twin[previous_corner[h]]``. The ring of a boundary vertex starts
+        at its outgoing boundary half-edge, that of an interior vertex at its smallest corner.
+        """
+        ring = np.empty(self.n_corners, dtype=np.int64)
+        ring[self.ring_offsets[self.indices] + self.ring_position] = np.arange(self.n_corners)
+        return ring
+
+    def __repr__(self) -> str:
+        interior = self.vertex_faces[~self.boundary_vertex & (self.vertex_faces > 0)]
+        parts = [
+            _count(self.n_vertices, "vertex", "vertices"),
+            _count(self.n_edges, "edge"),
+            f"{_count(self.n_faces, 'face')} {_histogram(self.sizes)}",
+        ]
+        if len(interior):
+            parts.append(f"interior valences {_histogram(interior)}")
+        tagged = {
+            "boundary vertex": self.boundary_vertex.sum(),
+            "unused vertex": (self.vertex_faces == 0).sum(),
+            "crease": len(self.creases[0]),
+            "corner": len(self.corners[0]),
+            "hole": len(self.holes),
+        }
+        parts += [
+            _count(n, name, name.replace("vertex", "vertices")) for name, n in tagged.items() if n
+        ]
+        options = {
+            name: getattr(self, name) for name in ("scheme", "boundary", "creasing", "triangles")
+        }
+        parts += [f"{name}={value!r}" for name, value in options.items() if value is not None]
+        parts += [f"channel {name!r}" for name in self.channels]
+        return f"{type(self).__name__}({', '.join(parts)})"
+
+    def __eq__(self, other: object) -> bool:
+        """Whether points, faces, tags and channels are all the same."""
+        if not isinstance(other, Mesh):
+            return NotImplemented
+        return all(map(_same, self._content(), other._content()))
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def _content(self) -> tuple[Any, ...]:
+        options = (self.scheme, self.boundary, self.creasing, self.triangles)
+        return (
+            self.points,
+            self.sizes,
+            self.indices,
+            self.creases,
+            self.corners,
+            self.holes,
+            options,
+            self._channels,
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_connectivity": {}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(_frozen(state))
+
+
+def _frozen(value: T) -> T:
+    """The same with every array in it, also in tuples, lists and dicts, as a read-only view."""
+    if isinstance(value, np.ndarray):
+        view = value.view()
+        view.flags.writeable = False
+        return cast(T, view)
+    if isinstance(value, (tuple, list)):
+        return cast(T, type(value)(map(_frozen, value)))
+    if isinstance(value, dict):
+        return cast(T, {name: _frozen(item) for name, item in value.items()})
+    return value
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Equality, by value, of arrays, of tuples and dicts of them, and of plain values."""
+    if isinstance(one, np.ndarray):
+        return isinstance(other, np.ndarray) and np.array_equal(one, other)
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(_same(one[name], other[name]) for name in one)
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(_same, one, other))
+    return bool(one == other)
+
+
+def _offsets(counts: IntArray) -> IntArray:
+    return np.concatenate([[0], np.cumsum(counts)])
+
+
+def _count(n: int, singular: str, plural: str | None = None) -> str:
+    return f"{n} {singular if n == 1 else plural or singular + 's'}"
+
+
+def _histogram(values: IntArray) -> str:
+    found, counts = np.unique(values, return_counts=True)
+    text = ", ".join(
+        f"{k}: {n}" for k, n in zip(found[:8].tolist(), counts[:8].tolist(), strict=True)
+    )
+    return f"{{{text}{', ...' if len(found) > 8 else ''}}}"
+
+
+def _check(broken: ArrayLike, describe: Callable[[int], tuple[Any, ...]]) -> None:
+    """Raise if any is true; ``describe`` gives the message and the culprits for the first one."""
+    found = np.flatnonzero(broken)
+    if len(found):
+        message, *culprits = describe(int(found[0]))
+        error = MeshError(message + (f"; {len(found) - 1} more like it" if len(found) > 1 else ""))
+        error.culprits = tuple(culprits)
+        raise error
+
+
+def _choice(value: T, name: str, allowed: tuple[T, ...]) -> T:
+    if value not in allowed:
+        raise ValueError(f"{name}: got {value!r}, need one of {', '.join(map(repr, allowed))}")
+    return value
+
+
+def _numbers(values: ArrayLike, what: str) -> NDArray[Any]:
+    """A copy of points (or of a channel's values), as float64 or as objects, all finite."""
+    try:
+        array = np.array(values)
+    except ValueError as error:
+        raise MeshError(
+            f"points do not form an array of shape (n_vertices, ...): {error}"
+        ) from None
+    if array.ndim == 0 or len(array) == 0:
+        raise MeshError(f"a mesh needs at least one {what}, got points of shape {array.shape}")
+    if array.dtype.kind not in "iufO":
+        raise TypeError(f"coordinates must be real numbers, got an array of {array.dtype}")
+    if array.dtype == object:
+        wrong = np.frompyfunc(_is_no_number, 1, 1)(array).astype(bool)
+        if wrong.any():
+            raise TypeError(f"coordinates must be real numbers, got {array[wrong][0]!r}")
+        infinite = np.frompyfunc(_is_infinite_float, 1, 1)(array).astype(bool)
+    else:
+        array = array.astype(np.float64, copy=False)
+        infinite = ~np.isfinite(array)
+    _check(
+        infinite.reshape(len(array), -1).any(axis=1),
+        lambda i: (f"{what} {i}: coordinate {array[i][infinite[i]].flat[0]} is not finite",),
+    )
+    return array
+
+
+def _is_no_number(value: Any) -> bool:
+    return value is None or isinstance(value, (str, bytes, bool, complex, Sequence))
+
+
+def _is_infinite_float(value: Any) -> bool:
+    return isinstance(value, (float, np.floating)) and not math.isfinite(value)
+
+
+def _integers(values: Any, what: str) -> IntArray:
+    """A copy of ``values`` as int64; an empty list, whose type numpy cannot know, passes."""
+    try:
+        array = np.array(values)
+    except ValueError as error:
+        raise MeshError(f"{what} do not form an array: {error}") from None
+    if array.size and array.dtype.kind not in "iu":
+        raise TypeError(f"{what} must be integers, got {array.dtype} such as {array.ravel()[0]}")
+    return array.astype(np.int64, copy=False)
+
+
+def _face_arrays(faces: Faces) -> tuple[IntArray, IntArray]:
+    """``sizes`` and ``indices`` from any of the three ways to give faces."""
+    if isinstance(faces, np.ndarray) and faces.dtype != object:
+        if faces.ndim != 2:
+            raise MeshError(f"faces: got an array of shape {faces.shape}, need (n_faces, k)")
+        indices = _integers(faces, "vertex indices of faces").reshape(-1)
+        sizes = np.full(len(faces), faces.shape[1])
+    elif isinstance(faces, tuple) and len(faces) == 2 and not isinstance(faces[0], tuple):
+        sizes = _integers(faces[0], "face sizes")
+        indices = _integers(faces[1], "vertex indices of faces")
+        if sizes.ndim != 1 or indices.ndim != 1 or sizes.sum() != len(indices):
+            raise MeshError(
+                f"faces as a pair (sizes, indices): got shapes {sizes.shape} and {indices.shape}, "
+                f"sum(sizes) = {sizes.sum()}; need two 1-d arrays with sum(sizes) == len(indices) "
+                "(two faces are a list)"
+            )
+    else:
+        try:
+            rows = list(cast(Sequence[Sequence[int]], faces))
+            sizes = np.array(list(map(len, rows)), dtype=np.int64)
+            indices = _integers(list(chain.from_iterable(rows)), "vertex indices of faces")
+        except TypeError as error:
+            raise TypeError(
+                "faces: need an (m, k) integer array, a list of index sequences or a pair "
+                f"(sizes, indices); {error}"
+            ) from None
+        if indices.ndim != 1:
+            raise MeshError("faces: need index sequences, got sequences nested deeper")
+    if len(sizes) == 0:
+        raise MeshError("a mesh needs at least one face, got none")
+    return sizes, indices
+
+
+def _check_faces(mesh: Mesh) -> None:
+    """Every face has three or more corners, at distinct vertices that exist."""
+    _check(
+        mesh.sizes < 3,
+        lambda f: (f"face {f} has {_count(mesh.sizes[f], 'corner')}, need at least 3", ("face", f)),
+    )
+
+    def missing(h: int) -> tuple[Any, ...]:
+        face, vertex = int(mesh.corner_face[h]), mesh.indices[h]
+        reason = "negative" if vertex < 0 else "out of range"
+        need = f"need 0 to {mesh.n_vertices - 1}"
+        return f"face {face}: vertex index {vertex} is {reason}, {need}", ("face", face)
+
+    _check((mesh.indices < 0) | (mesh.indices >= mesh.n_vertices), missing)
+    key = np.sort(mesh.corner_face * mesh.n_vertices + mesh.indices)
+
+    def repeated(i: int) -> tuple[Any, ...]:
+        face, vertex = divmod(int(key[i]), mesh.n_vertices)
+        return f"face {face} has vertex {vertex} more than once", ("face", face)
+
+    _check(key[1:] == key[:-1], repeated)
+
+
+def _check_manifold(mesh: Mesh) -> None:
+    """Every edge has one face, or two of the same orientation; every vertex has one fan."""
+
+    def crowded(e: int) -> tuple[Any, ...]:
+        a, b = mesh.edges[e]
+        faces = mesh.corner_face[mesh.corner_edge == e].tolist()
+        listed = ", ".join(map(str, faces[:6])) + (", ..." if len(faces) > 6 else "")
+        message = f"edge ({a}, {b}) has {len(faces)} faces ({listed}), need one or two"
+        return message, *(("face", f) for f in faces[:6])
+
+    def flipped(e: int) -> tuple[Any, ...]:
+        a, b = mesh.edges[e]
+        f, g = mesh.corner_face[mesh.edge_corners[e]].tolist()
+        message = (
+            f"edge ({a}, {b}): faces {f} and {g} run along it in the same direction, "
+            "so their orientations differ"
+        )
+        return message, ("face", f), ("face", g)
+
+    def split(v: int) -> tuple[Any, ...]:
+        at_vertex = mesh.indices == v
+        f = int(mesh.corner_face[at_vertex & in_first_fan][0])
+        g = int(mesh.corner_face[at_vertex & ~in_first_fan][0])
+        message = (
+            f"vertex {v}: its {at_vertex.sum()} faces are not one fan: "
+            f"no chain of faces joined along edges at it leads from face {f} to face {g}"
+        )
+        return message, ("face", f), ("face", g)
+
+    _check(np.bincount(mesh.corner_edge) > 2, crowded)
+    one, other = mesh.edge_corners.T
+    _check((other >= 0) & (mesh.indices[one] == mesh.indices[other]), flipped)
+    in_first_fan = mesh._ring_ranks[1]
+    _check(np.bincount(mesh.indices[~in_first_fan]) > 0, split)
+
+
+def _sharpness(values: Any, what: str, names: Sequence[Any]) -> NDArray[Any]:
+    """Validated sharpness, float64 or objects, one for each of ``names``."""
+    array = np.array(values) if len(names) else np.zeros(0)
+    if array.shape != (len(names),):
+        raise MeshError(f"{what}s: got sharpness of shape {array.shape}, need ({len(names)},)")
+    if array.dtype.kind not in "iufO":
+        raise TypeError(f"{what}s: sharpness must be real numbers, got {array.dtype}")
+    if array.dtype != object:
+        array = array.astype(np.float64, copy=False)
+    _check(
+        ~(array >= 0).astype(bool),  # so is NaN
+        lambda i: (f"{what} {names[i]}: sharpness {array[i]} is not in [0, inf]", (what, names[i])),
+    )
+    return array
+
+
+def _tagged(given: Any, what: str) -> tuple[Any, Any]:
+    """Keys and sharpness of a mapping or a pair."""
+    if given is None:
+        return (), ()
+    if isinstance(given, Mapping):
+        return list(given), list(given.values())
+    if isinstance(given, (tuple, list)) and len(given) == 2:
+        return given[0], given[1]
+    raise TypeError(f"{what}s: need a mapping or a pair of arrays, got {type(given).__name__}")
+
+
+def _crease_tags(mesh: Mesh, given: Any) -> tuple[IntArray, NDArray[Any]]:
+    keys, values = _tagged(given, "crease")
+    ends = _integers(keys, "vertices of creases") if len(keys) else np.zeros((0, 2), dtype=np.int64)
+    if ends.ndim != 2 or ends.shape[1] != 2:
+        raise MeshError(f"creases: got edges of shape {ends.shape}, need (c, 2)")
+    names = list(map(tuple, ends.tolist()))
+    sharpness = _sharpness(values, "crease", names)
+    if len(names) == 0:
+        return ends, sharpness
+    ends = np.sort(ends, axis=1)
+    key = ends[:, 0] * mesh.n_vertices + ends[:, 1]
+    edge_key = mesh.edges[:, 0] * mesh.n_vertices + mesh.edges[:, 1]
+    edge = np.searchsorted(edge_key, key).clip(max=mesh.n_edges - 1)
+    _check(
+        (mesh.edges[edge] != ends).any(axis=1),
+        lambda i: (f"crease {names[i]}: the mesh has no such edge", ("crease", names[i])),
+    )
+    order = _distinct_order(edge, "crease", names)
+    return ends[order], sharpness[order]
+
+
+def _corner_tags(mesh: Mesh, given: Any) -> tuple[IntArray, NDArray[Any]]:
+    keys, values = _tagged(given, "corner")
+    vertices = _integers(keys, "vertices of corners")
+    names = _existing(vertices, "corner", mesh.n_vertices)
+    sharpness = _sharpness(values, "corner", names)
+    order = _distinct_order(vertices, "corner", names)
+    return vertices[order], sharpness[order]
+
+
+def _hole_tags(mesh: Mesh, given: Any) -> IntArray:
+    faces = _integers(() if given is None else given, "holes")
+    names = _existing(faces, "hole", mesh.n_faces)
+    return faces[_distinct_order(faces, "hole", names)]
+
+
+def _existing(indices: IntArray, what: str, end: int) -> list[int]:
+    """The indices as a list, all of which are in range."""
+    if indices.ndim != 1:
+        raise MeshError(f"{what}s: got indices of shape {indices.shape}, need (n,)")
+    names: list[int] = indices.tolist()
+    _check(
+        (indices < 0) | (indices >= end),
+        lambda i: (f"{what} {names[i]} is out of range, need 0 to {end - 1}", (what, names[i])),
+    )
+    return names
+
+
+def _distinct_order(keys: IntArray, what: str, names: Sequence[Any]) -> IntArray:
+    """The order that sorts ``keys``, of which no two may be equal."""
+    order = np.argsort(keys, kind="stable")
+
+    def twice(i: int) -> tuple[Any, ...]:
+        name = names[order[i + 1]]
+        return f"{what} {name} is given more than once", (what, name)
+
+    _check(np.diff(keys[order]) == 0, twice)
+    return order
+
+
+def _channel(mesh: Mesh, name: str, given: Any) -> Channel:
+    if not isinstance(given, (tuple, list)) or len(given) != 3:
+        raise TypeError(f"channel {name!r}: need (values, face_indices, interpolation)")
+    values = _numbers(given[0], f"channel {name!r}: row")
+    rows = _integers(given[1], f"channel {name!r}: face_indices")
+    if rows.shape != (mesh.n_corners,):
+        raise MeshError(
+            f"channel {name!r}: got face_indices of shape {rows.shape}, need ({mesh.n_corners},)"
+        )
+
+    def missing(h: int) -> tuple[Any, ...]:
+        face = int(mesh.corner_face[h])
+        need = f"need 0 to {len(values) - 1}"
+        return f"channel {name!r}: face {face} has index {rows[h]}, {need}", ("face", face)
+
+    _check((rows < 0) | (rows >= len(values)), missing)
+    interpolation = _choice(given[2], f"channel {name!r}: interpolation", INTERPOLATION)
+    return values, rows, interpolation

@@ -1,0 +1,1 @@
+"""Where bytes, pixels and arguments come in and go out."""

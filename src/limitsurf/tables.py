@@ -1,0 +1,492 @@
+"""Frozen tables with provenance, in memory and on disk: the only door from `exact` to the rest.
+
+An `EigenTable` holds the Jordan basis of a subdivision matrix in float64, each number rounded
+from 96 digits; a `RationalTable` holds the matrix itself as integers over one denominator. Masks
+come out as arrays of the number type that is asked for.
+
+Eigen tables are looked up in memory, among those shipped with the package, then in a per-user
+cache directory (``LIMITSURF_CACHE_DIR``, else the platform's), and derived when none has them. A
+file is a zip archive of ``.npy`` arrays and the full key: scheme, kind, valence, masks evaluated
+there, format version. It is read without unpickling or evaluating anything, and believed only if
+key, digest, shapes and types are right; otherwise it is derived again and replaced.
+
+``python -m limitsurf.tables [DIRECTORY]`` writes the shipped tables.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import sys
+import tempfile
+import warnings
+import zipfile
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property, lru_cache
+from math import lcm
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf.exact.catmull_clark import CATMULL_CLARK
+from limitsurf.exact.scheme import Scheme
+
+if TYPE_CHECKING:
+    from limitsurf.exact.symbolic import SymbolicBasis
+
+FORMAT = 1
+SHIPPED = Path(__file__).parent / "_data" / "tables"
+SHIPPED_VALENCES = tuple(range(2, 17))
+SCHEMES = {scheme.name: scheme for scheme in (CATMULL_CLARK,)}
+
+Array = NDArray[Any]
+
+
+def find_scheme(scheme: str | Scheme) -> Scheme:
+    """Return the scheme of that name, or the scheme itself; ValueError when there is none."""
+    if isinstance(scheme, Scheme):
+        return scheme
+    if scheme not in SCHEMES:
+        raise ValueError(f"unknown scheme {scheme!r}; known: {', '.join(sorted(SCHEMES))}")
+    return SCHEMES[scheme]
+
+
+@dataclass(frozen=True, eq=False)
+class EigenTable:
+    """Jordan basis of the subdivision matrix around an interior vertex, in float64.
+
+    Arrays are read-only; ``K = 2 * valence + 8`` control points as in ``exact/matrices.py``.
+
+    Attributes
+    ----------
+    scheme : Scheme
+        Whose table this is.
+    provenance : dict
+        Name, masks, kind, valence and format: everything that the numbers depend on.
+    eigenvalues, ratios : (2, K)
+        Eigenvalues, and their ratios to the subdominant one, as unevaluated sums high + low.
+    V, Vinv : (K, K)
+        Right eigenvectors as columns, left eigenvectors as rows. The first belong to eigenvalue
+        1; if `smooth`, the next two are the subdominant pair, even and odd about the diagonal.
+    pieces : (3, 16, K)
+        B-spline control points of the eigenfunctions on the three regular pieces of the quad.
+    chains : (c,)
+        Indices k with ``A V[:, k] = eigenvalue[k] V[:, k] + V[:, k - 1]`` (valence 2 only).
+    smooth : bool
+        Whether the surface has a tangent plane at the vertex for general control points.
+    """
+
+    scheme: Scheme
+    provenance: dict[str, Any]
+    eigenvalues: Array
+    ratios: Array
+    V: Array
+    Vinv: Array
+    pieces: Array
+    chains: Array
+    smooth: bool
+
+    @property
+    def size(self) -> int:
+        """Number K of control points."""
+        return len(self.V)
+
+    @cached_property
+    def J(self) -> Array:
+        """Jordan matrix, (K, K)."""
+        J = np.diag(self.eigenvalues[0])
+        J[self.chains - 1, self.chains] = 1
+        return J
+
+    @cached_property
+    def A(self) -> Array:
+        """Subdivision matrix, (K, K)."""
+        table = rational_table(self.scheme, self.provenance["valence"])
+        return np.asarray(table.dense[: self.size].astype(float))
+
+    @property
+    def residual(self) -> Array:
+        """``A V - V J`` in float64, (K, K): rounding only."""
+        return np.asarray(self.A @ self.V - self.V @ self.J)
+
+    @property
+    def limit_mask(self) -> Array:
+        """Weights of the control points in the limit position of the vertex, (K,)."""
+        return np.asarray(self.Vinv[0])
+
+    @property
+    def tangent_masks(self) -> Array:
+        """Weights of the subdominant components, even and odd about the diagonal, (2, K)."""
+        return np.asarray(self.Vinv[1:3])
+
+
+_memory: dict[str, EigenTable] = {}
+
+
+def eigen_table(scheme: Scheme, valence: int) -> EigenTable:
+    """Return the float64 eigenbasis of `scheme` around an interior vertex of `valence` >= 2."""
+    key = {"format": FORMAT, "kind": "interior", "valence": valence, **scheme.key(valence)}
+    text = json.dumps(key, sort_keys=True)
+    if text in _memory:
+        return _memory[text]
+    name = hashlib.sha256(text.encode()).hexdigest()[:32] + ".npz"
+    table = _load(SHIPPED / name, scheme, key)
+    if table is None:
+        directory = cache_directory()
+        table = _load(directory / name, scheme, key)
+        if table is None:
+            table = _derive(scheme, valence, key)
+            try:
+                directory.mkdir(parents=True, exist_ok=True)
+                _write(directory / name, _encode(table))
+            except OSError as error:
+                _warn_once(f"tables are not cached on disk: {error}")
+    return _memory.setdefault(text, table)
+
+
+def cache_directory() -> Path:
+    """Where derived tables are kept: ``LIMITSURF_CACHE_DIR``, else the user's cache directory."""
+    named = os.environ.get("LIMITSURF_CACHE_DIR")
+    if named:
+        return Path(named)
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("limitsurf"))
+
+
+def write_shipped(directory: Path) -> list[Path]:
+    """Write the tables that ship with the package into `directory`; return their paths."""
+    directory.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for valence in SHIPPED_VALENCES:
+        key = {"format": FORMAT, "kind": "interior", "valence": valence}
+        key |= CATMULL_CLARK.key(valence)
+        text = json.dumps(key, sort_keys=True)
+        path = directory / (hashlib.sha256(text.encode()).hexdigest()[:32] + ".npz")
+        _write(path, _encode(_derive(CATMULL_CLARK, valence, key)))
+        paths.append(path)
+    return paths
+
+
+def _derive(scheme: Scheme, valence: int, key: dict[str, Any]) -> EigenTable:
+    """Derive a table and round it to float64."""
+    import mpmath
+
+    from limitsurf.exact.spectrum import BITS, spectrum
+
+    result = spectrum(scheme, valence)
+    unit = 1 << BITS
+
+    def rounded(fixed: Array) -> Array:
+        # true division of integers rounds correctly
+        return np.array([x / unit for x in fixed.ravel()], dtype=float).reshape(fixed.shape)
+
+    def split(values: list[Any]) -> Array:
+        with mpmath.workprec(BITS):
+            high = [float(x) for x in values]
+            return np.array([high, [float(x - h) for x, h in zip(values, high, strict=True)]])
+
+    return _frozen(
+        scheme,
+        key,
+        {
+            "eigenvalues": split(result.eigenvalues),
+            "ratios": split(result.ratios),
+            "V": rounded(result.V),
+            "Vinv": rounded(result.Vinv),
+            "pieces": rounded(result.pieces),
+            "chains": np.array(result.chains, dtype=np.int64),
+            "smooth": np.array(result.smooth),
+        },
+    )
+
+
+def _frozen(scheme: Scheme, key: dict[str, Any], arrays: dict[str, Array]) -> EigenTable:
+    for array in arrays.values():
+        array.flags.writeable = False
+    smooth = bool(arrays["smooth"])
+    rest = {name: array for name, array in arrays.items() if name != "smooth"}
+    return EigenTable(scheme, key, **rest, smooth=smooth)
+
+
+_TYPES = {
+    "eigenvalues": "<f8",
+    "ratios": "<f8",
+    "V": "<f8",
+    "Vinv": "<f8",
+    "pieces": "<f8",
+    "chains": "<i8",
+    "smooth": "|b1",
+}
+
+
+def _encode(table: EigenTable) -> bytes:
+    """The bytes of a table's file: the same for the same table, everywhere."""
+    members = {}
+    for name, kind in _TYPES.items():
+        buffer = io.BytesIO()
+        array = np.ascontiguousarray(getattr(table, name), dtype=kind).reshape(
+            np.shape(getattr(table, name))
+        )
+        np.lib.format.write_array(buffer, array, version=(1, 0), allow_pickle=False)
+        members[name + ".npy"] = buffer.getvalue()
+    digest = hashlib.sha256(b"".join(members.values())).hexdigest()
+    header = json.dumps({"key": table.provenance, "sha256": digest}, sort_keys=True, indent=1)
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name, content in {"key.json": header.encode(), **members}.items():
+            member = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+            member.create_system = 3
+            archive.writestr(member, content)
+    return buffer.getvalue()
+
+
+def _load(path: Path, scheme: Scheme, key: dict[str, Any]) -> EigenTable | None:
+    """Read a table; None when the file is not there, or is not exactly what it should be."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(path.read_bytes())) as archive:
+            header = json.loads(archive.read("key.json"))
+            members = {name: archive.read(name + ".npy") for name in _TYPES}
+        digest = hashlib.sha256(b"".join(members.values())).hexdigest()
+        if header != {"key": key, "sha256": digest}:
+            return None
+        arrays = {
+            name: np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
+            for name, content in members.items()
+        }
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError):
+        return None
+    size = 2 * key["valence"] + 8
+    shapes = {
+        "eigenvalues": (2, size),
+        "ratios": (2, size),
+        "V": (size, size),
+        "Vinv": (size, size),
+        "pieces": (3, 16, size),
+        "smooth": (),
+    }
+    for name, array in arrays.items():
+        if array.dtype.str != _TYPES[name] or not np.isfinite(array).all():
+            return None
+        if array.shape != shapes.get(name, (array.size,)):
+            return None
+    return _frozen(scheme, key, arrays)
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file under a temporary name and rename it, so that no reader sees half of it."""
+    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
+        try:
+            file.write(content)
+            file.close()
+            os.chmod(file.name, 0o644)
+            os.replace(file.name, path)
+        except BaseException:
+            file.close()
+            Path(file.name).unlink(missing_ok=True)
+            raise
+
+
+@lru_cache(maxsize=1)
+def _warn_once(message: str) -> None:
+    warnings.warn(message, RuntimeWarning, stacklevel=4)
+
+
+@dataclass(frozen=True, eq=False)
+class RationalTable:
+    """One refinement step around an interior vertex as integers over a common denominator.
+
+    Attributes
+    ----------
+    valence : int
+    numerators : (2 N + 17, 2 N + 8) object array of int
+        Refined points from control points; the first ``2 N + 8`` rows are the matrix A.
+    denominator : int
+    pieces : (3, 16)
+        Rows that are the control points of the three regular pieces, index ``4 j + i``.
+    limit_mask : (3,) tuple of Fraction
+        Weights of the vertex, of each edge neighbour and of each face corner in the limit.
+    """
+
+    valence: int
+    numerators: Array
+    denominator: int
+    pieces: Array
+    limit_mask: tuple[Fraction, Fraction, Fraction]
+
+    @property
+    def dense(self) -> Array:
+        """The rows as Fractions, (2 N + 17, 2 N + 8)."""
+        return np.asarray(self.numerators * Fraction(1, self.denominator))
+
+
+def rational_table(scheme: Scheme, valence: int) -> RationalTable:
+    """Return the exact refinement step of `scheme` around an interior vertex of `valence`."""
+    from limitsurf.exact.matrices import subdivision_matrix
+
+    return _rational_table(scheme, subdivision_matrix(scheme, valence))
+
+
+@lru_cache(maxsize=64)
+def _rational_table(scheme: Scheme, matrix: Any) -> RationalTable:
+    from limitsurf.exact.spectrum import limit_mask
+
+    denominator = lcm(*(w.denominator for row in matrix.rows for w in row.values()))
+    numerators = np.zeros((len(matrix.rows), matrix.size), dtype=object)
+    for i, row in enumerate(matrix.rows):
+        for j, w in row.items():
+            numerators[i, j] = int(w * denominator)
+    mask = limit_mask(matrix)
+    return RationalTable(
+        matrix.valence, numerators, denominator, np.array(matrix.pieces), mask
+    )
+
+
+def corner_weights(scheme: Scheme, sizes: Array, dtype: Any) -> Array:
+    """Weight of every face corner in its face point, (sum of sizes,)."""
+    unique, kind = np.unique(sizes, return_inverse=True)
+    table = _numbers([w for n in unique.tolist() for w in scheme.face_mask(n)], dtype)
+    # row starts of the masks in `table`, of the faces in the result
+    mask_start = np.concatenate([[0], np.cumsum(unique)[:-1]])
+    position = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return np.asarray(table[np.repeat(mask_start[kind], sizes) + position])
+
+
+def vertex_weights(scheme: Scheme, valences: Array, dtype: Any) -> Array:
+    """Weights of interior vertices, their edge neighbours, their face points, (n, 3)."""
+    unique, kind = np.unique(valences, return_inverse=True)
+    table = _numbers([w for n in unique.tolist() for w in scheme.vertex_mask(n)], dtype)
+    return np.asarray(table.reshape(-1, 3)[kind])
+
+
+def limit_weights(scheme: Scheme, valence: int, dtype: Any) -> Array:
+    """Limit position of an interior vertex among quads: vertex, neighbour, face corner, (3,)."""
+    return _numbers(list(rational_table(scheme, valence).limit_mask), dtype)
+
+
+def rule_weights(scheme: Scheme, dtype: Any) -> tuple[Array, Array, Array]:
+    """Edge mask (2,), boundary edge mask (1,), boundary vertex mask (2,)."""
+    return (
+        _numbers(list(scheme.edge), dtype),
+        _numbers([scheme.boundary_edge], dtype),
+        _numbers(list(scheme.boundary_vertex), dtype),
+    )
+
+
+def _numbers(values: list[Fraction], dtype: Any) -> Array:
+    """Fractions in an object array, or float64 correctly rounded."""
+    array = np.empty(len(values), dtype=object)
+    array[:] = values
+    return array if dtype == object else array.astype(float)
+
+
+class Eigenbasis:
+    """Eigenstructure of a scheme around an interior vertex, exactly and in float64.
+
+    Attributes
+    ----------
+    scheme, valence, provenance
+        What it belongs to, and all that its numbers depend on.
+    exact : SymbolicBasis
+        sympy expressions, made on first use.
+    float64 : EigenTable
+        The same numbers rounded from 96 digits.
+
+    Both have ``eigenvalues``, ``A``, ``V``, ``J``, ``Vinv``, ``residual`` (``A V - V J``),
+    ``limit_mask`` and ``tangent_masks``.
+    """
+
+    def __init__(self, scheme: Scheme, valence: int) -> None:
+        self.scheme = scheme
+        self.valence = valence
+        self.float64 = eigen_table(scheme, valence)
+        self.provenance = {**self.float64.provenance, "paper": scheme.paper}
+
+    @cached_property
+    def exact(self) -> SymbolicBasis:
+        """The eigenbasis as sympy expressions."""
+        from limitsurf.exact.symbolic import SymbolicBasis
+
+        return SymbolicBasis(self.scheme, self.valence)
+
+    def _distinct(self) -> list[tuple[float, int]]:
+        values, counts = np.unique(self.float64.eigenvalues[0], return_counts=True)
+        return sorted(zip(values.tolist(), counts.tolist(), strict=True), key=lambda p: -abs(p[0]))
+
+    def __repr__(self) -> str:
+        spectrum = ", ".join(
+            f"{value:.6g}" + (f" (x{count})" if count > 1 else "")
+            for value, count in self._distinct()[:6]
+        )
+        return (
+            f"<Eigenbasis of {self.scheme.name} at interior valence {self.valence}: "
+            f"{self.float64.size} control points, eigenvalues {spectrum}, ...>"
+        )
+
+    def _repr_latex_(self) -> str:
+        import sympy
+
+        counts: dict[Any, int] = {}
+        for value in self.exact.eigenvalues:
+            counts[value] = counts.get(value, 0) + 1
+        terms = [
+            sympy.latex(value) + (rf"\;(\times {count})" if count > 1 else "")
+            for value, count in counts.items()
+        ]
+        return (
+            rf"$\displaystyle \text{{{self.scheme.name}, }} N = {self.valence}: \quad "
+            rf"\lambda \in \left\{{ {', '.join(terms)} \right\}}$"
+        )
+
+
+def eigenbasis(scheme: str | Scheme, valence: int) -> Eigenbasis:
+    """Eigenvalues, eigenvectors and limit masks of a scheme around an interior vertex.
+
+    The subdivision matrix acts on the ``K = 2 * valence + 8`` control points of a quad with one
+    extraordinary corner (Stam 1998, section 3); their order is drawn in ``exact/matrices.py``.
+
+    Parameters
+    ----------
+    scheme : str or Scheme
+        A name such as "catmull-clark", or a scheme of your own.
+    valence : int
+        Number of faces around the vertex, at least 2.
+
+    Returns
+    -------
+    Eigenbasis
+        With `.exact` (sympy) and `.float64` (numpy), each holding `eigenvalues` (K,), `A`, `V`,
+        `J`, `Vinv`, `residual` (K, K), `limit_mask` (K,) and `tangent_masks` (2, K).
+
+    Raises
+    ------
+    ValueError
+        For an unknown scheme, a valence below 2, or masks without a real Jordan basis.
+
+    Notes
+    -----
+    Derived in ``derivations/eigenstructure.py``. Valence 2 has no tangent plane in general: the
+    eigenvalue -1/4 ties with the subdominant 1/4; and its eigenvalue 1/8 has a Jordan block.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> basis = ls.eigenbasis("catmull-clark", valence=5)
+    >>> basis
+    <Eigenbasis of catmull-clark at interior valence 5: 18 control points, eigenvalues 1, ...>
+    >>> print(basis.exact.eigenvalues[1].evalf(20))
+    0.54998835451829722018
+    """
+    if not isinstance(valence, (int, np.integer)) or isinstance(valence, bool) or valence < 2:
+        raise ValueError(f"the valence of an interior vertex is an integer >= 2, got {valence!r}")
+    return Eigenbasis(find_scheme(scheme), int(valence))
+
+
+if __name__ == "__main__":
+    for written in write_shipped(Path(sys.argv[1]) if len(sys.argv) > 1 else SHIPPED):
+        print(written)

@@ -1,0 +1,127 @@
+"""The project keeps its own rules: style, types, rooms, documents, packaging."""
+
+import ast
+import os
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from pathlib import Path
+
+import jupytext
+import pytest
+from jupyter_client.kernelspec import KernelSpec, KernelSpecManager
+from jupyter_client.manager import AsyncKernelManager
+from nbclient import NotebookClient
+
+import limitsurf
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE = ROOT / "src" / "limitsurf"
+MODULES = sorted(SOURCE.rglob("*.py"))
+DERIVATIONS = sorted((ROOT / "derivations").glob("*.py"))
+NOTEBOOKS = sorted((ROOT / "notebooks").rglob("*.py"))
+LINT_IMPORTS = Path(sysconfig.get_path("scripts")) / "lint-imports"
+
+
+def by_name(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def run(*command: str | Path) -> str:
+    """Run a command at the root of the project; what it printed, and a failed test if it fails."""
+    done = subprocess.run(
+        command,
+        cwd=ROOT,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env=os.environ | {"NO_COLOR": "1", "PYTHONIOENCODING": "utf-8"},
+    )
+    assert done.returncode == 0, f"{done.args} ended with {done.returncode}:\n{done.stdout}"
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param([sys.executable, "-m", "ruff", "check"], id="ruff-check"),
+        pytest.param([sys.executable, "-m", "ruff", "format", "--check"], id="ruff-format"),
+        pytest.param([sys.executable, "-m", "mypy"], id="mypy-strict"),
+        pytest.param([LINT_IMPORTS, "--no-cache"], id="import-contract"),
+    ],
+)
+def test_style_types_and_rooms(command: list[str | Path]) -> None:
+    run(*command)
+
+
+@pytest.mark.parametrize("path", DERIVATIONS, ids=by_name)
+def test_derivation_holds(path: Path) -> None:
+    run(sys.executable, "-W", "error", path)
+
+
+class ThisPython(KernelSpecManager):
+    """Knows one kernel: the interpreter of the test run. Nothing is registered anywhere."""
+
+    def get_kernel_spec(self, kernel_name: str) -> KernelSpec:
+        return KernelSpec(
+            argv=[sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"],
+            display_name=kernel_name,
+            language="python",
+        )
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=by_name)
+def test_notebook_runs(path: Path, tmp_path: Path) -> None:
+    kernel = AsyncKernelManager(kernel_name="python3", kernel_spec_manager=ThisPython())
+    NotebookClient(
+        jupytext.read(path),
+        km=kernel,
+        timeout=300,
+        resources={"metadata": {"path": str(tmp_path)}},
+    ).execute()
+
+
+def test_documents_were_found() -> None:
+    assert DERIVATIONS
+    assert NOTEBOOKS
+
+
+def test_import_is_light() -> None:
+    heavy = {"click", "mpmath", "numba", "pyvista", "rich", "scipy", "sympy"}
+    loaded = run(sys.executable, "-c", "import limitsurf, sys; print(*sys.modules)").split()
+    assert "limitsurf" in loaded
+    assert not heavy.intersection(loaded)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=by_name)
+def test_module_says_what_it_is(path: Path) -> None:
+    assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize("name", limitsurf.__all__)
+def test_export_is_documented_with_an_example(name: str) -> None:
+    assert name in dir(limitsurf)
+    documentation = getattr(limitsurf, name).__doc__
+    assert documentation
+    assert ">>>" in documentation  # the doctests of src run it
+
+
+def test_unknown_export_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no_such_name"):
+        _ = limitsurf.no_such_name
+
+
+def test_wheel_holds_the_whole_package(tmp_path: Path) -> None:
+    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path)
+    (wheel,) = tmp_path.glob("limitsurf-*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        packed = {name for name in archive.namelist() if name.startswith("limitsurf/")}
+    wanted = {
+        path.relative_to(SOURCE.parent).as_posix()
+        for path in SOURCE.rglob("*")
+        if path.is_file() and path.parent.name != "__pycache__"
+    }
+    assert "limitsurf/py.typed" in wanted
+    assert any(name.startswith("limitsurf/_data/") for name in wanted)
+    assert packed == wanted
