@@ -396,8 +396,6 @@ class _Corner(NamedTuple):
     faces: int
 
     def regular(self, mode):
-        if not self.quads:
-            return False
         if self.interior:
             return self.faces == 4
         return self.faces == 2 or (self.faces == 1 and mode == "edge_and_corner")
@@ -428,7 +426,7 @@ def _control_grid(local, mode):
     boundary curve of [DKT], its second derivative across the boundary is zero, and it passes
     through a one-face corner.
     """
-    if len(local[0]) != 4 or not all(c.regular(mode) for c in _corners(local)):
+    if not all(c.quads and c.regular(mode) for c in _corners(local)):
         return None
     faces = [list(face) for face in local]
     vertex_faces = _incidence(faces)[2]
@@ -574,7 +572,7 @@ class ExactSurface:
             if (s, t) in CORNERS:
                 r = CORNERS.index((s, t))
                 corner = _corners(net.local)[r]
-                if not corner.interior or (corner.quads and corner.faces != 4):
+                if corner.quads and not corner.regular(self.mode):
                     return net, level, s, t, r
             if level - 1 > deepest[0]:
                 del visited[square(level - 1)]
@@ -600,8 +598,6 @@ class ExactSurface:
             centre, edge, diagonal = limit_mask(corner.faces)
             terms = [(corner.vertex, centre), *((i, edge) for i in corner.ends)]
             terms += [(i, diagonal) for i in corner.diagonals]
-        elif corner.faces == 1 and self.mode == "edge_and_corner":
-            terms = [(corner.vertex, Fraction(1))]
         else:
             sides = corner.ends[0], corner.ends[-1]
             terms = [(corner.vertex, Fraction(4, 6)), *((i, Fraction(1, 6)) for i in sides)]

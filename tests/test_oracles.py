@@ -28,8 +28,13 @@ def random_parameters(n, seed=0):
     return [(F(rng.randint(0, 997), 997), F(rng.randint(0, 991), 991)) for _ in range(n)]
 
 
+def _distance(a, b):
+    """Between vectors of Fractions or mpf; between unit vectors a small one is their angle."""
+    return mpmath.norm([oracles._to_mpf(x) - oracles._to_mpf(y) for x, y in zip(a, b, strict=True)])
+
+
 def _meshes():
-    """Name -> faces: closed, open, n-gons, interior valences from 2, boundary fans of 1 to 3 faces."""
+    """Name -> faces: closed, open, n-gons, interior valences from 2, boundary fans of 1 to 3."""
     ring = [[5, i, (i + 1) % 5] for i in range(5)]  # a pole of five triangles
     skirt = [[(i + 1) % 5, i, 6 + i, 6 + (i + 1) % 5] for i in range(5)]
     flower = [list(range(5))] + [[(i + 1) % 5, i, 5 + i] for i in range(5)]
@@ -77,7 +82,7 @@ def test_cube_refined_once_by_hand():
 def test_tetrahedron_refined_once_by_hand():
     points = [(0, 0, 0), (12, 0, 0), (0, 12, 0), (0, 0, 12)]
     points, faces = oracles.refine(points, MESHES["tetrahedron"])
-    # Face points 4 4 0, 4 0 4, 4 4 4, 0 4 4; those around vertex 0 are the first, second and fourth.
+    # Vertex 0 touches the first, second and fourth of the face points.
     assert points[10:] == [(4, 4, 0), (4, 0, 4), (4, 4, 4), (0, 4, 4)]
     assert points[4] == (5, 1, 1)  # edge (0, 1): (12 + 4 + 4) / 4 and 4 / 4
     assert points[0] == (F(20, 9),) * 3  # (Q + 2 R) / 3, Q = 8/3, R = 2
@@ -86,7 +91,7 @@ def test_tetrahedron_refined_once_by_hand():
 
 @pytest.mark.parametrize("N", [3, 4, 5, 6, 17])
 def test_masks_of_one_step(N):
-    """The stencils around a vertex: 1 - 7 / (4 N), 3 / (2 N^2), 1 / (4 N^2); 3/8, 1/16; 1/4."""
+    """Stencils of a vertex, 1 - 7 / (4 N) and so on, of an edge and of a face."""
     points, faces = local_cage(N)
     forms = [(oracles.Stencil({i: F(1)}),) for i in range(len(points))]
     fine, children = oracles.refine(forms, faces)
@@ -220,7 +225,7 @@ def test_cube_volume():
     nodes, weights = np.polynomial.legendre.leggauss(5)
     nodes, weights = (nodes + 1) / 2, weights / 2
     volume = area = 0.0
-    for level in range(2, 16):
+    for level in range(2, 20):
         size = 2.0**-level
         for a, b in ((1, 0), (1, 1), (0, 1)):
             for (x, wx), (y, wy) in itertools.product(zip(nodes, weights, strict=True), repeat=2):
@@ -283,14 +288,16 @@ def test_refined_vertices_at_their_limits(faces, mode):
     """Twice refined and moved by limit masks is the surface at dyadic parameters, exactly."""
     points = random_points(1 + max(map(max, faces)))
     surface = ExactSurface(points, faces, mode)
-    for levels in (1, 2):
-        fine, children = oracles.refine_times(points, faces, levels, mode)
-        limits = oracles.limit_positions(fine, children, mode)
-        parameters = oracles.refined_parameters(faces, levels)
-        assert len(parameters) == len(children)
-        for child, (face, corners) in zip(children, parameters, strict=True):
-            for vertex, (u, v) in zip(child, corners, strict=True):
-                assert surface.evaluate(face, u, v) == limits[vertex]
+    fine, children = oracles.refine_times(points, faces, 2, mode)
+    limits = oracles.limit_positions(fine, children, mode)
+    parameters = oracles.refined_parameters(faces, 2)
+    places = {
+        (face, *uv): vertex
+        for child, (face, corners) in zip(children, parameters, strict=True)
+        for vertex, uv in zip(child, corners, strict=True)
+    }
+    for place, vertex in places.items():
+        assert surface.evaluate(*place) == limits[vertex]
 
 
 @mesh_faces
@@ -312,7 +319,7 @@ def test_deep_refinement_approaches_the_limit(faces):
             )
         )
     assert errors[2] < 0.05
-    assert errors[2] < errors[0]
+    assert errors[2] <= errors[0] / 3
 
 
 @mesh_faces
@@ -326,7 +333,7 @@ def test_queries_of_a_refined_mesh(faces, mode):
     child = 0
     for face, (_, corner) in enumerate(oracles.limit_faces(faces)):
         for k in range(4) if corner == -1 else [None]:
-            for s, t in random_parameters(2, face) + (deep if face < 2 else []):
+            for s, t in random_parameters(1, face) + (deep if face < 2 else []):
                 u, v, scale = s, t, 1
                 if k is not None:  # corner 0 of the child is corner k of the face
                     u, v = [(s, t), (2 - t, s), (2 - s, 2 - t), (t, 2 - s)][k]
@@ -368,9 +375,12 @@ def test_continuity_across_edges(faces, mode):
                 here = _edge_parameters(faces, *sides[a, b], t)
                 there = _edge_parameters(faces, *sides[b, a], 1 - t)
                 assert surface.evaluate(*here) == surface.evaluate(*there)
-                pair = zip(surface.normal(*here), surface.normal(*there), strict=True)
-                for x, y in pair:
-                    assert abs(x - y) < 1e-49 or (mpmath.isnan(x) and mpmath.isnan(y))
+                normals = surface.normal(*here), surface.normal(*there)
+                if any(map(mpmath.isnan, normals[0] + normals[1])):  # at irregular vertices only
+                    assert all(map(mpmath.isnan, normals[0] + normals[1]))
+                    assert t in (0, 1) or faces is MESHES["pillow"]  # whose sheets coincide
+                else:
+                    assert _distance(*normals) < 1e-49
 
 
 @pytest.mark.parametrize("N", VALENCES)
@@ -385,13 +395,18 @@ def test_turning_a_face_turns_its_parameters(N, corner):
     for s, t in [*random_parameters(4), (deep, deep / 3), (F(0), F(0))]:
         u, v = [(s, t), (1 - t, s), (1 - s, 1 - t), (t, 1 - s)][corner]
         assert turned.evaluate(0, u, v) == surface.evaluate(0, s, t)
-        normals = zip(turned.normal(0, u, v), surface.normal(0, s, t), strict=True)
-        assert max(abs(x - y) for x, y in normals) < 1e-49
-        (ts, tt), found = surface.tangents(0, s, t), turned.tangents(0, u, v)
-        minus_s, minus_t = (tuple(-x for x in tangent) for tangent in (ts, tt))
-        expected = [(ts, tt), (minus_t, ts), (minus_s, minus_t), (tt, minus_s)][corner]
-        for x, y in zip(itertools.chain(*found), itertools.chain(*expected), strict=True):
-            assert abs(x - y) < 1e-49
+        with mpmath.workdps(60):
+            assert _distance(turned.normal(0, u, v), surface.normal(0, s, t)) < 1e-49
+            along_s, along_t = surface.tangents(0, s, t)
+            minus_s, minus_t = (tuple(-x for x in tangent) for tangent in (along_s, along_t))
+            expected = [
+                (along_s, along_t),
+                (minus_t, along_s),
+                (minus_s, minus_t),
+                (along_t, minus_s),
+            ][corner]
+            for x, y in zip(turned.tangents(0, u, v), expected, strict=True):
+                assert _distance(x, y) < 1e-49
 
 
 @mesh_faces
@@ -492,32 +507,27 @@ def test_number_types_and_domain():
 # --- normals --------------------------------------------------------------------------------------
 
 
-def _angle(a, b):
-    """Angle between unit vectors, small ones too."""
-    return 2 * mpmath.asin(mpmath.sqrt(sum((x - y) ** 2 for x, y in zip(a, b, strict=True))) / 2)
-
-
 @pytest.mark.parametrize("N", VALENCES)
 @pytest.mark.parametrize("distance", [1e-12, 1e-100, 1e-300])
 def test_normals_approach_the_pole_at_the_rate_of_the_spectrum(N, distance):
-    """The angle to the pole's shrinks by mu / lambda a level, mu the mode after lambda."""
-    points, faces = local_cage(N, seed=N)
-    surface = ExactSurface(points, faces)
-    with mpmath.workdps(150):
-        values = oracles.ring_eigenvalues(N)
-        rest = sorted([*values[0][1:], *(x for f in range(2, N - 1) for x in values[f]), F(1, 8)])
-        mu, slower = rest[-1], max(x for x in rest if x < rest[-1] * (1 - mpmath.mpf(10) ** -20))
-        mu, slower = (oracles._to_mpf(x) / values[1][0] for x in (mu, slower))
-        pole = surface.normal(0, 0, 0, 120)
+    """The distance to the pole's shrinks by mu / lambda a level, mu the mode after lambda."""
+    surface = ExactSurface(*local_cage(N, seed=N))
+    depth, digits = -math.log2(distance), 450
+    with mpmath.workdps(digits):
+        spectrum = {
+            mpmath.nstr(x, 40): x for xs in oracles.ring_eigenvalues(N).values() for x in xs
+        }
+        spectrum["1/8"] = mpmath.mpf(1) / 8  # of the outer ring
+        dominant, value, mu, slower, *_ = sorted(spectrum.values(), reverse=True)
+        assert dominant == 1
+        pole = surface.normal(0, 0, 0, digits)
         u, v = distance, 0.375 * distance
-        near, nearer = (_angle(pole, surface.normal(0, u / k, v / k, 120)) for k in (1, 2))
+        near, nearer = (_distance(pole, surface.normal(0, u / k, v / k, digits)) for k in (1, 2))
+        # What this rate leaves out is of second order, or due to the next mode.
+        left_out = 1e3 * max(mu / value, slower / mu) ** depth + 1e-40
+        assert left_out > 0.1 or abs(nearer / near * value / mu - 1) < left_out
         assert 0 < near < 0.6
-        # What is left out is smaller by the ratio of the next modes.
-        depth = -math.log2(distance)
-        left_out = 1e3 * max(mu, slower / mu) ** depth
-        assert abs(nearer / near / mu - 1) < left_out + 1e-40 or left_out > 0.1
-    if N >= 12:
-        assert near > 1e-40  # even here it is not the pole's
+        assert N < 33 or near > 1e-8  # even at 1e-300 it is not the pole's
 
 
 @pytest.mark.parametrize("N", VALENCES)
@@ -546,17 +556,19 @@ def test_tangents_at_the_pole_are_limits(N):
     depth = F(1, 2**300)
     along_u, along_v = surface.tangents(0, depth, 0)[0], surface.tangents(0, 0, depth)[1]
     for x, y in zip(pole, (along_u, along_v), strict=True):
-        assert _angle(x, y) < 1e-20
+        assert _distance(x, y) < 1e-20
 
 
 def test_cube_normal_at_a_corner_is_its_diagonal():
     surface = ExactSurface(CUBE_POINTS, CUBE_FACES)
     for f, face in enumerate(CUBE_FACES):
         for k, (u, v) in enumerate(oracles.CORNERS):
-            outwards = [(2 * x - 1) / mpmath.sqrt(3) for x in CUBE_POINTS[face[k]]]
-            assert _angle(surface.normal(f, u, v), outwards) < 1e-14
+            outwards = [int(2 * x - 1) / mpmath.sqrt(3) for x in CUBE_POINTS[face[k]]]
+            assert _distance(surface.normal(f, u, v), outwards) < 1e-14
             assert (
-                _angle(surface.normal(f, 0.5, 0.5), [round(x) for x in surface.normal(f, 0.5, 0.5)])
+                _distance(
+                    surface.normal(f, 0.5, 0.5), [round(x) for x in surface.normal(f, 0.5, 0.5)]
+                )
                 == 0
             )
 
@@ -566,9 +578,9 @@ def test_normals_far_from_the_origin():
     far = [tuple(x + 2**60 for x in p) for p in points]
     for u, v in ((0, 0), (F(1, 10**50), F(1, 10**51))):
         pair = (oracles.exact_normal(p, faces, 0, u, v) for p in (points, far))
-        assert _angle(*pair) < 1e-45
+        assert _distance(*pair) < 1e-45
         pair = (oracles.exact_tangents(p, faces, 0, u, v)[0] for p in (points, far))
-        assert _angle(*pair) < 1e-45
+        assert _distance(*pair) < 1e-45
 
 
 def test_no_normal_is_claimed_where_none_is_known():

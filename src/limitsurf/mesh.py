@@ -343,9 +343,7 @@ class Mesh:
         """
         corner = np.arange(self.n_corners)
         first = np.empty(self.n_vertices, dtype=np.int64)
-        first[self.indices[::-1]] = corner[
-            ::-1
-        ]  # of several assignments the last one holds: the smallest
+        first[self.indices[::-1]] = corner[::-1]  # the smallest is assigned last, and holds
         start = np.flatnonzero(self.twin < 0)[::-1]
         first[self.indices[start]] = start
         first = first[self.indices]  # (H,)
@@ -376,7 +374,7 @@ class Mesh:
     def __repr__(self) -> str:
         interior = self.vertex_faces[~self.boundary_vertex & (self.vertex_faces > 0)]
         parts = [
-            _count(self.n_vertices, "vertex", "vertices"),
+            _count(self.n_vertices, "vertex"),
             _count(self.n_edges, "edge"),
             f"{_count(self.n_faces, 'face')} {_histogram(self.sizes)}",
         ]
@@ -389,9 +387,7 @@ class Mesh:
             "corner": len(self.corners[0]),
             "hole": len(self.holes),
         }
-        parts += [
-            _count(n, name, name.replace("vertex", "vertices")) for name, n in tagged.items() if n
-        ]
+        parts += [_count(n, noun) for noun, n in tagged.items() if n]
         options = {
             name: getattr(self, name) for name in ("scheme", "boundary", "creasing", "triangles")
         }
@@ -408,17 +404,8 @@ class Mesh:
     __hash__ = None  # type: ignore[assignment]
 
     def _content(self) -> tuple[Any, ...]:
-        options = (self.scheme, self.boundary, self.creasing, self.triangles)
-        return (
-            self.points,
-            self.sizes,
-            self.indices,
-            self.creases,
-            self.corners,
-            self.holes,
-            options,
-            self._channels,
-        )
+        cage = (self.points, self.sizes, self.indices, self.creases, self.corners, self.holes)
+        return *cage, self.scheme, self.boundary, self.creasing, self.triangles, self._channels
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_connectivity": {}}
@@ -455,8 +442,8 @@ def _offsets(counts: IntArray) -> IntArray:
     return np.concatenate([[0], np.cumsum(counts)])
 
 
-def _count(n: int, singular: str, plural: str | None = None) -> str:
-    return f"{n} {singular if n == 1 else plural or singular + 's'}"
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun if n == 1 else noun.replace('vertex', 'vertice') + 's'}"
 
 
 def _histogram(values: IntArray) -> str:
@@ -623,7 +610,7 @@ def _check_manifold(mesh: Mesh) -> None:
 
 def _sharpness(values: Any, what: str, names: Sequence[Any]) -> NDArray[Any]:
     """Validated sharpness, float64 or objects, one for each of ``names``."""
-    array = np.array(values) if len(names) else np.zeros(0)
+    array = np.array(values) if len(values) else np.zeros(0)
     if array.shape != (len(names),):
         raise MeshError(f"{what}s: got sharpness of shape {array.shape}, need ({len(names)},)")
     if array.dtype.kind not in "iufO":

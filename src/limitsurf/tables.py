@@ -369,6 +369,18 @@ def limit_weights(scheme: Scheme, valence: int, dtype: Any) -> Array:
     return _numbers(list(rational_table(scheme, valence).limit_mask), dtype)
 
 
+def boundary_limit_weights(scheme: Scheme, dtype: Any) -> Array:
+    """Limit position on a smooth boundary curve: the vertex and each boundary neighbour, (2,)."""
+    from limitsurf.exact.spectrum import null_space
+
+    own, neighbour = scheme.boundary_vertex
+    half = scheme.boundary_edge
+    # left eigenvector of eigenvalue 1 of the curve's 2 x 2 block (vertex; both neighbours)
+    (mask,) = null_space([[own - 1, half], [2 * neighbour, half - 1]])
+    total = sum(mask)
+    return _numbers([mask[0] / total, mask[1] / total / 2], dtype)
+
+
 def rule_weights(scheme: Scheme, dtype: Any) -> tuple[Array, Array, Array]:
     """Edge mask (2,), boundary edge mask (1,), boundary vertex mask (2,)."""
     return (

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import secrets
-import shutil
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
@@ -15,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import INTERPOLATION, Mesh, MeshError
+from limitsurf.shell.files import replacing
 
 __all__ = ["from_pyvista", "read", "to_pyvista", "write"]
 
@@ -140,21 +139,10 @@ def write(path: Path, mesh: Mesh) -> None:
     ...     ls.read(pathlib.Path(folder, "triangle.obj")) == triangle
     True
     """
-    name = os.path.realpath(os.fspath(path))
-    _check_suffix(name)
+    _check_suffix(os.fspath(path))
     statements = _statements(mesh)
-    folder, base = os.path.split(name)
-    temporary = os.path.join(folder, f".{base}.{secrets.token_hex(8)}")
-    try:
-        with open(temporary, "x", encoding="ascii", newline="\n") as file:
-            file.writelines(statements)
-        if os.path.exists(name):
-            shutil.copymode(name, temporary)
-        os.replace(temporary, name)
-    except BaseException:
-        if os.path.exists(temporary):
-            os.remove(temporary)
-        raise
+    with replacing(path, "w") as file:
+        file.writelines(statements)
 
 
 def from_pyvista(dataset: Any, **tags: Any) -> Mesh:

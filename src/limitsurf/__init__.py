@@ -1,0 +1,56 @@
+"""Exact limit surfaces of subdivision schemes, fast, from Python.
+
+>>> import limitsurf as ls
+>>> points = [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+>>> quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+>>> surface = ls.LimitSurface(ls.Mesh(points, quads))
+>>> surface.evaluate(0, 0.0, 0.0).round(12).tolist()
+[0.25, 0.25, 0.25]
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from limitsurf.exact.scheme import Scheme
+    from limitsurf.mesh import Mesh, MeshError
+    from limitsurf.query import validate
+    from limitsurf.refine import ExactOperator, RefinedMesh, refined
+    from limitsurf.shell.io import from_pyvista, read, to_pyvista, write
+    from limitsurf.shell.plot import plot
+    from limitsurf.surface import LimitSurface
+    from limitsurf.tables import Eigenbasis, eigenbasis
+
+__version__ = "0.1.0"
+
+# what is public, and the module that defines it; imported on first use
+_HOME = {
+    "Eigenbasis": "tables",
+    "ExactOperator": "refine",
+    "LimitSurface": "surface",
+    "Mesh": "mesh",
+    "MeshError": "mesh",
+    "RefinedMesh": "refine",
+    "Scheme": "exact.scheme",
+    "eigenbasis": "tables",
+    "from_pyvista": "shell.io",
+    "plot": "shell.plot",
+    "read": "shell.io",
+    "refined": "refine",
+    "to_pyvista": "shell.io",
+    "validate": "query",
+    "write": "shell.io",
+}
+__all__ = [*_HOME]  # noqa: PLE0604
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME})

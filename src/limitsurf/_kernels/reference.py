@@ -1,0 +1,163 @@
+"""Reference kernels: vectorised NumPy that runs on float64 and on object arrays of exact numbers.
+
+Shapes: Q queries, K control points of a patch, d channels of the points.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from numbers import Rational
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+# Uniform cubic B-spline pieces: row i holds 6 times the coefficients of 1, t, t^2, t^3 in the
+# weight of control point i (de Boor 1978, chapter IX)
+_CUBIC = np.array([[1, -3, 3, -1], [4, 0, -6, 3], [1, 3, 3, -3], [0, 0, 0, 1]])
+
+
+def exact(values: Any) -> Array:
+    """Object array of Fractions; ints and floats count as the rationals they are, NaN stays."""
+    array = np.asarray(values)
+    if array.dtype != object:
+        array = array.astype(object)
+    flat = [_rational(x) for x in array.ravel().tolist()]
+    result = np.empty(len(flat), dtype=object)
+    result[:] = flat
+    return result.reshape(array.shape)
+
+
+def _rational(x: Any) -> Any:
+    if isinstance(x, (Rational, np.integer)):
+        return Fraction(int(x)) if isinstance(x, np.integer) else Fraction(x)
+    if isinstance(x, (float, np.floating)):
+        return Fraction(float(x)) if np.isfinite(x) else float("nan")
+    raise TypeError(
+        f"numbers of type {type(x).__name__} are not supported: give Fractions, ints or floats"
+    )
+
+
+def cubic_weights(t: Array, order: int) -> Array:
+    """Weights (Q, 4) of the four control points of a cubic piece, `order`-th derivative in t."""
+    coefficients = _CUBIC
+    for _ in range(order):
+        coefficients = coefficients[:, 1:] * np.arange(1, coefficients.shape[1])
+    coefficients = coefficients.astype(t.dtype)  # Python ints where t is an object array
+    total = np.zeros((len(t), 4), dtype=t.dtype)
+    for column in coefficients.T[::-1]:
+        total = total * t[:, None] + column
+    return np.asarray(total * Fraction(1, 6) if t.dtype == object else total / 6)
+
+
+def bicubic_weights(u: Array, v: Array, nu: tuple[int, int]) -> Array:
+    """Weights (Q, 16) of a bicubic patch, control point ``4 j + i``: i along u, j along v."""
+    along = cubic_weights(u, nu[0])
+    across = cubic_weights(v, nu[1])
+    return np.asarray((across[:, :, None] * along[:, None, :]).reshape(len(u), 16))
+
+
+def power(high: Array, low: Array, n: Array) -> Array:
+    """``(high + low) ** n`` for integers n >= 0, shape (n, k), to an ulp or two at any n.
+
+    Callers keep ``|high| <= 1``; the first-order term in `low` removes the error n * eps that
+    rounding the base would cause.
+    """
+    exponent = n[:, None].astype(float)
+    with np.errstate(under="ignore"):
+        relative = np.divide(low, high, out=np.zeros_like(low), where=high != 0)
+        return np.asarray(high**exponent * (1 + exponent * relative))
+
+
+def scaled_power(high: float, low: float, n: Array) -> tuple[Array, Array]:
+    """``(high + low) ** n`` as mantissa (n,) and power of two (n,), beyond float64's range too."""
+    mantissa, exponent = np.frexp(high)
+    if mantissa * mantissa < 0.5:
+        mantissa, exponent = mantissa * 2, exponent - 1
+    # |mantissa| in [0.7, 1.42): its 1100th power is within range
+    low = np.ldexp(low, -exponent)
+    return mantissa**n * (1 + n * (low / mantissa)), exponent * n
+
+
+def split_corner(s: Array, t: Array, up_s: Array, up_t: Array) -> tuple[Array, Array, Array, Array]:
+    """Find the regular piece around the corner (0, 0) that holds each (s, t), in any number type.
+
+    After ``level`` halvings towards the corner, (s, t) lies in one of three pieces: 0 (s > 1/2),
+    1 (both), 2 (t > 1/2). On the line between two pieces the one with larger s (or t) is taken
+    where `up_s` (`up_t`) is true, else the other.
+
+    Returns
+    -------
+    level, piece : (Q,) int64
+        -1 and 0 at the corner itself.
+    S, T : (Q,)
+        Parameters within the piece, in [0, 1], exact.
+    """
+    far = np.int64(1 << 40)
+
+    def halvings(x: Array, up: Array) -> Array:
+        """Largest k with 2^k x <= 1 (< 1 where `up`, unless x is 1)."""
+        if x.dtype == object:
+            # -log2 from numerator and denominator, then corrected by one exactly
+            k = np.array([_floor_log2(1 / y) if y else far for y in x], dtype=np.int64)
+            whole = np.array([bool(y) and y * 2 ** int(j) == 1 for y, j in zip(x, k, strict=True)])
+            k = k - (whole & up)
+        else:
+            mantissa, exponent = np.frexp(x)
+            k = np.where((mantissa == 0.5) & ~up, 1 - exponent, -exponent).astype(np.int64)
+            k[x == 0] = far
+        return np.maximum(k, 0)
+
+    ks, kt = halvings(s, up_s), halvings(t, up_t)
+    level = np.minimum(ks, kt)
+    high_s, high_t = ks == level, kt == level
+    corner = level == far
+    level = np.where(corner, 0, level)
+    S, T = scale_by_two(s, level + 1), scale_by_two(t, level + 1)
+    S = np.where(high_s & ~corner, S - 1, S)
+    T = np.where(high_t & ~corner, T - 1, T)
+    piece = np.where(corner, 0, np.where(high_s, np.where(high_t, 1, 0), 2))
+    return np.where(corner, -1, level), piece, S, T
+
+
+def _floor_log2(x: Fraction) -> int:
+    k = x.numerator.bit_length() - x.denominator.bit_length()
+    return k if x >= Fraction(2) ** k else k - 1
+
+
+def scale_by_two(x: Array, n: Array) -> Array:
+    """``x * 2 ** n`` for integers n (Q,), exact up to underflow and overflow (inf)."""
+    if x.dtype == object:
+        return np.asarray(x * np.array([Fraction(2) ** int(k) for k in n], dtype=object))
+    with np.errstate(over="ignore", under="ignore"):
+        return np.ldexp(x, np.clip(n, -(10**8), 10**8).astype(np.int32))
+
+
+def differences(
+    indptr: Array, columns: Array, values: Array, points: Array, anchor: Array, offset: Array,
+    row_anchor: Array,
+) -> Array:
+    """Sparse rows times points, each row formed relative to a point of its own, (rows, d).
+
+    Point c is ``points[anchor[c]] + offset[c]``; the row r gives the sum of
+    ``values * (point - points[row_anchor[r]])``: no digits are lost far from the origin.
+    """
+    counts = np.diff(indptr)
+    own = np.repeat(row_anchor, counts)
+    terms = values[:, None] * (points[anchor[columns]] - points[own] + offset[columns])
+    return np.asarray(np.add.reduceat(terms, indptr[:-1], axis=0)) if len(columns) else terms
+
+
+def unit(vectors: Array) -> Array:
+    """Vectors (Q, d) scaled to length 1; NaN where the length is zero or not finite."""
+    with np.errstate(all="ignore"):
+        # largest component first: neither overflow nor underflow in the squares
+        vectors = vectors / np.abs(vectors).max(axis=-1, keepdims=True, initial=0)
+        return np.asarray(vectors / np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True)))
+
+
+def unit_normals(along: Array, across: Array) -> Array:
+    """Unit vectors (Q, 3) along the cross products; NaN where the vectors are dependent."""
+    return unit(np.cross(unit(along), unit(across)))
