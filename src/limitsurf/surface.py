@@ -563,14 +563,14 @@ class LimitSurface:
 
     def _control_weights(self, g: _Group, nu: Order, exact: bool) -> Array:
         """Weights (q, K) of the control points for a derivative in (u, v) of the limit face."""
-        two = Fraction(2) if exact else 2.0
+        turned, sign = _turned(nu, g.turn)
+        dtype = np.dtype(object if exact else float)
+        scale = kernels.scale_by_two(sign[g.turn].astype(dtype), g.depth * sum(nu))[:, None]
         if g.kind == REGULAR:
-            w = kernels.bicubic_weights(g.s, g.t, nu)
-            return np.asarray(w * (two ** (g.depth * sum(nu)))[:, None])
+            return np.asarray(kernels.bicubic_weights(g.s, g.t, nu) * scale)
         table = tables.eigen_table(self._rules.scheme, g.kind)
         place = basis.CornerPlace.of(g.s, g.t, g.turn)
-        turned, sign = _turned(nu, g.turn)
-        result = np.empty((len(g.s), table.size), dtype=object if exact else float)
+        result = np.empty((len(g.s), table.size), dtype=dtype)
         for order in set(turned):
             here = np.array([o == order for o in turned])[g.turn]
             sub = basis.CornerPlace(
@@ -584,7 +584,7 @@ class LimitSurface:
             else:
                 w = basis.eigen_weights(table, sub, basis.eigen_powers(table, sub), order)
                 result[here] = basis.control_weights(table, w)
-        return np.asarray(result * (sign[g.turn] * two ** (g.depth * sum(nu)))[:, None])
+        return np.asarray(result * scale)
 
 
 def _order(nu: Any) -> Order:

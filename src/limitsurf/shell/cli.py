@@ -18,14 +18,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limitsurf.mesh import Mesh
-    from limitsurf.shell.queries import Queries
     from limitsurf.surface import LimitSurface
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 # What a user can cause; anything else is a defect of the program and shows its traceback.
 ERRORS = (ValueError, OSError, IndexError, NotImplementedError, ImportError, MemoryError)
-AGREEMENT = 1e-12  # of the cage's size: where rounding ends
 
 
 class _Program(click.Group):
@@ -100,12 +98,12 @@ def _facts(mesh: Mesh, boundary: str | None) -> Iterator[tuple[str, str]]:
     yield "edges", f"{mesh.n_edges}" + (f", {border} of them on the boundary" if border else "")
     yield "faces", f"{mesh.n_faces}"
     yield "components", f"{parts}, {'open' if border else 'closed'}"
-    yield "corners of faces", _histogram(mesh.sizes)
+    yield "corners of faces", terminal.histogram(mesh.sizes)
     interior = used & ~mesh.boundary_vertex
     if interior.any():
-        yield "valences inside", _histogram(mesh.vertex_faces[interior])
+        yield "valences inside", terminal.histogram(mesh.vertex_faces[interior])
     if border:
-        yield "faces at boundary vertices", _histogram(mesh.vertex_faces[mesh.boundary_vertex])
+        yield "faces at boundary vertices", terminal.histogram(mesh.vertex_faces[mesh.boundary_vertex])
     for name in ("creases", "corners"):
         if count := len(getattr(mesh, name)[1]):
             values = getattr(mesh, name)[1]
@@ -125,12 +123,6 @@ def _facts(mesh: Mesh, boundary: str | None) -> Iterator[tuple[str, str]]:
     yield "limit faces", f"{len(surface.limit_faces)}"
     for reason, count in surface.patches.summary():
         yield f"  {reason}", f"{count}"
-
-
-def _histogram(values: NDArray[np.int64]) -> str:
-    """For instance: 3 (8 times), 4 (20)."""
-    kinds, counts = np.unique(values, return_counts=True)
-    return ", ".join(f"{kind}: {count}" for kind, count in zip(kinds, counts, strict=True))
 
 
 @main.command()
@@ -173,24 +165,13 @@ def evaluate(
     surface = _surface(cage, boundary)
     faces = len(surface.limit_faces)
     if grid is not None:
-        asked = _grid(faces, grid)
+        asked = files.grid_queries(faces, grid)
     elif random is not None:
-        asked = random_queries(faces, random, seed)
+        asked = files.random_queries(faces, random, seed)
     assert asked is not None
     with terminal.counting("evaluating", len(asked[0])) as done:
         answers = files.evaluate(surface, asked, order, normals, done)
     files.write_answers(output, answers)
-
-
-def _grid(faces: int, n: int) -> Queries:
-    at = (np.arange(n) + 0.5) / n
-    face, u, v = np.broadcast_arrays(np.arange(faces)[:, None, None], at[:, None], at)
-    return face.ravel(), u.ravel(), v.ravel()
-
-
-def random_queries(faces: int, n: int, seed: int) -> Queries:
-    rng = np.random.default_rng(seed)
-    return rng.integers(faces, size=n), rng.random(n), rng.random(n)
 
 
 @main.command()
@@ -207,23 +188,9 @@ def validate(context: click.Context, cage: Path, boundary: str | None, levels: i
     surface = _surface(cage, boundary)
     with terminal.working("refining"):
         table = ls.validate(surface, levels)
-    say_validation(table)
-    if not agrees(surface, table):
+    if not terminal.say_validation(surface, table):
         click.echo("limitsurf: the limit error is more than rounding", err=True)
         context.exit(1)
-
-
-def say_validation(table: NDArray[Any]) -> None:
-    names = list(table.dtype.names or ())
-    rows = (
-        ["" if value != value else f"{value:.3g}" for value in row.tolist()] for row in table
-    )
-    terminal.say_table([name.replace("_", " ") for name in names], rows)
-
-
-def agrees(surface: LimitSurface, table: NDArray[Any]) -> bool:
-    points = surface.mesh.points[surface.mesh.indices]
-    return bool(table["limit_error"].max() <= AGREEMENT * np.abs(points).max())
 
 
 @main.command()

@@ -64,6 +64,19 @@ def read_queries(path: str | os.PathLike[str]) -> Queries:
         return _from_numpy(name, file)
 
 
+def grid_queries(faces: int, n: int) -> Queries:
+    """The centres of n x n equal cells of each limit face; no two of these points coincide."""
+    at = (np.arange(n) + 0.5) / n
+    face, u, v = np.broadcast_arrays(np.arange(faces)[:, None, None], at[:, None], at)
+    return face.ravel(), u.ravel(), v.ravel()
+
+
+def random_queries(faces: int, n: int, seed: int) -> Queries:
+    """Uniform in limit face, u and v; the same for the same seed."""
+    rng = np.random.default_rng(seed)
+    return rng.integers(faces, size=n), rng.random(n), rng.random(n)
+
+
 def evaluate(
     surface: LimitSurface,
     queries: Queries,
@@ -215,19 +228,10 @@ def _structured(answers: Answers) -> NDArray[Any]:
 def _csv(answers: Answers) -> Iterator[str]:
     """Pieces of text. A list of tuples is one call to print, with the shortest digits; NumPy's own
     writer makes a call a line."""
-    axes = "xyzw"
     columns: dict[str, NDArray[Any]] = {name: answers[name] for name in NAMES}
-    for name, values in answers.items():
-        if name in NAMES:
-            continue
-        for k, axis in enumerate(axes[: values.shape[1]]):
-            if name == "position":
-                column = axis
-            elif name == "normal":
-                column = f"n_{axis}"
-            else:
-                column = f"{axis}_{name[1:]}"
-            columns[column] = values[:, k]
+    for name in [name for name in answers if name not in NAMES]:
+        pattern = {"position": "{}", "normal": "n_{}"}.get(name, "{}_" + name[1:])
+        columns |= {pattern.format(axis): answers[name][:, k] for k, axis in enumerate("xyz")}
     yield ",".join(columns) + "\n"
     kinds = [(name, values.dtype) for name, values in columns.items()]
     for start in range(0, len(answers["face"]), LINES):

@@ -6,9 +6,16 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from limitsurf.surface import LimitSurface
+
+ROUNDING = 1e-12  # of the largest coordinate; what refinement adds up stays far below
 
 
 def sentence(error: BaseException) -> str:
@@ -72,3 +79,26 @@ def say_table(columns: list[str], rows: Iterable[Iterable[str]]) -> None:
         table.add_row(*row)
     # A file or a pipe has no width to fold at.
     Console(highlight=False, width=None if sys.stdout.isatty() else 1000).print(table)
+
+
+def say_validation(surface: LimitSurface, table: NDArray[Any]) -> bool:
+    """The table that ``validate`` returns; whether its limit errors are rounding alone."""
+    say_table(
+        [name.replace("_", " ") for name in table.dtype.names or ()],
+        ([_short(value) for value in row.tolist()] for row in table),
+    )
+    points = surface.mesh.points[surface.mesh.indices]
+    return bool(np.nanmax(table["limit_error"]) <= ROUNDING * np.abs(points).max())
+
+
+def _short(value: float) -> str:
+    if isinstance(value, int):
+        return str(value)
+    return "" if np.isnan(value) else f"{value:.3g}"
+
+
+def histogram(values: NDArray[np.int64]) -> str:
+    """How often each value occurs, such as "3 (8 times), 4 (20)"."""
+    kinds, counts = np.unique(values, return_counts=True)
+    times = [f"{kind} ({count})" for kind, count in zip(kinds, counts, strict=True)]
+    return ", ".join([times[0].replace(")", " times)"), *times[1:]])

@@ -1,0 +1,71 @@
+"""The demo: a million exact queries on a cage of our own, checked, saved and drawn."""
+
+from __future__ import annotations
+
+from importlib.resources import as_file, files
+from pathlib import Path
+from time import perf_counter
+
+import click
+
+import limitsurf as ls
+from limitsurf.shell import queries, terminal
+
+LEVELS = 4
+
+
+def run(folder: Path, n: int, seed: int) -> bool:
+    """Run the demo and report on stdout; whether the refiner agrees up to rounding.
+
+    Writes ``demo_results.npz`` (face, u, v, position, du, dv and normal of ``n`` random queries)
+    and ``demo.png`` to ``folder``, which is made if need be.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with as_file(files("limitsurf") / "_data" / "demo.obj") as path:
+        mesh = ls.read(path)
+    start = perf_counter()
+    with terminal.working("building the surface"):
+        surface = ls.LimitSurface(mesh)
+    built = perf_counter() - start
+
+    asked = queries.random_queries(len(surface.limit_faces), n, seed)
+    start = perf_counter()
+    with terminal.counting("evaluating", n) as done:
+        answers = queries.evaluate(surface, asked, order=1, normals=True, done=done)
+    took = perf_counter() - start
+    inside = mesh.vertex_faces[~mesh.boundary_vertex]
+
+    terminal.say_table(
+        ["", ""],
+        [
+            ("cage", f"{mesh.n_vertices} vertices, {mesh.n_faces} faces: an octopus with a pearl"),
+            ("corners of faces", terminal.histogram(mesh.sizes)),
+            ("valences inside", terminal.histogram(inside)),
+            ("surface", f"{len(surface.limit_faces)} limit faces, built in {built:.2f} s"),
+            ("queries", f"{n:,} random (face, u, v), seed {seed}"),
+            ("answers", "position, both first derivatives, unit normal"),
+            ("time", f"{took:.2f} s, {n / took:,.0f} queries a second"),
+        ],
+    )
+
+    click.echo(
+        f"\nThe recursive refiner, {LEVELS} levels. At each level every refined vertex is compared"
+        " with the surface\nat its (face, u, v): as it is (error), and moved to its limit by its"
+        " limit mask (limit error)."
+    )
+    with terminal.working("refining"):
+        table = ls.validate(surface, LEVELS)
+    agrees = terminal.say_validation(surface, table)
+    click.echo(f"The limit error is {'rounding alone' if agrees else 'MORE than rounding'}.\n")
+
+    results, picture = folder / "demo_results.npz", folder / "demo.png"
+    queries.write_answers(results, answers)
+    click.echo(results)
+    try:
+        with terminal.working("drawing"):
+            ls.plot(surface, picture)
+    except ImportError as error:
+        click.echo(f"no picture: {terminal.sentence(error)}", err=True)
+    else:
+        click.echo(picture)
+    return agrees
