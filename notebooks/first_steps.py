@@ -117,7 +117,7 @@ rng = np.random.default_rng(1)
 faces, a, b = rng.integers(len(surface.limit_faces), size=1000), rng.random(1000), rng.random(1000)
 W = surface.weights(faces, a, b)
 assert np.allclose(W @ mesh.points, surface.evaluate(faces, a, b))
-W.shape, W.nnz
+W.shape
 
 # %% [markdown]
 # New points on the same faces need no new preparation.
@@ -130,12 +130,15 @@ assert np.allclose(taller.evaluate(faces, a, b), surface.evaluate(faces, a, b) *
 # ## Is it true?
 #
 # Do not believe it: refine. `validate` refines the cage level by level and measures how far the
-# refined points are from the surface. The distance falls fourfold with each level, order 2. In
-# the last column the refined points are moved to their own limit first: what remains is rounding.
+# refined points are from the surface. At first the distance falls fourfold with each level, order
+# 2; then the largest distance is next to the points of five faces, where refinement gains only a
+# factor 0.55 a level, order 0.86. In the last column the refined points are moved to their own
+# limit first: what remains is rounding.
 
 # %%
-report = ls.validate(surface, levels=5)
-assert np.isclose(report["order"][-1], 2, atol=0.2)
+report = ls.validate(surface, levels=6)
+assert report["order"][1] > 1.9
+assert 0.8 < report["order"][-1] < 1.1
 assert report["limit_error"].max() < 1e-14
 report
 

@@ -547,9 +547,9 @@ def pinched():
 
 # name: (points, faces, what the MeshError says)
 BAD = {
-    "no_vertex": (np.zeros((0, 3)), [[0, 1, 2]], "needs at least one vertex"),
-    "no_face": (SIX, [], "needs at least one face"),
-    "no_face_in_array": (SIX, np.zeros((0, 4), dtype=int), "needs at least one face"),
+    "no_vertex": (np.zeros((0, 3)), [[0, 1, 2]], "need at least one vertex"),
+    "no_face": (SIX, [], "need at least one face"),
+    "no_face_in_array": (SIX, np.zeros((0, 4), dtype=int), "need at least one face"),
     "nan": (
         [[0, 0, 0], [1, math.nan, 0], [math.nan, 1, 0]],
         [[0, 1, 2]],

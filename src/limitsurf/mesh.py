@@ -470,29 +470,28 @@ def _choice(value: T, name: str, allowed: tuple[T, ...]) -> T:
     return value
 
 
-def _numbers(values: ArrayLike, what: str) -> NDArray[Any]:
-    """A copy of points (or of a channel's values), as float64 or as objects, all finite."""
+def _numbers(values: ArrayLike, row: str, prefix: str = "") -> NDArray[Any]:
+    """A copy of coordinates as float64 or objects, all finite; messages call an entry a ``row``."""
     try:
         array = np.array(values)
     except ValueError as error:
-        raise MeshError(
-            f"points do not form an array of shape (n_vertices, ...): {error}"
-        ) from None
+        raise MeshError(f"{prefix}coordinates do not form an array: {error}") from None
     if array.ndim == 0 or len(array) == 0:
-        raise MeshError(f"a mesh needs at least one {what}, got points of shape {array.shape}")
+        raise MeshError(f"{prefix}need at least one {row}, got coordinates of shape {array.shape}")
+    need = f"{prefix}coordinates must be real numbers"
     if array.dtype.kind not in "iufO":
-        raise TypeError(f"coordinates must be real numbers, got an array of {array.dtype}")
+        raise TypeError(f"{need}, got an array of {array.dtype}")
     if array.dtype == object:
         wrong = np.frompyfunc(_is_no_number, 1, 1)(array).astype(bool)
         if wrong.any():
-            raise TypeError(f"coordinates must be real numbers, got {array[wrong][0]!r}")
+            raise TypeError(f"{need}, got {array[wrong][0]!r}")
         infinite = np.frompyfunc(_is_infinite_float, 1, 1)(array).astype(bool)
     else:
         array = array.astype(np.float64, copy=False)
         infinite = ~np.isfinite(array)
     _check(
         infinite.reshape(len(array), -1).any(axis=1),
-        lambda i: (f"{what} {i}: coordinate {array[i][infinite[i]].flat[0]} is not finite",),
+        lambda i: (f"{prefix}{row} {i}: coordinate {array[infinite][0]} is not finite",),
     )
     return array
 
@@ -545,7 +544,7 @@ def _face_arrays(faces: Faces) -> tuple[IntArray, IntArray]:
         if indices.ndim != 1:
             raise MeshError("faces: need index sequences, got sequences nested deeper")
     if len(sizes) == 0:
-        raise MeshError("a mesh needs at least one face, got none")
+        raise MeshError("need at least one face, got none")
     return sizes, indices
 
 
@@ -698,7 +697,7 @@ def _distinct_order(keys: IntArray, what: str, names: Sequence[Any]) -> IntArray
 def _channel(mesh: Mesh, name: str, given: Any) -> Channel:
     if not isinstance(given, (tuple, list)) or len(given) != 3:
         raise TypeError(f"channel {name!r}: need (values, face_indices, interpolation)")
-    values = _numbers(given[0], f"channel {name!r}: row")
+    values = _numbers(given[0], "row", f"channel {name!r}: ")
     rows = _integers(given[1], f"channel {name!r}: face_indices")
     if rows.shape != (mesh.n_corners,):
         raise MeshError(

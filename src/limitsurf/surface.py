@@ -152,8 +152,8 @@ class LimitSurface:
         --------
         >>> import limitsurf as ls
         >>> surface = ls.LimitSurface(ls.Mesh([[0], [1], [1], [0]], [[0, 1, 2, 3]]))
-        >>> surface.with_points([0, 1, 3, 2]).evaluate(0, 0.25, 0.5)
-        1.25
+        >>> surface.with_points([[0], [1], [3], [2]]).evaluate(0, 0.25, 0.5).tolist()
+        [1.25]
         """
         other = object.__new__(type(self))
         other.__dict__.update({k: v for k, v in self.__dict__.items() if k != "_local"})
@@ -164,6 +164,11 @@ class LimitSurface:
     def patches(self) -> PatchTable:
         """The patches that the surface is made of."""
         return self._tables[False]
+
+    @property
+    def rules(self) -> dict[str, Any]:
+        """Scheme and boundary mode in force, as keyword arguments of `refined`."""
+        return {"scheme": self._rules.scheme, "boundary": self._rules.boundary}
 
     def __repr__(self) -> str:
         return (
@@ -220,8 +225,8 @@ class LimitSurface:
         --------
         >>> import limitsurf as ls
         >>> surface = ls.LimitSurface(ls.Mesh([[0], [1], [1], [0]], [[0, 1, 2, 3]]))
-        >>> {nu: float(x[0]) for nu, x in surface.jet(0, 0.5, 0.5, order=1).items()}
-        {(0, 0): 0.5, (1, 0): 1.0, (0, 1): 0.0}
+        >>> {nu: round(float(x[0]), 12) for nu, x in surface.jet(0, 0.25, 0.0, order=1).items()}
+        {(0, 0): 0.25, (1, 0): 1.0, (0, 1): 0.0}
         """
         if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 0:
             raise ValueError(f"order must be an integer >= 0, got {order!r}")

@@ -492,7 +492,7 @@ def eigenbasis(scheme: str | Scheme, valence: int) -> Eigenbasis:
     >>> basis
     <Eigenbasis of catmull-clark at interior valence 5: 18 control points, eigenvalues 1, ...>
     >>> print(basis.exact.eigenvalues[1].evalf(20))
-    0.54998835451829722018
+    0.54998835451829717789
     """
     if not isinstance(valence, (int, np.integer)) or isinstance(valence, bool) or valence < 2:
         raise ValueError(f"the valence of an interior vertex is an integer >= 2, got {valence!r}")

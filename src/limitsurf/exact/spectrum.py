@@ -65,13 +65,15 @@ class Spectrum:
     ``V`` and ``Vinv`` (K, K) hold the right eigenvectors as columns and the left ones as rows;
     ``chains`` are the indices k with ``A V[:, k] = eigenvalues[k] V[:, k] + V[:, k - 1]``;
     ``pieces`` (3, 16, K) the B-spline control points of the eigenfunctions on the regular pieces;
-    ``eigenvalues`` (K,) and ``ratios`` (K,), to the subdominant one, are mpf numbers; ``smooth``
+    ``eigenvalues`` (K,) and ``ratios`` (K,), to the subdominant one, are mpf numbers; ``order`` (K,)
+    gives the place of each column among `ring_modes` and then the outer eigenvectors; ``smooth``
     tells whether a tangent plane exists at the vertex: a positive double subdominant eigenvalue
     of frequency 1, larger than the modulus of all that follow.
     """
 
     matrix: SubdivisionMatrix
     eigenvalues: list[Any]
+    order: list[int]
     chains: list[int]
     ratios: list[Any]
     V: Fixed
@@ -332,7 +334,7 @@ def spectrum(scheme: Scheme, valence: int) -> Spectrum:
             else:
                 refined[k] = _combine(matrix.rows[k], V)
         pieces = np.stack([np.stack([refined[k] for k in piece]) for piece in matrix.pieces])
-    return Spectrum(matrix, eigenvalues, chains, ratios, V, Vinv, pieces, smooth)
+    return Spectrum(matrix, eigenvalues, order, chains, ratios, V, Vinv, pieces, smooth)
 
 
 def _chained(

@@ -13,10 +13,9 @@ import numpy as np
 import limitsurf as ls
 from limitsurf.mesh import BOUNDARY
 from limitsurf.shell import terminal
+from limitsurf.shell.plot import COLOR
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from limitsurf.mesh import Mesh
     from limitsurf.surface import LimitSurface
 
@@ -29,21 +28,21 @@ ERRORS = (ValueError, OSError, IndexError, NotImplementedError, ImportError, Mem
 class _Program(click.Group):
     """Errors in one line with exit code 2; 130 after Ctrl-C, 1 when the reader goes away."""
 
-    def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
+    def main(self, *args: Any, **extra: Any) -> Any:
         try:
             with terminal.warnings_in_one_line():
-                code = super().main(*args, standalone_mode=False, **extra)
+                code = super().main(*args, **{**extra, "standalone_mode": False})
                 sys.stdout.flush()
         except click.Abort:
             code = 130
         except BrokenPipeError:
-            # Nobody reads any more; what is still buffered must not be flushed at exit.
-            sys.stdout = None  # type: ignore[assignment]
+            pass
             code = 1
         except (click.ClickException, *ERRORS) as error:
             click.echo(f"limitsurf: error: {terminal.sentence(error)}", err=True)
+            pass
             code = 2
-        if not standalone_mode:
+        if not extra.get("standalone_mode", True):
             return code
         raise SystemExit(code)
 
@@ -64,7 +63,7 @@ def _on_cage(command: Command) -> Command:
     cage = click.argument("cage", type=click.Path(path_type=Path))
     boundary = click.option(
         "--boundary",
-        type=click.Choice(BOUNDARY),
+        type=click.Choice([name for name in BOUNDARY if name]),
         help="What a boundary does; by default as the cage says, else edge_and_corner.",
     )
     return cage(boundary(command))
@@ -81,7 +80,7 @@ def _surface(cage: Path, boundary: str | None) -> LimitSurface:
 def info(cage: Path, boundary: str | None) -> None:
     """Say what a cage is made of, what is irregular and why."""
     mesh = ls.read(cage)
-    terminal.say_table(["", ""], _facts(mesh, boundary))
+    terminal.say_table(_facts(mesh, boundary))
 
 
 def _facts(mesh: Mesh, boundary: str | None) -> Iterator[tuple[str, str]]:
@@ -103,7 +102,10 @@ def _facts(mesh: Mesh, boundary: str | None) -> Iterator[tuple[str, str]]:
     if interior.any():
         yield "valences inside", terminal.histogram(mesh.vertex_faces[interior])
     if border:
-        yield "faces at boundary vertices", terminal.histogram(mesh.vertex_faces[mesh.boundary_vertex])
+        yield (
+            "faces at boundary vertices",
+            terminal.histogram(mesh.vertex_faces[mesh.boundary_vertex]),
+        )
     for name in ("creases", "corners"):
         if count := len(getattr(mesh, name)[1]):
             values = getattr(mesh, name)[1]
@@ -169,8 +171,11 @@ def evaluate(
     elif random is not None:
         asked = files.random_queries(faces, random, seed)
     assert asked is not None
-    with terminal.counting("evaluating", len(asked[0])) as done:
-        answers = files.evaluate(surface, asked, order, normals, done)
+    try:
+        with terminal.counting("evaluating", len(asked[0])) as done:
+            answers = files.evaluate(surface, asked, order, normals, done)
+    except (IndexError, ValueError) as error:
+        raise ValueError(f"{queries}: {error}") from None
     files.write_answers(output, answers)
 
 
@@ -201,7 +206,7 @@ def validate(context: click.Context, cage: Path, boundary: str | None, levels: i
 @click.option("--curves/--no-curves", default=None, help="Draw the edges of the limit faces.")
 @click.option("--poles/--no-poles", default=True, help="Mark extraordinary points.")
 @click.option("--normals", is_flag=True, help="Draw normals.")
-@click.option("--color", metavar="COLOR", help='Of the surface: "#rrggbb" or a name.')
+@click.option("--color", default=COLOR, show_default=True, help="Of the surface, or a name.")
 @click.option("--up", type=click.Choice(["x", "y", "z"]), default="z", show_default=True)
 @click.option(
     "--size",
@@ -220,7 +225,7 @@ def plot(
     curves: bool | None,
     poles: bool,
     normals: bool,
-    color: str | None,
+    color: str,
     up: str,
     size: tuple[int, int],
 ) -> None:
@@ -235,9 +240,9 @@ def plot(
             curves=curves,
             poles=poles,
             normals=normals,
+            color=color,
             up=up,
             window_size=size,
-            **({} if color is None else {"color": color}),
         )
     if output is not None:
         click.echo(output)

@@ -36,7 +36,6 @@ def run(folder: Path, n: int, seed: int) -> bool:
     inside = mesh.vertex_faces[~mesh.boundary_vertex]
 
     terminal.say_table(
-        ["", ""],
         [
             ("cage", f"{mesh.n_vertices} vertices, {mesh.n_faces} faces: an octopus with a pearl"),
             ("corners of faces", terminal.histogram(mesh.sizes)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import chain
 from typing import Any, NoReturn, TypeAlias
 
@@ -54,7 +54,7 @@ IGNORED = frozenset(
     b"call csh bsp bzp cdc cdp res".split()
 )
 SPACE = np.isin(np.arange(256), list(b" \t\n\v\f"))  # (256,) bool, by byte
-BLANK, VERTEX, TEXTURE, FACE, TAG, OTHER = range(6)
+VERTEX, TEXTURE, FACE, TAG, OTHER = range(5)
 
 
 def read(path: Path) -> Mesh:
@@ -65,7 +65,8 @@ def read(path: Path) -> Mesh:
     interpolateboundary, creasemethod, smoothtriangles, facevaryinginterpolateboundary) are read.
     Texture coordinates ``vt`` become the channel "uv" where every face corner has one, with the
     interpolation of its tag or "corners_plus1". Normals, groups, materials, lines and free-form
-    statements are ignored. Of tags given twice the last one holds.
+    statements are ignored. Of tags given twice the last one holds. Where there is no tag for the
+    boundary it is left open, as None: OpenSubdiv's own readers then take "edge_only".
 
     Parameters
     ----------
@@ -100,7 +101,7 @@ def read(path: Path) -> Mesh:
     ...     ls.read(path)
     Mesh(4 vertices, 4 edges, 1 face {4: 1}, 4 boundary vertices, 1 corner)
     """
-    name = os.fspath(path)
+    name = os.fsdecode(path)
     with open(name, "rb") as file:
         _check_suffix(name)
         return _parse(_Statements(name, file.read()))
@@ -139,7 +140,7 @@ def write(path: Path, mesh: Mesh) -> None:
     ...     ls.read(pathlib.Path(folder, "triangle.obj")) == triangle
     True
     """
-    _check_suffix(os.fspath(path))
+    _check_suffix(os.fsdecode(path))
     statements = _statements(mesh)
     with replacing(path, "w") as file:
         file.writelines(statements)
@@ -341,7 +342,8 @@ class _Statements:
         """The words of the statements but for their keywords, in order."""
         counts = self.n_words[statements] - 1
         shift = self.first[statements] + 1 - (np.cumsum(counts) - counts)
-        return np.arange(counts.sum()) + np.repeat(shift, counts)
+        words: IntArray = np.arange(counts.sum()) + np.repeat(shift, counts)
+        return words
 
     def words(self, statement: int) -> list[str]:
         """The words of a statement, keyword first, as text."""
@@ -428,9 +430,9 @@ def _parse(file: _Statements) -> Mesh:
         mesh = Mesh(
             points,
             (sizes, indices),
-            creases=tags.creases,
-            corners=tags.corners,
-            holes=list(tags.holes),
+            creases=tags.marked["crease"],
+            corners=tags.marked["corner"],
+            holes=list(tags.marked["hole"]),
             channels=channels,
             **tags.options,
         )
@@ -524,9 +526,9 @@ def _resolved(
     resolved = np.where(given < 0, before + given, given - 1)
     wrong = np.flatnonzero((resolved < 0) | (resolved >= counted[-1]))
     if len(wrong):
-        i = wrong[0]
-        need = f"1 to {counted[-1]}, or -{before[i]} to -1 for those before the face"
-        file.fail(statement[i], f"got {what} index {given[i]}, need {need}")
+        i, n = wrong[0], counted[-1]
+        need = f"need 1 to {n}, or -{before[i]} to -1 for those before the face"
+        file.fail(statement[i], f"got {what} index {given[i]}, {need if n else 'but have none'}")
     return resolved
 
 
@@ -537,15 +539,15 @@ class _Tags:
     """
 
     def __init__(self, file: _Statements) -> None:
-        self.creases: dict[tuple[int, int], float] = {}
-        self.corners: dict[int, float] = {}
-        self.holes: dict[int, None] = {}
+        self.marked: dict[str, dict[Any, float]] = {"crease": {}, "corner": {}, "hole": {}}
         self.options: dict[str, str] = {}
-        self.statement: dict[tuple[str, Any], int] = {}  # of each ("crease", edge) and the like
+        self.statement: dict[tuple[str, Any], int] = {}  # by ("crease", edge) and the like
         self.ignored: dict[str, int] = {}  # where each unknown tag is first
         for statement in file.of(TAG).tolist():
             _, *words = file.words(statement)
-            name = words[0] if words else ""
+            if not words:
+                file.fail(statement, "got 't', need the name of a tag after it")
+            name = words[0]
             if name in TAGS:
                 try:
                     self.add(statement, name, *_arguments(words))
@@ -564,21 +566,21 @@ class _Tags:
         strings: list[str],
     ) -> None:
         """Take one tag; a ValueError or LookupError says that its arguments are not right."""
-        keys: Sequence[Any] = integers
-        if name == "crease":
-            keys = [(min(pair), max(pair)) for pair in np.reshape(integers, (-1, 2)).tolist()]
-            self.creases.update(zip(keys, _each(floats, keys), strict=True))
-        elif name == "corner":
-            self.corners.update(zip(keys, _each(floats, keys), strict=True))
-        elif name == "hole":
-            self.holes.update(dict.fromkeys(keys))
-        elif name == "scheme":
-            (self.options["scheme"],) = strings
-        else:
+        if name in CHOICES:
             option, meanings = CHOICES[name]
             (given,) = integers + strings
             self.options[option] = meanings[given]
-        self.statement.update(((name, key), statement) for key in keys)
+        elif name == "scheme":
+            (self.options[name],) = strings
+        elif strings or (name == "hole" and floats):
+            raise ValueError
+        else:
+            keys: list[Any] = integers
+            if name == "crease":
+                keys = [(min(pair), max(pair)) for pair in np.reshape(integers, (-1, 2)).tolist()]
+            sharpness = np.broadcast_to([0.0] if name == "hole" else floats, len(keys)).tolist()
+            self.marked[name].update(zip(keys, sharpness, strict=True))
+            self.statement.update(((name, key), statement) for key in keys)
 
 
 def _arguments(words: list[str]) -> tuple[list[int], list[float], list[str]]:
@@ -589,8 +591,3 @@ def _arguments(words: list[str]) -> tuple[list[int], list[float], list[str]]:
         raise ValueError
     integers = np.array(list(map(int, given[:n])), dtype=np.int64)
     return integers.tolist(), list(map(float, given[n : n + m])), given[n + m :]
-
-
-def _each(values: list[float], keys: Sequence[Any]) -> list[float]:
-    """One value for each key, from as many or a single one."""
-    return [*np.broadcast_to(values, len(keys)).tolist()]

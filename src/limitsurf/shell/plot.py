@@ -33,7 +33,9 @@ __all__ = ["plot"]
 Array: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 Image: TypeAlias = NDArray[np.uint8]
+Color: TypeAlias = str | tuple[float, float, float]
 
+COLOR = "#e8805f"
 QUADS = 200_000  # drawn in all, unless told otherwise
 SUPERSAMPLING = 2  # pixels drawn per pixel of the picture, each way
 VIEW = (-0.35, -1.0, 0.6)  # where the camera stands, for z up
@@ -46,6 +48,7 @@ AMBIENT, GLOSS, SHARPNESS = 0.24, 0.25, 18
 VIEW_ANGLE = 30.0  # degrees, of the picture's height
 DOT = 13.0  # diameter of a dot, in thousandths of the picture's height
 MARGIN = 0.06  # of the picture, on each side
+POINT = 72 / 100  # Matplotlib's unit of lengths in pixels, at 100 dots per inch
 GROUND, SKY, INK = "#dde5ec", "#ffffff", "#263442"
 LIFT = 0.0015  # of curves off the surface, in units of the cage
 CROWD = 10_000  # limit faces; of more, cage and curves would hide the surface
@@ -64,7 +67,7 @@ VALENCES = {  # the largest of each class: its name and colour
 @dataclass(frozen=True)
 class _Lines:
     ends: Array  # (k, 2, 3)
-    color: str
+    color: Color
     width: float  # thousandths of the picture's height
 
 
@@ -82,7 +85,7 @@ class _Scene:
     points: Array  # (p, 3)
     normals: Array  # (p, 3)
     quads: IntArray  # (q, 4)
-    color: str
+    color: tuple[float, float, float]
     lines: list[_Lines]
     dots: list[_Dots]
     axes: Array  # (3, 3), rows right, up, towards the viewer
@@ -99,7 +102,7 @@ def plot(
     curves: bool | None = None,
     poles: bool = True,
     normals: bool = False,
-    color: str = "#e8805f",
+    color: str = COLOR,
     up: str = "z",
     window_size: tuple[int, int] = (1600, 1200),
     off_screen: bool | None = None,
@@ -173,15 +176,20 @@ def plot(
     if off_screen is None:
         off_screen = screenshot is not None
     if not off_screen and not _display():
-        raise OSError("there is no display to open a window on; give the name of a picture to write")
+        raise OSError(
+            "there is no display to open a window on; give the name of a picture to write"
+        )
     pyvista = _pyvista()
-    scene = _scene(surface, n, cage, curves, poles, normals, color, up, width / height)
+    body = pyvista.Color(color).float_rgb
+    scene = _scene(surface, n, cage, curves, poles, normals, body, up, width / height)
     if off_screen and not _opengl():
         warnings.warn("no OpenGL here: painted by Matplotlib, and plainer", stacklevel=2)
         image = _painted(scene, width, height)
     else:
         with _calm_vtk():
             image = _rendered(pyvista, scene, width, height, off_screen)
+    if scene.dots and off_screen:
+        image = _with_legend(image, scene.dots)
     if screenshot is not None:
         from PIL import Image as images
 
@@ -197,7 +205,7 @@ def _scene(
     curves: bool | None,
     poles: bool,
     normals: bool,
-    color: str,
+    color: tuple[float, float, float],
     up: str,
     aspect: float,
 ) -> _Scene:
@@ -231,7 +239,8 @@ def _scene(
             for border in (grid[:, 0], grid[:, -1], grid[:, :, 0], grid[:, :, -1])
         ]
         ends = np.stack([np.stack([b[:, :-1], b[:, 1:]], axis=2) for b in borders])
-        lines.append(_Lines(ends.reshape(-1, 2, 3), _darkened(color), 0.9))
+        dark = (0.5 * color[0], 0.5 * color[1], 0.5 * color[2])
+        lines.append(_Lines(ends.reshape(-1, 2, 3), dark, 0.9))
     if normals:
         middle = (n + 1) // 2
         foot, direction = position[:, middle, middle], normal[:, middle, middle]
@@ -244,9 +253,7 @@ def _scene(
 
     seen = [points[quads].reshape(-1, 3), *(k.ends.reshape(-1, 3) for k in lines)]
     axes, eye, distance = _camera(np.concatenate(seen), up, aspect)
-    return _Scene(
-        points, normal.reshape(-1, 3), quads, color, lines, dots, axes, eye, distance
-    )
+    return _Scene(points, normal.reshape(-1, 3), quads, color, lines, dots, axes, eye, distance)
 
 
 def _unit_points(mesh: Any) -> Array:
@@ -267,7 +274,7 @@ def _unit_points(mesh: Any) -> Array:
 
 def _drawable_normals(surface: LimitSurface, query: tuple[IntArray, Array, Array]) -> Array:
     """Normals, with that of a nearby point where there is none."""
-    normal = surface.normal(*query)  # (..., 3)
+    normal: Array = surface.normal(*query)  # (..., 3)
     face, u, v = np.broadcast_arrays(*query)
     for inward in (0.02, 0.5):
         missing = np.isnan(normal).any(axis=-1)
@@ -281,25 +288,29 @@ def _poles(surface: LimitSurface) -> list[_Dots]:
     """Limits of the interior vertices of valence other than 4, and centres of faces with other
     than four corners, which are such vertices of the refined cage."""
     mesh, first = surface.mesh, surface.limit_faces.first
-    valence = mesh.vertex_faces
-    vertex = np.flatnonzero((valence > 0) & (valence != 4) & ~mesh.boundary_vertex)
-    corner = mesh.ring_corners[mesh.ring_offsets[vertex]]
-    face = mesh.corner_face[corner]
+    valence = np.where(mesh.boundary_vertex, 4, mesh.vertex_faces)
+    corner = np.flatnonzero(valence[mesh.indices] != 4)
+    vertex, face = mesh.indices[corner], mesh.corner_face[corner]
     place = corner - mesh.offsets[face]  # of the vertex in its face
     quad = mesh.sizes[face] == 4
     polygon = np.flatnonzero(mesh.sizes != 4)
+    centre = np.ones(len(polygon))
     at = surface.evaluate(
         np.concatenate([first[face] + np.where(quad, 0, place), first[polygon]]),
-        np.concatenate([quad * np.isin(place, (1, 2)) * 1.0, np.ones(len(polygon))]),
-        np.concatenate([quad * np.isin(place, (2, 3)) * 1.0, np.ones(len(polygon))]),
+        np.concatenate([quad & np.isin(place, (1, 2)), centre]),
+        np.concatenate([quad & np.isin(place, (2, 3)), centre]),
     )  # (k, 3)
-    largest = np.array(list(VALENCES))
-    group = np.searchsorted(largest, np.concatenate([valence[vertex], mesh.sizes[polygon]]))
-    finite = np.isfinite(at).all(axis=1)
+    # One face with a limit is enough, and all of them agree.
+    finite = np.flatnonzero(np.isfinite(at).all(axis=1))
+    names = np.concatenate([vertex, mesh.n_vertices + polygon])[finite]
+    chosen = finite[np.unique(names, return_index=True)[1]]
+    group = np.searchsorted(
+        np.array(list(VALENCES)), np.concatenate([valence[vertex], mesh.sizes[polygon]])[chosen]
+    )
     return [
-        _Dots(at[finite & (group == i)], color, name)
+        _Dots(at[chosen[group == i]], color, name)
         for i, (name, color) in enumerate(VALENCES.values())
-        if (finite & (group == i)).any()
+        if (group == i).any()
     ]
 
 
@@ -361,14 +372,6 @@ def _rendered(pyvista: Any, scene: _Scene, width: int, height: int, off_screen: 
                 render_points_as_spheres=True,
                 ambient=0.5,
             )
-        if scene.dots:
-            plotter.add_legend(
-                [(dots.name, dots.color) for dots in scene.dots],
-                face="circle",
-                bcolor=None,
-                loc="lower right",
-                size=(0.16, 0.036 * len(scene.dots)),
-            )
         camera = plotter.camera
         camera.view_angle = VIEW_ANGLE
         camera.position = scene.eye
@@ -379,11 +382,17 @@ def _rendered(pyvista: Any, scene: _Scene, width: int, height: int, off_screen: 
             image = plotter.screenshot(return_img=True)
         else:
             plotter.enable_anti_aliasing("msaa")
+            if scene.dots:
+                names = [(dots.name, dots.color) for dots in scene.dots]
+                plotter.add_legend(names, face="circle", bcolor=None, loc="lower right")
             image = plotter.show(auto_close=False, screenshot=True)
     finally:
         plotter.close()
-    tiles = image.reshape(height, scale, width, scale, 3)
-    return np.rint(tiles.mean(axis=(1, 3))).astype(np.uint8)
+    picture: Image = np.asarray(image)
+    if off_screen:
+        tiles = picture.reshape(height, scale, width, scale, 3)
+        picture = np.rint(tiles.mean(axis=(1, 3))).astype(np.uint8)
+    return picture
 
 
 def _painted(scene: _Scene, width: int, height: int) -> Image:
@@ -392,9 +401,7 @@ def _painted(scene: _Scene, width: int, height: int) -> Image:
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import to_rgb
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
 
-    pixel = 72 / 100  # points, at 100 dots per inch
     figure = Figure(figsize=(width / 100, height / 100), dpi=100)
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(0, height))
@@ -402,50 +409,64 @@ def _painted(scene: _Scene, width: int, height: int) -> Image:
     shade = np.linspace(to_rgb(GROUND), to_rgb(SKY), 256)[:, None]
     axes.imshow(shade, extent=(0, width, 0, height), origin="lower", aspect="auto")
 
-    # All is quads: a line is one pinched to its ends, a dot a little square, and both get a rounded
-    # edge of their thickness.
-    diameter = height * DOT / 1000
-    lines = [_cut(k.ends) for k in scene.lines]
-    corners = [scene.points[scene.quads]]
-    corners += [k[:, [0, 1, 1, 0]] for k in lines]
-    corners += [k.places[:, None].repeat(4, axis=1) for k in scene.dots]
-    colors = [_lit(scene, to_rgb(scene.color))]
-    colors += [
-        np.tile(to_rgb(k.color), (len(c), 1))
-        for k, c in zip([*scene.lines, *scene.dots], corners[1:], strict=True)
-    ]
-    widths = [0.6, *(height * k.width / 1000 for k in scene.lines)]
-    widths += [0.7 * diameter] * len(scene.dots)
-    # Lines and dots stand in front of the polygon that they lie on.
-    nearer = [0.0] + [0.003] * len(lines) + [0.01] * len(scene.dots)
-    local = (np.concatenate(corners) - scene.eye) @ scene.axes.T  # (k, 4, 3)
-    depth = local[..., 2].mean(axis=1) + np.repeat(nearer, [len(c) for c in corners])
-    focal = height / 2 / math.tan(math.radians(VIEW_ANGLE / 2))
+    # All is quads: a line is one pinched to its ends, a dot a star of two, and both get a rounded
+    # edge of their thickness. They stand in front of the quad that they lie on.
+    focal = height / 2 / math.tan(math.radians(VIEW_ANGLE / 2))  # pixels
+    dot = DOT * height / 1000
+    # Quads (k, 4, 3), colours (k or 1, 3), width of the edge in pixels, how much nearer.
+    layers = [(scene.points[scene.quads], _lit(scene), 0.6, 0.0)]
+    for lines in scene.lines:
+        pieces = _cut(lines.ends)[:, [0, 1, 1, 0]]
+        layers.append((pieces, np.array([to_rgb(lines.color)]), lines.width * height / 1000, 0.001))
+    for dots in scene.dots:
+        turn = np.arange(8).reshape(4, 2).T * math.tau / 8
+        star = np.stack([np.cos(turn), np.sin(turn)], axis=-1) @ scene.axes[:2]  # (2, 4, 3)
+        pixel = (scene.eye - dots.places) @ scene.axes[2] / focal  # its size at each dot
+        squares = dots.places[:, None, None] + 0.2 * dot * pixel[:, None, None, None] * star
+        layers.append((squares.reshape(-1, 4, 3), np.array([to_rgb(dots.color)]), 0.6 * dot, 0.01))
+    number = [len(layer[0]) for layer in layers]
+    local = (np.concatenate([layer[0] for layer in layers]) - scene.eye) @ scene.axes.T  # (k, 4, 3)
+    order = np.argsort(
+        local[..., 2].mean(axis=1) + np.repeat([layer[3] for layer in layers], number)
+    )
     flat = np.array([width, height]) / 2 - focal * local[..., :2] / local[..., 2:]
-    first_dot = len(flat) - sum(len(dots.places) for dots in scene.dots)
-    flat[first_dot:] += 0.15 * diameter * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    order = np.argsort(depth)
+    colors = [np.broadcast_to(layer[1], (k, 3)) for layer, k in zip(layers, number, strict=True)]
     color = np.concatenate(colors)[order]
-    width_of = pixel * np.repeat(widths, [len(c) for c in corners])[order]
     axes.add_collection(
         PolyCollection(
-            flat[order],
+            flat[order],  # type: ignore[arg-type]
             facecolors=color,
             edgecolors=color,
-            linewidths=width_of,
+            linewidths=POINT * np.repeat([layer[2] for layer in layers], number)[order],
             joinstyle="round",
             capstyle="round",
+            snap=False,
         )
     )
-    if scene.dots:
-        keys = [
-            Line2D([], [], marker="o", linestyle="", color=dots.color, label=dots.name)
-            for dots in scene.dots
-        ]
-        size = pixel * 0.02 * height
-        axes.legend(handles=keys, loc="lower right", frameon=False, fontsize=size)
     canvas.draw()
     return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, :3])
+
+
+def _with_legend(image: Image, dots: list[_Dots]) -> Image:
+    """The picture with the colours of the dots explained in its lower right corner."""
+    from PIL import Image as images
+    from PIL import ImageDraw, ImageFont
+
+    fine = 4  # drawn larger and shrunk, for smooth edges
+    line = 0.034 * image.shape[0] * fine
+    font = ImageFont.load_default(0.65 * line)
+    width = max(font.getlength(k.name) for k in dots) + 2 * line
+    legend = images.new("RGBA", (math.ceil(width), math.ceil((len(dots) + 0.5) * line)))
+    draw = ImageDraw.Draw(legend)
+    for k, kind in enumerate(dots):
+        y = (k + 0.5) * line
+        draw.ellipse((0.3 * line, y - 0.22 * line, 0.74 * line, y + 0.22 * line), fill=kind.color)
+        draw.text((1.1 * line, y), kind.name, fill=INK, font=font, anchor="lm")
+    legend = legend.resize((legend.width // fine, legend.height // fine), images.Resampling.BOX)
+    picture = images.fromarray(image)
+    corner = (picture.width - legend.width, picture.height - legend.height)
+    picture.paste(legend, corner, legend)
+    return np.asarray(picture)
 
 
 def _cut(ends: Array) -> Array:
@@ -456,7 +477,7 @@ def _cut(ends: Array) -> Array:
     return np.stack([line[:-1], line[1:]], axis=2).reshape(-1, 2, 3)
 
 
-def _lit(scene: _Scene, color: tuple[float, float, float]) -> Array:
+def _lit(scene: _Scene) -> Array:
     """The colour of each quad, (q, 3), under a key light, a fill light and a back light."""
     normal = scene.normals[scene.quads].mean(axis=1)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
@@ -469,13 +490,8 @@ def _lit(scene: _Scene, color: tuple[float, float, float]) -> Array:
     half = toward + light[0]
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     gloss = GLOSS * np.maximum(np.sum(normal * half, axis=1), 0.0) ** SHARPNESS
-    return np.clip((AMBIENT + diffuse)[:, None] * color + gloss[:, None], 0.0, 1.0)
-
-
-def _darkened(color: str) -> str:
-    from matplotlib.colors import to_hex, to_rgb
-
-    return str(to_hex(0.5 * np.array(to_rgb(color))))
+    colors: Array = (AMBIENT + diffuse)[:, None] * scene.color + gloss[:, None]
+    return np.clip(colors, 0.0, 1.0)
 
 
 def _display() -> bool:

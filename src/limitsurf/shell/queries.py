@@ -9,7 +9,7 @@ from typing import IO, TYPE_CHECKING, Any, TypeAlias
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from limitsurf.shell.files import replacing
 
@@ -93,7 +93,11 @@ def evaluate(
     channels = surface.mesh.points.shape[1]
     for start in range(0, max(len(face), 1), BATCH):
         part = slice(start, start + BATCH)
-        jet = surface.jet(face[part], u[part], v[part], order=order)
+        try:
+            jet = surface.jet(face[part], u[part], v[part], order=order)
+        except (IndexError, ValueError):
+            surface.jet(face, u, v, order=0)  # fails too, and counts from the first query of all
+            raise
         found = {_name(nu): values for nu, values in jet.items()}
         if normals:
             found["normal"] = surface.normal(face[part], u[part], v[part])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -32,7 +31,7 @@ def sentence(error: BaseException) -> str:
 def warnings_in_one_line() -> Iterator[None]:
     """Say warnings as this program, without the place in its source."""
 
-    def say(message: Warning | str, *_: Any) -> None:
+    def say(message: Warning | str, *_: Any, **__: Any) -> None:
         click.echo(f"limitsurf: warning: {' '.join(str(message).split())}", err=True)
 
     with warnings.catch_warnings():
@@ -66,29 +65,24 @@ def working(text: str) -> Iterator[None]:
         yield
 
 
-def say_table(columns: list[str], rows: Iterable[Iterable[str]]) -> None:
-    """A table on stdout, numbers to the right; without names of columns a list of facts."""
-    from rich.console import Console
-    from rich.table import Table
-
-    named = any(columns)
-    table = Table(box=None, show_header=named, pad_edge=False, padding=(0, 2 if named else 3, 0, 0))
-    for name in columns:
-        table.add_column(name, justify="right" if named else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*row)
-    # A file or a pipe has no width to fold at.
-    Console(highlight=False, width=None if sys.stdout.isatty() else 1000).print(table)
+def say_table(rows: Iterable[tuple[str, ...]], names: Iterable[str] | None = None) -> None:
+    """A table on stdout: numbers to the right under their names, or else a list of facts."""
+    lines = list(rows)
+    head = [] if names is None else [tuple(names)]
+    widths = [max(map(len, column)) for column in zip(*head, *lines, strict=True)]
+    for k, line in enumerate(head + lines):
+        pad = str.rjust if head else str.ljust
+        text = "   ".join(map(pad, line, widths)).rstrip()
+        click.echo(click.style(text, bold=True) if head and k == 0 else text)
 
 
 def say_validation(surface: LimitSurface, table: NDArray[Any]) -> bool:
     """The table that ``validate`` returns; whether its limit errors are rounding alone."""
-    say_table(
-        [name.replace("_", " ") for name in table.dtype.names or ()],
-        ([_short(value) for value in row.tolist()] for row in table),
-    )
+    names = [name.replace("_", " ") for name in table.dtype.names or ()]
+    say_table([tuple(map(_short, row)) for row in table.tolist()], names)
     points = surface.mesh.points[surface.mesh.indices]
-    return bool(np.nanmax(table["limit_error"]) <= ROUNDING * np.abs(points).max())
+    # NaN, where no vertex has a limit, is no disagreement.
+    return not table["limit_error"].max() > ROUNDING * np.abs(points).max()
 
 
 def _short(value: float) -> str:

@@ -1,0 +1,628 @@
+"""Cages to and from files and PyVista: what is written is read, and what is broken is located."""
+
+import builtins
+import os
+import random
+import re
+import sys
+import warnings
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zoo
+from hypothesis import given
+from hypothesis import strategies as st
+
+import limitsurf as ls
+from limitsurf.mesh import INTERPOLATION
+
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+CAGES = Path(__file__).parents[1] / ".." / "shared" / "cages"
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Read a text, or bytes, as an OBJ file."""
+
+    def read_text(text):
+        path = tmp_path / "cage.obj"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return ls.read(path)
+
+    return read_text
+
+
+@pytest.fixture
+def refused(read):
+    """Read what cannot be, and return the message after the path."""
+
+    def message(text):
+        with pytest.raises(ls.MeshError) as caught:
+            read(text)
+        path, _, message = str(caught.value).partition("cage.obj")
+        assert path
+        return message.removeprefix(", ").removeprefix(": ")
+
+    return message
+
+
+# --- Reading
+
+
+def test_plain_file(read):
+    mesh = read(SQUARE + "f 1 2 3 4\n")
+    assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    assert mesh.faces.tolist() == [[0, 1, 2, 3]]
+    assert mesh == ls.Mesh(mesh.points, mesh.faces)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "f 1 2 3 4\n" + SQUARE,
+        SQUARE + "f 1 2 3 4",
+        SQUARE.replace("\n", "\r\n") + "f 1 2 3 4\r\n",
+        SQUARE.replace("\n", "\r") + "f 1 2 3 4\r",
+        "\ufeff" + SQUARE + "f 1 2 3 4\n",
+        SQUARE.replace(" ", "\t  ") + "f\t1\t\t2 3 4  \t\n",
+        "  \n\n" + SQUARE.replace("v", "  v") + "\n\n \tf 1 2 3 4\n\n",
+        "# a comment # of many \\\n" + SQUARE.replace("\n", " # trailing\n") + "f 1 2 3 4#5\n#",
+        SQUARE.replace("v 1 1 0", "v \\\n1 1 \\  \n 0") + "f 1 2\\\n 3 4\n",
+        SQUARE.replace("v 1 1 0", "v\\\r\n1 1 0") + "f 1 2 3 4\n",
+        SQUARE + "f -4 -3 -2 -1\n",
+        SQUARE + "f 1 -3 +3 -1\n",
+        SQUARE + "f -4 -3 -2 -1\nv 9 9 9\n".replace("v 9 9 9\n", ""),
+        SQUARE.replace(" 0\n", " 0 1.0\n") + "f 1 2 3 4\n",
+        SQUARE.replace(" 0\n", " 0 0.5 .25 1\n") + "f 1 2 3 4\n",
+        SQUARE.replace(" 0\n", " 0 1 0.5 .25 1\n") + "f 1 2 3 4\n",
+        SQUARE.replace("v 1 1 0", "v 1 1 0 0.5 0.5 0.5") + "f 1 2 3 4\n",
+        "v -0. .0E-3 +0\nv +1.0e0 0 0\nv 10E-1 .1e+1 0.e0\nv 0 1. -0e9\nf 01 +2 3 4\n",
+        SQUARE + "vn 0 0 1\nf 1//1 2//1 3//1 4//1\n",
+        SQUARE + "vn 0 0 1\nf 1//-1 2//1 3 -1//7\n",
+        SQUARE + "vt 0 0\nf 1/1 2/1 3 4/1\n",
+        SQUARE + "g a\no b c\ns off\nusemtl m#1\nmtllib x.mtl\nf 1 2 3 4\nl 1 2\np 1\nend\n",
+        (SQUARE + "# M\u00fcller\ng Stra\u00dfe\nf 1 2 3 4\n").encode("latin-1"),
+    ],
+)
+def test_ways_to_write_a_square(read, text):
+    expected = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    assert read(text) == expected
+
+
+def test_negative_indices_count_from_the_face(read):
+    mesh = read("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf -3 -2 -1\n")
+    assert mesh.faces.tolist() == [[0, 1, 2], [3, 4, 5]]
+
+
+def test_faces_of_many_sizes(read):
+    points, faces = zoo.ZOO["carved_prism"]()
+    assert len({len(face) for face in faces}) > 3
+    lines = [f"v {x} {y} {z}\n" for x, y, z in points]
+    lines += ["f " + " ".join(str(v + 1) for v in face) + "\n" for face in faces]
+    assert read("".join(lines)) == ls.Mesh(points, faces)
+
+
+def test_a_file_of_all_corner_forms(read):
+    text = SQUARE + "v 2 0 0\nv 2 1 0\nvt 0 0\nvn 0 0 1\nf 1 2/1 3//1 4/1/1\nf 2 5/-1 6//-1 3/1/1\n"
+    assert read(text).faces.tolist() == [[0, 1, 2, 3], [1, 4, 5, 2]]
+    assert not read(text).channels
+
+
+def test_texture_coordinates(read):
+    texture = "vt 0 0\nvt 1 0\nvt 0.5 1 0\nvt 0.25\n"
+    mesh = read(SQUARE + texture + "f 1/1 2/2 3/3\nf 1/-1 3/-2 4/4\n")
+    values, indices, interpolation = mesh.channels["uv"]
+    assert values.tolist() == [[0, 0], [1, 0], [0.5, 1], [0.25, 0]]
+    assert indices.tolist() == [0, 1, 2, 3, 2, 3]
+    assert interpolation == "corners_plus1"
+    assert read(SQUARE + texture + "f 1/1/1 2/2/1 3/3/1 4/4/1\n").channels["uv"][0].shape == (4, 2)
+
+
+def test_tags(read):
+    mesh = read(
+        SQUARE + "v 2 0 0\nv 2 1 0\nvt 0 0\nf 1/1 2/1 3/1 4/1\nf 2/1 5/1 6/1 3/1\n"
+        "t crease 2/1/0 2 1 1.5\n"
+        "t  crease  4/2/0  0 1  1 4  inf 0.1\n"
+        "t crease 4/1/0 3 2 2 5 4 \n"
+        "t corner 1/1/0 3 2.8\n"
+        "t corner 2/2/0 4 5 1 10\n"
+        "t hole 1/0/0 1\n"
+        "t interpolateboundary 1/0/0 2\n"
+        "t creasemethod 0/0/1 chaikin\n"
+        "t smoothtriangles 0/0/1 smooth\n"
+        "t facevaryinginterpolateboundary 1/0/0 3\n"
+        "t facevaryingpropagatecorners 1/0/0 1\n"
+        "t scheme 0/0/1 loop\n"
+    )
+    assert mesh.creases[0].tolist() == [[0, 1], [1, 2], [1, 4], [2, 3], [2, 5]]
+    assert mesh.creases[1].tolist() == [np.inf, 1.5, 0.1, 4, 4]
+    assert [array.tolist() for array in mesh.corners] == [[3, 4, 5], [2.8, 1, 10]]
+    assert mesh.holes.tolist() == [1]
+    assert (mesh.boundary, mesh.creasing, mesh.triangles) == ("edge_only", "chaikin", "smooth")
+    assert mesh.channels["uv"][2] == "corners_plus2"
+    assert mesh.scheme == "loop"
+
+
+@pytest.mark.parametrize(
+    ("tag", "option", "value"),
+    [
+        ("interpolateboundary 1/0/0 0", "boundary", "none"),
+        ("interpolateboundary 1/0/0 1", "boundary", "edge_and_corner"),
+        ("interpolateboundary 1/0/0 2", "boundary", "edge_only"),
+        ("creasemethod 0/0/1 normal", "creasing", "uniform"),
+        ("creasemethod 0/0/1 chaikin", "creasing", "chaikin"),
+        ("smoothtriangles 0/0/1 catmark", "triangles", "catmull-clark"),
+        ("smoothtriangles 0/0/1 smooth", "triangles", "smooth"),
+        ("smoothtriangles 1/0/0 1", "triangles", "catmull-clark"),
+        ("smoothtriangles 1/0/0 2", "triangles", "smooth"),
+    ],
+)
+def test_tags_of_choices(read, tag, option, value):
+    assert getattr(read(f"{SQUARE}f 1 2 3 4\nt {tag}\n"), option) == value
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_interpolation_of_texture_coordinates(read, number):
+    tag = f"t facevaryinginterpolateboundary 1/0/0 {number}\n"
+    mesh = read(SQUARE + "vt 0 0\nf 1/1 2/1 3/1 4/1\n" + tag)
+    order = ["none", "corners_only", "corners_plus1", "corners_plus2", "boundaries", "all"]
+    assert mesh.channels["uv"][2] == order[number]
+    assert not read(SQUARE + "f 1 2 3 4\n" + tag).channels
+
+
+def test_the_last_of_several_tags_holds(read):
+    mesh = read(
+        SQUARE + "f 1 2 3 4\nt crease 2/1/0 0 1 1\nt crease 2/1/0 1 0 2\nt corner 1/1/0 0 1\n"
+        "t corner 1/1/0 0 3\nt hole 1/0/0 0\nt hole 1/0/0 0\nt interpolateboundary 1/0/0 1\n"
+        "t interpolateboundary 1/0/0 0\n"
+    )
+    assert mesh.creases[1].tolist() == [2]
+    assert mesh.corners[1].tolist() == [3]
+    assert mesh.holes.tolist() == [0]
+    assert mesh.boundary == "none"
+
+
+def test_unknown_tags_and_statements_are_named_once(read):
+    text = (
+        SQUARE + "vcolor 1 1\nf 1 2 3 4\nt vertexedit 2/3/3 1\nvcolor\nt faceedit\nt vertexedit\n"
+    )
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        mesh = read(text)
+    assert mesh.n_faces == 1
+    messages = [str(warning.message).partition("cage.obj, ")[2] for warning in caught]
+    assert messages == [
+        "line 5: statement 'vcolor' is unknown and ignored",
+        "line 7: tag 'vertexedit' is unknown and ignored",
+        "line 9: tag 'faceedit' is unknown and ignored",
+    ]
+    assert {warning.filename for warning in caught} == {__file__}
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".OBJ", ".Obj"])
+def test_suffixes_and_kinds_of_paths(tmp_path, suffix):
+    mesh = ls.Mesh(*zoo.cube())
+    path = tmp_path / f"cube{suffix}"
+    ls.write(path, mesh)
+    for one in path, str(path), os.fsencode(path):
+        assert ls.read(one) == mesh
+
+
+# --- What is broken is located
+
+BROKEN = {
+    "": "need at least one vertex, 'v x y z', got none up to the last line",
+    "# nothing\n": "need at least one vertex",
+    SQUARE: "need at least one face, 'f 1 2 3', got none up to the last line",
+    "solid cube\n": "need at least one vertex",
+    # numbers
+    SQUARE + "v 0 0 zero\nf 1 2 3\n": "line 5: got 'zero', need a finite number",
+    SQUARE + "f 1 2 3\n\n\nv 0 1e 0\n": "line 8: got '1e', need a finite number",
+    "v 0 \\\n0 0\nv 1 \\\n nan 0\n": "line 3: got 'nan', need a finite number",
+    "#\n# two\nv inf 0 0\n": "line 3: got 'inf', need a finite number",
+    "v 0 0 -1e999\n": "line 1: got '-1e999', need a finite number",
+    "v 1,0 2 3\n": "line 1: got '1,0', need a finite number",
+    "v 1 2 3_0\n": "line 1: got '3_0', need a finite number",
+    "v 1 2 0x1\n": "line 1: got '0x1', need a finite number",
+    "v 1 2 1-2\n": "line 1: got '1-2', need a finite number",
+    "v 1 2 -\n": "line 1: got '-', need a finite number",
+    "v 1 2 1.2.3\n": "line 1: got '1.2.3', need a finite number",
+    "v 1 2 3\\ \nv 1 2 3": "line 1: got 'v', need a finite number",
+    "v 0 0 0\nv 0 0\n": "line 2: got a vertex of 2 numbers, need 3, 4, 6 or 7",
+    "v\n": "line 1: got a vertex of 0 numbers",
+    "v 1 2 3 4 5\n": "line 1: got a vertex of 5 numbers, need 3, 4, 6 or 7",
+    SQUARE + "vt 1 2 3 4\n": "line 5: got a texture coordinate of 4 numbers, need 1, 2 or 3",
+    SQUARE + "vt 1 x\n": "line 5: got 'x', need a finite number",
+    # corners
+    SQUARE + "f 1 2 3\nf 1 2\n": "line 6: got a face of 2 corners, need three or more",
+    SQUARE + "f\n": "line 5: got a face of 0 corners, need three or more",
+    SQUARE + "f 1 2 3.5 4\n": "line 5: got '3.5', need integers as v, v/vt, v//vn or v/vt/vn",
+    SQUARE + "f 1 2 3 4\nf 1 2 x\n": "line 6: got 'x', need integers as v, v/vt, v//vn or v/vt",
+    SQUARE + "f 1/ 2 3\n": "line 5: got '1/', need integers",
+    SQUARE + "f 1// 2 3\n": "line 5: got '1//', need integers",
+    SQUARE + "f 1 2/1/ 3\n": "line 5: got '2/1/', need integers",
+    SQUARE + "f 1 /2 3\n": "line 5: got '/2', need integers",
+    SQUARE + "f /1/2 3 4\n": "line 5: got '/1/2', need integers",
+    SQUARE + "f 1 2/1/1/1 3\n": "line 5: got '2/1/1/1', need integers",
+    SQUARE + "f 1 2 3///1\n": "line 5: got '3///1', need integers",
+    SQUARE + "f 1 2 ////\n": "line 5: got '////', need integers",
+    SQUARE + "f 1-2/1 3/ 4/1\n": "line 5: got '1-2/1', need integers",
+    SQUARE + "f 1 2 -\n": "line 5: got '-', need integers",
+    SQUARE + "f 1 2 3- 4\n": "line 5: got '3-', need integers",
+    SQUARE + "f 1 2 --3\n": "line 5: got '--3', need integers",
+    SQUARE + "f 1 2 3 \\": "line 5: got '\\\\', need integers",
+    SQUARE + "f 1 2 0\n": "line 5: got vertex index 0, need 1 to 4, or -4 to -1 for those before",
+    SQUARE + "f 1 2 5\n": "line 5: got vertex index 5, need 1 to 4, or -4 to -1",
+    "v 0 0 0\nf 1 2 -2\n" + SQUARE: "line 2: got vertex index -2, need 1 to 5, or -1 to -1",
+    SQUARE + "f 1 2 99999999999999999999\n": "line 5: got vertex index 9223372036854775807",
+    SQUARE + "f 1 2 -99999999999999999999\n": "line 5: got vertex index ",
+    SQUARE + "vt 0 0\nf 1/1 2/2 3/1\n": "line 6: got texture coordinate index 2, need 1 to 1",
+    SQUARE + "f 1/1 2/1 3/1\n": "line 5: got texture coordinate index 1, but have none",
+    SQUARE + "vt 0 0\nf 1/0 2/1 3/1\n": "line 6: got texture coordinate index 0, need 1 to 1",
+    # cages that are none
+    SQUARE + "f 1 2 3\nf 1 2 2\n": "line 6: face 1 has vertex 1 more than once (counting from 0)",
+    SQUARE + "f 1 2 3\nf 2 1 4\nf 1 2 4\n": "lines 5, 6, 7: edge (0, 1) has 3 faces (0, 1, 2)",
+    SQUARE + "f 1 2 3\n\nf 1 2 4\n": "lines 5, 7: edge (0, 1): faces 0 and 1 run along it in",
+    # tags
+    SQUARE + "f 1 2 3 4\nt\n": "line 6: got 't', need the name of a tag after it",
+    SQUARE + "f 1 2 3 4\n#\nt crease 2/1/0 0 2 1\n": "line 7: crease (0, 2): the mesh has no such",
+    SQUARE + "f 1 2 3\nt corner 1/1/0 4 1\n": "line 6: corner 4 is out of range, need 0 to 3",
+    SQUARE + "f 1 2 3\nt hole 1/0/0 1\n": "line 6: hole 1 is out of range, need 0 to 0",
+    SQUARE + "f 1 2 3\nt crease 2/1/0 1 0 -1\n": "line 6: crease (0, 1): sharpness -1.0 is not in",
+    SQUARE + "f 1 2 3\nt corner 1/1/0 1 nan\n": "line 6: corner 1: sharpness nan is not in",
+    # truncated
+    SQUARE[:-3]: "line 4: got a vertex of 2 numbers",
+    SQUARE + "f 1 2": "line 5: got a face of 2 corners",
+    SQUARE + "f 1 2 3/": "line 5: got '3/', need integers",
+    SQUARE + "f 1 2 3 4\nt corner 1/1": "line 6: got tag 'corner 1/1', need",
+    # binaries
+    b"\x89PNG\r\n\x1a\n\x00\x00": "line 1: got '\\\\x89PNG', need a statement of an OBJ file",
+    b"\xff\xfev\x00 \x000\x00": "line 1: got '\\\\xff\\\\xfev",
+    b"\x00" * 100: "line 1: got '\\x00",
+    b"v 0 0 \xff\n": "line 1: got '\\\\xff', need a finite number",
+    b"v 0 0 1\x002\n": "line 1: got '1\\x002', need a finite number",
+    "v 0 0 0\nf 1 1 \u0661\n": "line 2: got '\u0661', need integers",
+    "ply\nformat ascii 1.0\n0 0 0\n": "line 3: got '0 0 0', need a statement of an OBJ file",
+    "{" + "x" * 99: "line 1: got '{" + "x" * 39 + "...', need a statement of an OBJ file",
+}
+
+
+@pytest.mark.parametrize(("text", "message"), BROKEN.items())
+def test_broken_files(refused, text, message):
+    assert refused(text).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("tag", "need"),
+    [
+        ("crease 2/1/0 0 1", "'crease 2/1/0 a b sharpness', or more pairs"),
+        ("crease 2/1/0 0 1 1 1", "'crease 2/1/0 a b sharpness'"),
+        ("crease 1/1/0 0 1", "'crease 2/1/0 a b sharpness'"),
+        ("crease 4/3/0 0 1 1 2 1 1 1", "'crease 2/1/0 a b sharpness'"),
+        ("crease 2/1/0 0 1.5 1", "'crease 2/1/0 a b sharpness'"),
+        ("crease 2/1/0 0 1 sharp", "'crease 2/1/0 a b sharpness'"),
+        ("crease 2/1 0 1 1", "'crease 2/1/0 a b sharpness'"),
+        ("crease 2/x/0 0 1 1", "'crease 2/1/0 a b sharpness'"),
+        ("crease 3/-1/0 0 1", "'crease 2/1/0 a b sharpness'"),
+        ("crease 2/1/0 0 99999999999999999999 1", "'crease 2/1/0 a b sharpness'"),
+        ("crease 2/1/1 0 1 1 x", "'crease 2/1/0 a b sharpness'"),
+        ("crease 0/0/1 1", "'crease 2/1/0 a b sharpness'"),
+        ("crease", "'crease 2/1/0 a b sharpness'"),
+        ("corner 1/0/0 1", "'corner 1/1/0 vertex sharpness', or more vertices"),
+        ("corner 2/3/0 0 1 1 1 1", "'corner 1/1/0 vertex sharpness'"),
+        ("hole 0/0/1 0", "'hole 1/0/0 face', or more faces"),
+        ("hole 1/1/0 0 1", "'hole 1/0/0 face', or more faces"),
+        ("interpolateboundary 1/0/0 3", "'interpolateboundary 1/0/0 x', x of 0, 1, 2"),
+        ("interpolateboundary 2/0/0 1 1", "'interpolateboundary 1/0/0 x', x of 0, 1, 2"),
+        ("interpolateboundary 0/1/0 1", "'interpolateboundary 1/0/0 x', x of 0, 1, 2"),
+        ("creasemethod 0/0/1 uniform", "'creasemethod 0/0/1 x', x of normal, chaikin"),
+        ("creasemethod 0/0/0", "'creasemethod 0/0/1 x', x of normal, chaikin"),
+        ("smoothtriangles 1/0/0 0", "'smoothtriangles 0/0/1 x', x of catmark, smooth, 1, 2"),
+        ("facevaryinginterpolateboundary 1/0/0 6", "'facevaryinginterpolateboundary 1/0/0 x', x"),
+        ("scheme 0/0/0", "'scheme 0/0/1 name'"),
+        ("scheme 1/0/0 3", "'scheme 0/0/1 name'"),
+    ],
+)
+def test_broken_tags(refused, tag, need):
+    message = refused(f"{SQUARE}f 1 2 3 4\nt {tag}\n")
+    start = f"line 6: got tag {tag[:40]!r}".rstrip("'")
+    assert message.startswith(start)
+    assert f", need {need}" in message
+
+
+def test_the_first_culprit_among_many_lines_is_found(refused):
+    n = 2000
+    lines = [f"v {i} {i % 7} 0" for i in range(n)] + [
+        f"f {i + 1} {i + 2} {i + 3}" for i in range(0, n - 3, 3)
+    ]
+    for at, bad in (0, "v 1 2 x"), (n - 1, "v 1 2 x"), (n // 3, "v x y z"), (n + 7, "f 1 2 3x"):
+        broken = list(lines)
+        broken[at] = bad
+        broken[n - 1 if at < n else -1] += " x"
+        assert refused("\n".join(broken)).startswith(f"line {at + 1}: got ")
+
+
+@pytest.mark.parametrize("seed", range(200))
+def test_noise_is_refused_or_read_but_nothing_else(tmp_path, seed):
+    """Bytes of a good file changed, cut or doubled at random: a mesh, or a MeshError."""
+    g = random.Random(seed)
+    good = (SQUARE + "vt 0 0\nf 1/1 2/1 3/1\nf 1/1 3/1 4/1\nt crease 2/1/0 0 1 2\n").encode()
+    data = bytearray(good)
+    for _ in range(g.randrange(1, 8)):
+        at = g.randrange(len(data))
+        change = g.randrange(3)
+        if change == 0:
+            data[at] = g.choice(b" \n\\/-+.e#0123456789vft\t\r\x00\xff\x0b")
+        elif change == 1:
+            del data[at : at + g.randrange(10)]
+        else:
+            data[at:at] = data[at : at + g.randrange(10)]
+        data = data or bytearray(good)
+    path = tmp_path / "noise.obj"
+    path.write_bytes(data)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".* is unknown and ignored")
+        try:
+            assert np.isfinite(ls.read(path).points).all()
+        except ls.MeshError as error:
+            message = str(error)
+        else:
+            return
+    assert re.search(r"noise\.obj(, lines? [\d, ]+)?: ", message)
+
+
+# --- Files that are none
+
+
+def test_no_such_file(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        ls.read(tmp_path / "none.obj")
+
+
+def test_directory(tmp_path):
+    (tmp_path / "folder.obj").mkdir()
+    with pytest.raises(OSError, match=r"folder\.obj"):
+        ls.read(tmp_path / "folder.obj")
+
+
+def test_unknown_suffix(tmp_path):
+    path = tmp_path / "cube.stl"
+    path.write_text("solid")
+    with pytest.raises(ValueError, match=r"cube\.stl: unknown suffix '\.stl', need one of \.obj$"):
+        ls.read(path)
+    with pytest.raises(ValueError, match=r"cube: unknown suffix '', need one of \.obj$"):
+        ls.write(tmp_path / "cube", ls.Mesh(*zoo.cube()))
+    assert os.listdir(tmp_path) == ["cube.stl"]
+
+
+def test_no_path():
+    with pytest.raises(TypeError):
+        ls.read(3)
+    with pytest.raises(TypeError):
+        ls.write(None, ls.Mesh(*zoo.cube()))
+
+
+# --- Writing
+
+
+def same(tmp_path, mesh):
+    path = tmp_path / "again.obj"
+    ls.write(path, mesh)
+    assert ls.read(path) == mesh
+    return path.read_text()
+
+
+@pytest.mark.parametrize("name", zoo.ZOO)
+def test_the_zoo_comes_back(tmp_path, name):
+    same(tmp_path, ls.Mesh(*zoo.ZOO[name]()))
+
+
+@given(st.data())
+def test_random_tagged_cages_come_back(tmp_path_factory, data):
+    points, faces = data.draw(zoo.cages(max_steps=3))
+    mesh = ls.Mesh(points, faces)
+    sharpness = st.floats(0, allow_nan=False)
+    finite = st.floats(allow_nan=False, allow_infinity=False)
+    edges = st.sampled_from(list(map(tuple, mesh.edges.tolist())))
+    vertices = st.integers(0, mesh.n_vertices - 1)
+    uv = data.draw(st.lists(st.tuples(finite, finite), max_size=4))
+    rows = [i * i % max(len(uv), 1) for i in range(mesh.n_corners)]
+    tagged = ls.Mesh(
+        mesh.points * data.draw(st.floats(-1e300, 1e300)),
+        faces,
+        creases=data.draw(st.dictionaries(edges, sharpness, max_size=3)),
+        corners=data.draw(st.dictionaries(vertices, sharpness, max_size=3)),
+        holes=sorted(data.draw(st.sets(st.integers(0, mesh.n_faces - 1), max_size=3))),
+        scheme=data.draw(st.sampled_from([None, "catmull-clark", "loop"])),
+        boundary=data.draw(st.sampled_from([None, "none", "edge_only", "edge_and_corner"])),
+        creasing=data.draw(st.sampled_from([None, "uniform", "chaikin"])),
+        triangles=data.draw(st.sampled_from([None, "catmull-clark", "smooth"])),
+        channels={"uv": (uv, rows, data.draw(st.sampled_from(INTERPOLATION)))} if uv else None,
+    )
+    same(tmp_path_factory.mktemp("again"), tagged)
+
+
+def test_text(tmp_path):
+    mesh = ls.Mesh(
+        [[0, 0.1, 1e-300], [1 / 3, -0.0, 1e22], [5e-324, 2, 3]],
+        [[0, 1, 2]],
+        creases={(0, 2): np.inf, (1, 0): 0.1},
+        corners={2: 3},
+        holes=[0],
+        scheme="loop",
+        boundary="edge_only",
+        creasing="uniform",
+        triangles="catmull-clark",
+        channels={"uv": ([[0, 0.5], [1, 0.1]], [0, 1, 1], "boundaries")},
+    )
+    assert same(tmp_path, mesh) == (
+        "v 0.0 0.1 1e-300\n"
+        "v 0.3333333333333333 -0.0 1e+22\n"
+        "v 5e-324 2.0 3.0\n"
+        "vt 0.0 0.5\n"
+        "vt 1.0 0.1\n"
+        "\n"
+        "f 1/1 2/2 3/2\n"
+        "t crease 2/1/0 0 1 0.1\n"
+        "t crease 2/1/0 0 2 inf\n"
+        "t corner 1/1/0 2 3.0\n"
+        "t hole 1/0/0 0\n"
+        "t interpolateboundary 1/0/0 2\n"
+        "t creasemethod 0/0/1 normal\n"
+        "t smoothtriangles 0/0/1 catmark\n"
+        "t facevaryinginterpolateboundary 1/0/0 4\n"
+        "t scheme 0/0/1 loop\n"
+    )
+    signs = np.signbit(ls.read(tmp_path / "again.obj").points[1])
+    assert signs.tolist() == [False, True, False]
+
+
+def test_exact_points_are_rounded(tmp_path):
+    points = np.array([[Fraction(1, 3), 0, 0], [1, 0, 0], [0, 2**60 + 1, 0]], dtype=object)
+    mesh = ls.Mesh(points, [[0, 1, 2]], creases={(0, 1): Fraction(5, 2), (1, 2): Fraction(1, 3)})
+    path = tmp_path / "exact.obj"
+    ls.write(path, mesh)
+    again = ls.read(path)
+    assert again.points.tolist() == [[1 / 3, 0, 0], [1, 0, 0], [0, 2.0**60, 0]]
+    assert again.creases[1].tolist() == [2.5, 1 / 3]
+
+
+@pytest.mark.parametrize(
+    ("mesh", "message"),
+    [
+        (ls.Mesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]), r"shape \(3, 2\), need \(n_vertices, 3\)"),
+        (ls.Mesh(np.zeros((3, 3, 1)), [[0, 1, 2]]), r"shape \(3, 3, 1\), need"),
+        (ls.Mesh([[10**400, 0, 0]] * 3, [[0, 1, 2]]), "a coordinate is beyond float64"),
+        (
+            ls.Mesh(np.zeros((3, 3)), [[0, 1, 2]], scheme=object()),
+            "scheme: an OBJ file holds a name",
+        ),
+        (ls.Mesh(np.zeros((3, 3)), [[0, 1, 2]], scheme="a b"), "of one word, got 'a b'"),
+        (ls.Mesh(np.zeros((3, 3)), [[0, 1, 2]], scheme="a#"), "of one word, got 'a#'"),
+        (
+            ls.Mesh(np.zeros((3, 3)), [[0, 1, 2]], channels={"st": ([[0, 0]], [0] * 3, "all")}),
+            r"channel 'st' of shape \(1, 2\): an OBJ file holds one, 'uv', of \(k, 2\)",
+        ),
+        (
+            ls.Mesh(np.zeros((3, 3)), [[0, 1, 2]], channels={"uv": ([[0] * 3], [0] * 3, "all")}),
+            r"channel 'uv' of shape \(1, 3\): an OBJ file holds one",
+        ),
+    ],
+)
+def test_what_an_obj_file_cannot_hold(tmp_path, mesh, message):
+    path = tmp_path / "old.obj"
+    path.write_text("old")
+    with pytest.raises(ValueError, match=message):
+        ls.write(path, mesh)
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["old.obj"]
+
+
+def test_a_file_is_replaced_whole(tmp_path):
+    path = tmp_path / "cube.obj"
+    ls.write(path, ls.Mesh(*zoo.torus(5, 5)))
+    ls.write(path, ls.Mesh(*zoo.cube()))
+    assert ls.read(path) == ls.Mesh(*zoo.cube())
+    assert os.listdir(tmp_path) == ["cube.obj"]
+
+
+# --- PyVista
+
+
+@pytest.mark.parametrize(
+    "name", ["cube", "dodecahedron", "carved_prism", "grid_3x3", "disconnected"]
+)
+def test_pyvista_comes_back(name):
+    mesh = ls.Mesh(*zoo.ZOO[name]())
+    surface = ls.to_pyvista(mesh)
+    assert surface.n_cells == mesh.n_faces
+    assert surface.n_points == mesh.n_vertices
+    assert ls.from_pyvista(surface) == mesh
+    assert ls.from_pyvista(surface.cast_to_unstructured_grid()) == mesh
+    surface.points[0] = 7
+    assert mesh.points[0].tolist() != [7, 7, 7]
+
+
+def test_pyvista_keeps_double_precision():
+    mesh = ls.Mesh(np.random.default_rng(0).random((3, 3)), [[0, 1, 2]])
+    assert np.array_equal(ls.to_pyvista(mesh).points, mesh.points)
+
+
+def test_pyvista_with_tags():
+    cube = ls.to_pyvista(ls.Mesh(*zoo.cube()))
+    mesh = ls.from_pyvista(cube, creases={(0, 1): 2}, boundary="none")
+    assert mesh == ls.Mesh(*zoo.cube(), creases={(0, 1): 2}, boundary="none")
+
+
+def test_pyvista_ignores_lines_and_vertices():
+    import pyvista
+
+    triangle = pyvista.PolyData(np.eye(3), faces=[3, 0, 1, 2], lines=[2, 0, 1], verts=[1, 2])
+    assert ls.from_pyvista(triangle).faces.tolist() == [[0, 1, 2]]
+
+
+def test_pyvista_refuses():
+    import pyvista
+
+    with pytest.raises(ValueError, match="triangle strips, need polygons"):
+        ls.from_pyvista(pyvista.PolyData(np.eye(4)[:, :3], strips=[4, 0, 1, 2, 3]))
+    with pytest.raises(ls.MeshError, match="at least one face"):
+        ls.from_pyvista(pyvista.PolyData(np.eye(3)))
+    with pytest.raises(ls.MeshError, match="at least one"):
+        ls.from_pyvista(pyvista.PolyData())
+    solid = pyvista.ImageData(dimensions=(2, 2, 2)).cast_to_unstructured_grid()
+    with pytest.raises(ValueError, match=r"cell 0 is a \w+, need polygons only: call .extract_sur"):
+        ls.from_pyvista(solid)
+    with pytest.raises(TypeError, match=r"got ImageData: .* become PolyData by .extract_surface"):
+        ls.from_pyvista(pyvista.ImageData(dimensions=(2, 2, 2)))
+    with pytest.raises(TypeError, match="got list"):
+        ls.from_pyvista([1, 2])
+    with pytest.raises(ValueError, match="need"):
+        ls.to_pyvista(ls.Mesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]))
+
+
+def test_without_pyvista(monkeypatch):
+    original = builtins.__import__
+
+    def missing(name, *arguments, **keywords):
+        if name == "pyvista":
+            raise ImportError(name)
+        return original(name, *arguments, **keywords)
+
+    monkeypatch.setattr(builtins, "__import__", missing)
+    monkeypatch.delitem(sys.modules, "pyvista", raising=False)
+    with pytest.raises(ImportError, match=r"pip install limitsurf\[plot\]"):
+        ls.to_pyvista(ls.Mesh(*zoo.cube()))
+    with pytest.raises(ImportError, match=r"pip install limitsurf\[plot\]"):
+        ls.from_pyvista(None)
+
+
+# --- Cages of others, where they are at hand
+
+NON_MANIFOLD = {
+    "catmark_fan.obj": r"lines 59, 62, 66: edge \(7, 8\) has 3 faces \(2, 5, 9\), need one",
+    "catmark_gregory_test4.obj": "lines 20, 21: vertex 4: its 2 faces are not one fan",
+    "catmark_nonman_edges.obj": "line 163: face 24 has vertex 51 more than once; 17 more like it",
+}
+
+
+@pytest.mark.parametrize("path", sorted(CAGES.glob("*.obj")), ids=lambda path: path.stem)
+def test_cages_of_others(tmp_path, path):
+    if path.name in NON_MANIFOLD:
+        with pytest.raises(ls.MeshError, match=rf"{path.name}, {NON_MANIFOLD[path.name]}"):
+            ls.read(path)
+        return
+    mesh = ls.read(path)
+    same(tmp_path, mesh)
+    text = path.read_text()
+    rows = re.findall(r"^v\s+(\S+)\s+(\S+)\s+(\S+)", text, re.MULTILINE)
+    assert mesh.points.tolist() == [list(map(float, row)) for row in rows]
+    faces = [line.split()[1:] for line in text.splitlines() if line.startswith("f ")]
+    assert [list(face) for face in mesh.faces] == [
+        [int(corner.split("/")[0]) - 1 for corner in face] for face in faces
+    ]
+    assert len(mesh.creases[0]) == len(
+        {frozenset(pair) for pair in re.findall(r"^t\s+crease\s+2/1/0\s+(\d+)\s+(\d+)", text, re.M)}
+    )
