@@ -236,7 +236,7 @@ def test_points_that_are_no_numbers(points, message):
 
 
 def test_points_of_no_shape():
-    with pytest.raises(MeshError, match="^coordinates do not form an array: "):
+    with pytest.raises(MeshError, match=r"^coordinates do not form an array: "):
         Mesh([[0, 0], [1], [2, 3]], [[0, 1, 2]])
     with pytest.raises(
         MeshError, match=r"^need at least one vertex, got coordinates of shape \(\)"

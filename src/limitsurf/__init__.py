@@ -12,14 +12,35 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from limitsurf.exact.scheme import Scheme
-    from limitsurf.mesh import Mesh, MeshError
-    from limitsurf.query import validate
-    from limitsurf.refine import ExactOperator, RefinedMesh, refined
-    from limitsurf.shell.io import from_pyvista, read, to_pyvista, write
-    from limitsurf.shell.plot import plot
-    from limitsurf.surface import LimitSurface
-    from limitsurf.tables import Eigenbasis, eigenbasis
+    from limitsurf.exact.scheme import Scheme as Scheme
+    from limitsurf.mesh import Mesh as Mesh
+    from limitsurf.mesh import MeshError as MeshError
+    from limitsurf.query import validate as validate
+    from limitsurf.refine import (
+        ExactOperator as ExactOperator,
+    )
+    from limitsurf.refine import (
+        RefinedMesh as RefinedMesh,
+    )
+    from limitsurf.refine import (
+        refined as refined,
+    )
+    from limitsurf.shell.io import (
+        from_pyvista as from_pyvista,
+    )
+    from limitsurf.shell.io import (
+        read as read,
+    )
+    from limitsurf.shell.io import (
+        to_pyvista as to_pyvista,
+    )
+    from limitsurf.shell.io import (
+        write as write,
+    )
+    from limitsurf.shell.plot import plot as plot
+    from limitsurf.surface import LimitSurface as LimitSurface
+    from limitsurf.tables import Eigenbasis as Eigenbasis
+    from limitsurf.tables import eigenbasis as eigenbasis
 
 __version__ = "0.1.0"
 
@@ -41,7 +62,7 @@ _HOME = {
     "validate": "query",
     "write": "shell.io",
 }
-__all__ = [*_HOME]  # noqa: PLE0604
+__all__ = [*_HOME]
 
 
 def __getattr__(name: str) -> Any:

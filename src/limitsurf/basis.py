@@ -42,7 +42,12 @@ class CornerPlace:
         """Locate (s, t) in patches turned by `turn` corners against their limit face."""
         # lines between pieces belong to the side nearer corner 0 of the limit face; s grows
         # against u or v where the patch is turned by 2 or 3 corners, t by 1 or 2
-        return cls(*kernels.split_corner(s, t, (turn == 2) | (turn == 3), (turn == 1) | (turn == 2)))
+        against_s, against_t = (turn == 2) | (turn == 3), (turn == 1) | (turn == 2)
+        return cls(*kernels.split_corner(s, t, against_s, against_t))
+
+    def __getitem__(self, here: Array) -> CornerPlace:
+        """The places of some queries, by mask or index."""
+        return CornerPlace(self.level[here], self.piece[here], self.S[here], self.T[here])
 
 
 @dataclass(frozen=True)
@@ -89,7 +94,8 @@ def eigen_weights(
     _, _, level = powers
     order = sum(nu)
     rows, corner = _eigen_rows(table, place, powers, nu)
-    mantissa, exponent = kernels.scaled_power(*table.eigenvalues[:, 1], level)
+    high, low = table.eigenvalues[:, 1].tolist()
+    mantissa, exponent = kernels.scaled_power(high, low, level)
     rows = rows * mantissa[:, None]
     exponent = exponent + order * (level + 1)
     if corner.any():
@@ -145,7 +151,7 @@ def vanishes_at_corner(table: EigenTable, nu: tuple[int, int]) -> bool:
 def control_weights(table: EigenTable, weights: EigenWeights) -> Array:
     """The same weights in terms of the control points, (Q, K)."""
     result = kernels.scale_by_two(weights.rows @ table.Vinv[1:], weights.exponent[:, None])
-    return np.asarray(result + table.Vinv[0]) if weights.with_limit else result
+    return np.asarray(result + table.Vinv[0] if weights.with_limit else result)
 
 
 def rational_weights(
@@ -158,13 +164,13 @@ def rational_weights(
     """
     size = table.numerators.shape[1]
     b = kernels.bicubic_weights(place.S, place.T, nu)
-    # integers over one denominator per query
-    unit = [lcm(*(w.denominator for w in row)) for row in b]
+    # integers over one denominator per query: far faster than Fractions
+    unit = np.array([lcm(*(w.denominator for w in row)) for row in b], dtype=object)
     rows = np.zeros((len(b), len(table.numerators)), dtype=object)
     for piece in range(3):
         here = np.flatnonzero(place.piece == piece)
         for k, row in enumerate(table.pieces[piece]):
-            rows[here, row] += [w.numerator * (unit[q] // w.denominator) for q, w in zip(here, b[here, k], strict=True)]
+            rows[here, row] += [int(w) for w in b[here, k] * unit[here]]
     rows = rows.dot(table.numerators)
     r, c = np.nonzero(table.numerators[:size])
     order = np.argsort(c, kind="stable")
@@ -173,16 +179,10 @@ def rational_weights(
     for done in range(int(place.level.max(initial=0))):
         going = np.flatnonzero(place.level > done)
         rows[going] = np.add.reduceat(rows[going][:, r] * values, starts, axis=1)
-    weights = np.empty_like(rows)
-    for q, level in enumerate(place.level.tolist()):
-        scale = Fraction(2 ** (sum(nu) * (level + 1)), unit[q] * table.denominator ** (level + 1)) if level >= 0 else 0
-        weights[q] = [scale * x for x in rows[q]]
-    corner = place.level < 0
-    if sum(nu) == 0:
-        valence = table.valence
-        own, neighbour, across = table.limit_mask
-        mask = [own, *[neighbour, across] * valence, *[Fraction(0)] * 7]
-        weights[corner] = np.array(mask, dtype=object)
-    else:
-        weights[corner] = at_corner
-    return weights
+    steps = np.maximum(place.level, 0).astype(object) + 1
+    scale = Fraction(2) ** sum(nu) * np.array(Fraction(1, table.denominator), dtype=object)
+    weights = rows * (scale**steps / unit)[:, None]
+    own, neighbour, across = table.limit_mask
+    mask = [own, *[neighbour, across] * table.valence, *[Fraction(0)] * 7]
+    weights[place.level < 0] = at_corner if sum(nu) else np.array(mask, dtype=object)
+    return np.asarray(weights)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from limitsurf._kernels import reference as kernels
 from limitsurf.mesh import Mesh
 from limitsurf.refine import (
+    ExactOperator,
     Rules,
     child_faces,
     first_limit_face,
@@ -239,12 +240,7 @@ class PatchTable:
         stages = refinement_stages(part, rules, self._dtype)
         numbers = ids[used]
         for stage in stages:
-            entry = stage.tocoo() if self._dtype != object else stage
-            columns = entry.columns if self._dtype == object else entry.col
-            rows = entry.rows if self._dtype == object else entry.row
-            values = entry.values if self._dtype == object else entry.data
-            shape = (stage.shape[0], self.n_points)
-            new = self._extend(sparse_operator(rows, numbers[columns], values, shape))
+            new = self._extend(_renumbered(stage, numbers, self.n_points))
             numbers = np.concatenate([numbers, new])
         ids = new
         children = Mesh._from_valid(
@@ -305,6 +301,16 @@ def irregular_boundary(mesh: Mesh, rules: Rules) -> Array:
     return np.unique(mesh.indices[with_limit & odd[mesh.indices]])
 
 
+def _renumbered(operator: Any, numbers: Array, n_columns: int) -> Any:
+    """The operator on columns `numbers` of `n_columns`."""
+    if isinstance(operator, ExactOperator):
+        rows, columns, values = operator.rows, operator.columns, operator.values
+    else:
+        entries = operator.tocoo()
+        rows, columns, values = entries.row, entries.col, entries.data
+    return sparse_operator(rows, numbers[columns], values, (operator.shape[0], n_columns))
+
+
 # grid positions 4 j + i of the corners of the quad and of the points beyond them
 _CORNER = np.array([5, 6, 10, 9])
 _ACROSS = np.array([1, 7, 14, 8])
@@ -329,4 +335,5 @@ def _ring(mesh: Mesh, ids: Array, corner: Array, valence: int) -> Array:
     h = mesh.ring_corners[mesh.ring_offsets[vertex][:, None] + turns]
     neighbour = mesh.next_corner[h]
     pairs = np.stack([mesh.indices[neighbour], mesh.indices[mesh.next_corner[neighbour]]], axis=-1)
-    return ids[np.concatenate([vertex[:, None], pairs.reshape(len(corner), -1)], axis=1)]
+    ring = np.concatenate([vertex[:, None], pairs.reshape(len(corner), -1)], axis=1)
+    return np.asarray(ids[ring])

@@ -33,8 +33,8 @@ def validate(surface: LimitSurface, levels: int) -> NDArray[Any]:
         largest distance of the vertices moved to their limit. Vertices without a limit are left
         out; NaN if there are none with one. The order is 2 where the surface is regular. Next to
         an extraordinary vertex of subdominant eigenvalue lambda, parents follow the parameters,
-        not the points, and the error falls by lambda: the order tends to log2(1 / lambda), 0.86
-        at valence 5, or to 2 if that is less.
+        not the points, and the error falls by lambda: the order tends to log2(1 / lambda), 1.29 at
+        valence 3, 0.86 at 5, 0.61 as the valence grows.
 
     Raises
     ------

@@ -178,9 +178,7 @@ class LimitSurface:
 
     # ------------------------------------------------------------------ public evaluation
 
-    def evaluate(
-        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, nu: Order = (0, 0)
-    ) -> Any:
+    def evaluate(self, face: ArrayLike, u: ArrayLike, v: ArrayLike, nu: Order = (0, 0)) -> Any:
         """Positions on the limit surface, or derivatives of any order.
 
         Parameters
@@ -432,8 +430,13 @@ class LimitSurface:
             new = slice(done, done + operator.shape[0])
             anchor[new] = anchor[operator.indices[operator.indptr[:-1]]]
             offset[new] = kernels.differences(
-                operator.indptr, operator.indices, operator.data,
-                self._flat, anchor, offset, anchor[new],
+                operator.indptr,
+                operator.indices,
+                operator.data,
+                self._flat,
+                anchor,
+                offset,
+                anchor[new],
             )
             done = new.stop
         return anchor, offset
@@ -452,10 +455,14 @@ class LimitSurface:
         """The derivatives of the given orders, each of the shape that `evaluate` promises."""
         face, u, v, exact = self._queries(face, u, v)
         results = self._over_chunks(
-            face, u, v, exact, len(orders),
-            lambda g, ids: self._exact_values(g, ids, orders)
-            if exact
-            else self._float_values(g, ids, orders),
+            face,
+            u,
+            v,
+            exact,
+            len(orders),
+            lambda g, ids: (
+                self._exact_values(g, ids, orders) if exact else self._float_values(g, ids, orders)
+            ),
         )
         shape = face.shape + self.points.shape[1:]
         return [r.reshape(shape)[()] for r in results]
@@ -474,7 +481,12 @@ class LimitSurface:
         return along, across, face.shape
 
     def _over_chunks(
-        self, face: Array, u: Array, v: Array, exact: bool, n_results: int,
+        self,
+        face: Array,
+        u: Array,
+        v: Array,
+        exact: bool,
+        n_results: int,
         compute: Callable[[_Group, Array], Sequence[Array]],
     ) -> list[Array]:
         """Arrays (Q, d) of `compute` over all queries, some thousands at a time; NaN elsewhere."""
@@ -517,13 +529,11 @@ class LimitSurface:
             value = np.empty((len(which), origin.shape[1]))
             for order in set(turned):
                 here = np.array([o == order for o in turned])[g.turn]
-                sub = basis.CornerPlace(
-                    place.level[here], place.piece[here], place.S[here], place.T[here]
-                )
-                w = basis.eigen_weights(table, sub, tuple(p[here] for p in powers), order)
-                part = _contract(w.rows, modes[which[here], 1:])
-                part = _scaled(part, w.exponent + g.depth[here] * sum(nu))
-                if w.with_limit:
+                diagonal, chained, level = (x[here] for x in powers)
+                eigen = basis.eigen_weights(table, place[here], (diagonal, chained, level), order)
+                part = _contract(eigen.rows, modes[which[here], 1:])
+                part = _scaled(part, eigen.exponent + g.depth[here] * sum(nu))
+                if eigen.with_limit:
                     part = part + modes[which[here], 0] + origin[which[here]]
                 value[here] = part
             values.append(value * sign[g.turn][:, None])
@@ -538,8 +548,7 @@ class LimitSurface:
             ]
         table, place, powers, _, modes, which = self._corner(g, ids)
         ds, dt = (
-            _contract(w.rows, modes[which, 1:])
-            for w in basis.eigen_tangents(table, place, powers)
+            _contract(w.rows, modes[which, 1:]) for w in basis.eigen_tangents(table, place, powers)
         )
         odd, turn = (g.turn % 2 == 1)[:, None], g.turn[:, None]
         along = np.where(odd, dt, ds) * np.where((turn == 1) | (turn == 2), -1, 1)
@@ -578,17 +587,15 @@ class LimitSurface:
         result = np.empty((len(g.s), table.size), dtype=dtype)
         for order in set(turned):
             here = np.array([o == order for o in turned])[g.turn]
-            sub = basis.CornerPlace(
-                place.level[here], place.piece[here], place.S[here], place.T[here]
-            )
+            sub = place[here]
             if exact:
                 zero = basis.vanishes_at_corner(table, order)
                 rational = tables.rational_table(self._rules.scheme, g.kind)
                 at_corner = Fraction(0) if zero else np.nan
                 result[here] = basis.rational_weights(rational, sub, order, at_corner)
             else:
-                w = basis.eigen_weights(table, sub, basis.eigen_powers(table, sub), order)
-                result[here] = basis.control_weights(table, w)
+                eigen = basis.eigen_weights(table, sub, basis.eigen_powers(table, sub), order)
+                result[here] = basis.control_weights(table, eigen)
         return np.asarray(result * scale)
 
 

@@ -342,9 +342,7 @@ def _rational_table(scheme: Scheme, matrix: Any) -> RationalTable:
         for j, w in row.items():
             numerators[i, j] = int(w * denominator)
     mask = limit_mask(matrix)
-    return RationalTable(
-        matrix.valence, numerators, denominator, np.array(matrix.pieces), mask
-    )
+    return RationalTable(matrix.valence, numerators, denominator, np.array(matrix.pieces), mask)
 
 
 def corner_weights(scheme: Scheme, sizes: Array, dtype: Any) -> Array:

@@ -136,7 +136,12 @@ def scale_by_two(x: Array, n: Array) -> Array:
 
 
 def differences(
-    indptr: Array, columns: Array, values: Array, points: Array, anchor: Array, offset: Array,
+    indptr: Array,
+    columns: Array,
+    values: Array,
+    points: Array,
+    anchor: Array,
+    offset: Array,
     row_anchor: Array,
 ) -> Array:
     """Sparse rows times points, each row formed relative to a point of its own, (rows, d).

@@ -1,1 +1,1 @@
-"""Exact mathematics: schemes as values, subdivision matrices, spectra. No float and no mesh in this room."""
+"""Exact mathematics: schemes as values, subdivision matrices, spectra; no float, no mesh."""

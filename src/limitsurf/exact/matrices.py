@@ -94,9 +94,7 @@ def subdivision_matrix(scheme: Scheme, valence: int) -> SubdivisionMatrix:
     def quad(i: int, j: int) -> tuple[int, ...]:
         return at[i, j], at[i + 1, j], at[i + 1, j + 1], at[i, j + 1]
 
-    ring_faces = [
-        (0, 1 + 2 * j, 2 + 2 * j, 1 + 2 * ((j + 1) % valence)) for j in range(valence)
-    ]
+    ring_faces = [(0, 1 + 2 * j, 2 + 2 * j, 1 + 2 * ((j + 1) % valence)) for j in range(valence)]
     outer_faces = {place: quad(*place) for place in ((2, 0), (2, 1), (2, 2), (1, 2), (0, 2))}
     faces = ring_faces + list(outer_faces.values())
     face_of_edge: dict[frozenset[int], list[int]] = {}
@@ -116,8 +114,7 @@ def subdivision_matrix(scheme: Scheme, valence: int) -> SubdivisionMatrix:
     one = [{k: Fraction(1)} for k in range(2 * valence + 8)]
     corner_weights = scheme.face_mask(4)
     face_points = [
-        combine(*((w, one[v]) for w, v in zip(corner_weights, face, strict=True)))
-        for face in faces
+        combine(*((w, one[v]) for w, v in zip(corner_weights, face, strict=True))) for face in faces
     ]
 
     def edge_point(a: int, b: int) -> Row:
@@ -140,7 +137,7 @@ def subdivision_matrix(scheme: Scheme, valence: int) -> SubdivisionMatrix:
     # points between grid neighbours, face points in the quads between
     refined = {(3, 1): vertex_point(at[2, 1]), (3, 3): vertex_point(at[2, 2])}
     refined[1, 3] = vertex_point(at[1, 2])
-    for (i, j), (k, m) in {
+    for place, (near, far) in {
         (3, 0): ((2, 0), (2, 1)),
         (3, 2): ((2, 1), (2, 2)),
         (2, 3): ((1, 2), (2, 2)),
@@ -150,7 +147,7 @@ def subdivision_matrix(scheme: Scheme, valence: int) -> SubdivisionMatrix:
         (3, 4): ((2, 2), (2, 3)),
         (1, 4): ((1, 2), (1, 3)),
     }.items():
-        refined[i, j] = edge_point(at[k], at[m])
+        refined[place] = edge_point(at[near], at[far])
     for (i, j), face in outer_faces.items():
         refined[2 * i, 2 * j] = face_points[faces.index(face)]
 

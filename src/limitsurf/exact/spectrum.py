@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from math import lcm
 from typing import Any
 
 import mpmath
@@ -34,7 +35,7 @@ from limitsurf.exact.scheme import Scheme
 
 BITS = 320
 # Two computed eigenvalues, or a numerator and zero, that agree to this are equal: 60 of 96 digits
-_EQUAL = mpmath.mpf(10) ** -60
+EQUAL = mpmath.mpf(10) ** -60
 
 Fixed = np.ndarray[Any, np.dtype[np.object_]]
 
@@ -65,8 +66,8 @@ class Spectrum:
     ``V`` and ``Vinv`` (K, K) hold the right eigenvectors as columns and the left ones as rows;
     ``chains`` are the indices k with ``A V[:, k] = eigenvalues[k] V[:, k] + V[:, k - 1]``;
     ``pieces`` (3, 16, K) the B-spline control points of the eigenfunctions on the regular pieces;
-    ``eigenvalues`` (K,) and ``ratios`` (K,), to the subdominant one, are mpf numbers; ``order`` (K,)
-    gives the place of each column among `ring_modes` and then the outer eigenvectors; ``smooth``
+    ``eigenvalues`` (K,) and ``ratios`` (K,), to the subdominant one, are mpf numbers; ``order``
+    (K,) gives the place of each column among `ring_modes`, then the outer eigenvectors; ``smooth``
     tells whether a tangent plane exists at the vertex: a positive double subdominant eigenvalue
     of frequency 1, larger than the modulus of all that follow.
     """
@@ -199,7 +200,7 @@ def ring_modes(matrix: SubdivisionMatrix) -> list[Mode]:
 
         def entry(name: str, offset: Fraction, angle: Any = angle) -> Any:
             return mpmath.fsum(
-                _mpf(w) * mpmath.cospi(angle * _mpf(shift + offset))
+                to_mpf(w) * mpmath.cospi(angle * to_mpf(shift + offset))
                 for shift, w in generators[name].items()
             )
 
@@ -213,18 +214,21 @@ def ring_modes(matrix: SubdivisionMatrix) -> list[Mode]:
             modes.append(Mode(frequency, 1, ee, (0, 1, 0), (0, norm, 0)))
             continue
         square = (ee - ff) ** 2 + 4 * ef * fe
-        if square < _EQUAL:
-            raise UnsupportedSpectrum(f"frequency {frequency} of valence {n} has no real eigenbasis")
+        if square < EQUAL:
+            raise UnsupportedSpectrum(
+                f"frequency {frequency} of valence {n} has no real eigenbasis"
+            )
         root = mpmath.sqrt(square)
         high, low = (ee + ff + root) / 2, (ee + ff - root) / 2
-        if abs(fe) > _EQUAL:
-            a, b = (high - ff) / fe, (low - ff) / fe
-            right = ((a, mpmath.mpf(1)), (b, mpmath.mpf(1)))
-        else:
-            right = tuple(
-                (mpmath.mpf(1), mpmath.mpf(0)) if abs(x - ee) < _EQUAL else (ef / (x - ee), 1)
-                for x in (high, low)
-            )
+        one, zero = mpmath.mpf(1), mpmath.mpf(0)
+        right = [
+            ((x - ff) / fe, one)
+            if abs(fe) > EQUAL
+            else (one, zero)
+            if abs(x - ee) < EQUAL
+            else (ef / (x - ee), one)
+            for x in (high, low)
+        ]
         determinant = right[0][0] * right[1][1] - right[1][0] * right[0][1]
         norm = 2 / (n * determinant)
         left = (
@@ -245,17 +249,17 @@ def _centre_modes(matrix: SubdivisionMatrix) -> list[Mode]:
     square = trace * trace - 4 * determinant
     if square <= 0:
         raise UnsupportedSpectrum(f"frequency 0 of valence {matrix.valence} has no real eigenbasis")
-    root = mpmath.sqrt(_mpf(square))
+    root = mpmath.sqrt(to_mpf(square))
     # the larger root first, the other through the product: exactly zero where it is zero
-    large = (_mpf(trace) + (root if trace >= 0 else -root)) / 2
-    values = [mpmath.mpf(1), *sorted((large, _mpf(determinant) / large), reverse=True)]
+    large = (to_mpf(trace) + (root if trace >= 0 else -root)) / 2
+    values = [mpmath.mpf(1), *sorted((large, to_mpf(determinant) / large), reverse=True)]
     right = mpmath.matrix(3, 3)
     for k, value in enumerate(values):
         (a, b, c), (d, e, f) = (
-            [_mpf(x) - value * (i == j) for j, x in enumerate(block[i])] for i in (1, 2)
+            [to_mpf(x) - value * (i == j) for j, x in enumerate(block[i])] for i in (1, 2)
         )
         vector = [b * f - c * e, c * d - a * f, a * e - b * d]
-        scale = vector[2] if abs(vector[2]) > _EQUAL else max(vector, key=abs)
+        scale = vector[2] if abs(vector[2]) > EQUAL else max(vector, key=abs)
         for i in range(3):
             right[i, k] = vector[i] / scale
     left = right**-1
@@ -292,22 +296,22 @@ def spectrum(scheme: Scheme, valence: int) -> Spectrum:
         modes = ring_modes(matrix)
         cosine = _to_fixed([mpmath.cospi(mpmath.mpf(k) / n) for k in range(2 * n)])
         sine = _to_fixed([mpmath.sinpi(mpmath.mpf(k) / n) for k in range(2 * n)])
-        values, W, Winv = outer_eigenbasis(
+        values, outer, outer_inverse = outer_eigenbasis(
             [[row.get(ring + j, Fraction(0)) for j in range(7)] for row in matrix.rows[ring:size]]
         )
-        eigenvalues = [mode.eigenvalue for mode in modes] + [_mpf(d) for d in values]
+        eigenvalues = [mode.eigenvalue for mode in modes] + [to_mpf(d) for d in values]
         wave = _waves(modes, n, cosine, sine)  # (2 N + 1, modes)
         R = _scaled(wave, _profiles([mode.right for mode in modes], n))
         Rinv = _scaled(wave, _profiles([mode.left for mode in modes], n)).T
         # numerators of G, (7, modes): sparse rational rows times R, then the small W^-1
         coupling = np.stack([_combine(row, R) for row in matrix.rows[ring:size]])
-        gaps = [[mode.eigenvalue - _mpf(d) for mode in modes] for d in values]
-        W, Winv, heads = _chained(_to_fixed(W), _to_fixed(Winv), coupling, gaps)
+        gaps = [[mode.eigenvalue - to_mpf(d) for mode in modes] for d in values]
+        W, Winv, heads = _chained(_to_fixed(outer), _to_fixed(outer_inverse), coupling, gaps)
         numerator = _product(Winv, coupling)
         G = np.zeros_like(numerator)
         for m, row in enumerate(gaps):
             for k, gap in enumerate(row):
-                if abs(gap) > _EQUAL:
+                if abs(gap) > EQUAL:
                     G[m, k] = (int(numerator[m, k]) << BITS) // int(to_fixed(gap._mpf_, BITS))
         V = np.zeros((size, size), dtype=object)
         Vinv = np.zeros((size, size), dtype=object)
@@ -322,7 +326,7 @@ def spectrum(scheme: Scheme, valence: int) -> Spectrum:
         smooth = (
             [modes[k].frequency if k < ring else None for k in order[1:3]] == [1, 1]
             and eigenvalues[1] == eigenvalues[2] > 0
-            and abs(eigenvalues[3]) < eigenvalues[1] - _EQUAL
+            and abs(eigenvalues[3]) < eigenvalues[1] - EQUAL
         )
         # refined control points of every eigenvector: A V = V J gives the first K rows
         J = _to_fixed(eigenvalues)
@@ -346,7 +350,7 @@ def _chained(
     """
     heads: dict[int, int] = {}
     for k in range(coupling.shape[1]):
-        places = [m for m in range(len(gaps)) if abs(gaps[m][k]) < _EQUAL]
+        places = [m for m in range(len(gaps)) if abs(gaps[m][k]) < EQUAL]
         g = {m: sum(a * b for a, b in zip(Winv[m], coupling[:, k], strict=True)) for m in places}
         g = {m: value >> BITS for m, value in g.items() if abs(value) >> (BITS + BITS // 2)}
         if not g:
@@ -370,16 +374,14 @@ def _rank(
 
     The end of a Jordan chain comes right before its head.
     """
-    value = mpmath.nint(eigenvalues[k] / _EQUAL)
+    value = mpmath.nint(eigenvalues[k] / EQUAL)
     mode = heads.get(k - len(modes), k)
-    if mode < len(modes):
-        place = (modes[mode].frequency, modes[mode].parity)
-    else:
-        place = (len(modes), mode)
+    outer = mode >= len(modes)
+    place = (len(modes), mode) if outer else (modes[mode].frequency, modes[mode].parity)
     return (-abs(value), -value, *place, mode == k)
 
 
-def _mpf(x: Fraction) -> Any:
+def to_mpf(x: Fraction) -> Any:
     return mpmath.mpf(x.numerator) / x.denominator
 
 
@@ -395,7 +397,7 @@ def _to_fixed(values: Any) -> Fixed:
     flat = [one(x) for x in array.ravel()]
     result = np.empty(len(flat), dtype=object)
     result[:] = flat
-    return result.reshape(array.shape)
+    return np.asarray(result.reshape(array.shape))
 
 
 def _waves(modes: list[Mode], n: int, cosine: Fixed, sine: Fixed) -> Fixed:
@@ -405,29 +407,27 @@ def _waves(modes: list[Mode], n: int, cosine: Fixed, sine: Fixed) -> Fixed:
     frequency = np.array([mode.frequency for mode in modes])
     parity = np.array([mode.parity for mode in modes], dtype=bool)
     turns = steps[:, None] * frequency % (2 * n)
-    return np.where(parity, sine[turns], cosine[turns])
+    return np.asarray(np.where(parity, sine[turns], cosine[turns]))
 
 
 def _profiles(profiles: list[tuple[Any, Any, Any]], n: int) -> Fixed:
     """Profile of each mode spread over the ring, (2 N + 1, modes)."""
-    return _to_fixed(profiles).T[[0, *[1, 2] * n]]
+    return np.asarray(_to_fixed(profiles).T[[0, *[1, 2] * n]])
 
 
 def _scaled(wave: Fixed, profile: Fixed) -> Fixed:
-    return wave * profile >> BITS
+    return np.asarray(wave * profile >> BITS)
 
 
 def _product(left: Fixed, right: Fixed) -> Fixed:
-    return left.dot(right) >> BITS
+    return np.asarray(left.dot(right) >> BITS)
 
 
 def _combine(row: dict[int, Fraction], columns: Fixed) -> Fixed:
     """Sparse rational row times the rows of `columns` that exist (ring or all), exactly rounded."""
     items = [(k, w) for k, w in row.items() if k < len(columns)]
-    if not items:
-        return np.zeros(columns.shape[1], dtype=object)
-    scale = 1
-    for _, w in items:
-        scale = scale * w.denominator // np.gcd(scale, w.denominator)
-    total = sum(int(w * scale) * columns[k] for k, w in items)
-    return total // int(scale)
+    scale = lcm(*(w.denominator for _, w in items))
+    total = np.zeros(columns.shape[1], dtype=object)
+    for k, w in items:
+        total += int(w * scale) * columns[k]
+    return np.asarray(total // scale)

@@ -14,6 +14,7 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
+import mpmath
 import sympy
 from sympy.polys.domains import QQ
 from sympy.polys.rings import ring as polynomial_ring
@@ -53,7 +54,7 @@ class SymbolicBasis:
         self._coupling = [{c: w for c, w in row.items() if c < ring} for row in rows]
         self._values, self._W, self._Winv = numeric.outer_eigenbasis(self._outer)
         self._generators = numeric.ring_generators(self._matrix)
-        with numeric.mpmath.workprec(numeric.BITS + 64):
+        with mpmath.workprec(numeric.BITS + 64):
             self._modes = numeric.ring_modes(self._matrix)
         # eigenvalues of the block of frequency f, as functions of s: (trace +- factor root) / 2
         block = self._block
@@ -73,7 +74,7 @@ class SymbolicBasis:
         offset = {"ee": 0, "ff": 0, "ef": 1, "fe": -1}
         return {
             name: sum(
-                (_constant(w) * _chebyshev(2 * shift + offset[name], 0) for shift, w in row.items()),
+                (_constant(w) * _chebyshev(2 * j + offset[name], 0) for j, w in row.items()),
                 _RING(0),
             )
             for name, row in self._generators.items()
@@ -234,8 +235,7 @@ class SymbolicBasis:
         """Right profile (edge neighbours, face corners) of a mode of frequency above 0."""
         mode = self._modes[k]
         if 2 * mode.frequency == self.valence:
-            return (sympy.Integer(1), sympy.Integer(0)) if mode.parity else (
-                sympy.Integer(0), sympy.Integer(1))
+            return sympy.Integer(mode.parity), sympy.Integer(1 - mode.parity)
         fe = self._at(self._block["fe"], mode.frequency)
         ff = self._at(self._block["ff"], mode.frequency)
         return (self._eigenvalue(k) - ff) / fe, sympy.Integer(1)
@@ -279,16 +279,12 @@ class SymbolicBasis:
     def _numerators(self, k: int, column: list[Any]) -> list[Any]:
         """W^-1 A_or times a ring vector, (7,)."""
         coupled = [sum(_rational(w) * column[c] for c, w in row.items()) for row in self._coupling]
-        _, Winv = self._chained_outer
-        return [
-            sum((_rational(x) * y for x, y in zip(row, coupled, strict=True) if x), sympy.Integer(0))
-            for row in Winv
-        ]
+        return _times(self._chained_outer[1], coupled)
 
     def _meets(self, k: int) -> list[bool]:
         """Which outer eigenvalues equal that of ring mode k, (7,)."""
         value = self._modes[k].eigenvalue
-        return [abs(value - numeric._mpf(d)) < numeric._EQUAL for d in self._values]
+        return [abs(value - numeric.to_mpf(d)) < numeric.EQUAL for d in self._values]
 
     def _quotients(self, k: int, column: list[Any]) -> list[Any]:
         """Column k of G, (7,): 0 where the two eigenvalues are equal."""
@@ -301,12 +297,7 @@ class SymbolicBasis:
 
     def _extension(self, k: int, column: list[Any]) -> list[Any]:
         """Outer values of ring mode k, (7,)."""
-        W, _ = self._chained_outer
-        g = self._quotients(k, column)
-        return [
-            sum((_rational(x) * y for x, y in zip(row, g, strict=True) if x), sympy.Integer(0))
-            for row in W
-        ]
+        return _times(self._chained_outer[0], self._quotients(k, column))
 
     @cached_property
     def _chained_outer(self) -> tuple[list[list[Fraction]], list[list[Fraction]]]:
@@ -472,6 +463,14 @@ class SymbolicBasis:
                 total -= end[i]
             if total.rem(modulo) != 0:
                 raise ArithmeticError(f"valence {self.valence}: A V - V J is not zero in row {i}")
+
+
+def _times(matrix: list[list[Fraction]], vector: list[Any]) -> list[Any]:
+    """A rational matrix times expressions."""
+    return [
+        sum((_rational(x) * y for x, y in zip(row, vector, strict=True) if x), sympy.Integer(0))
+        for row in matrix
+    ]
 
 
 def _chebyshev(k: int, parity: int) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -32,15 +31,10 @@ class _Program(click.Group):
         try:
             with terminal.warnings_in_one_line():
                 code = super().main(*args, **{**extra, "standalone_mode": False})
-                sys.stdout.flush()
         except click.Abort:
             code = 130
-        except BrokenPipeError:
-            pass
-            code = 1
         except (click.ClickException, *ERRORS) as error:
             click.echo(f"limitsurf: error: {terminal.sentence(error)}", err=True)
-            pass
             code = 2
         if not extra.get("standalone_mode", True):
             return code
@@ -48,15 +42,20 @@ class _Program(click.Group):
 
 
 @click.group(
-    cls=_Program, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 96}
+    cls=_Program,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 96},
 )
 @click.version_option(ls.__version__, message="limitsurf %(version)s")
-def main() -> None:
+@click.pass_context
+def main(context: click.Context) -> None:
     """Exact limit surfaces of control cages, at any (face, u, v).
 
     A CAGE is an OBJ file. A face in a query is a limit face: a quad is one; another polygon is as
     many as it has corners, in their order. Every u and v is in [0, 1].
     """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
 
 
 def _on_cage(command: Command) -> Command:
@@ -162,7 +161,7 @@ def evaluate(
     if sum(given is not None for given in (queries, grid, random)) != 1:
         raise click.UsageError("need one of --queries, --grid and --random")
     if output is not None:
-        files.checked_suffix(output)
+        files.check_target(output)
     asked = None if queries is None else files.read_queries(queries)
     surface = _surface(cage, boundary)
     faces = len(surface.limit_faces)

@@ -12,6 +12,11 @@ import limitsurf as ls
 from limitsurf.shell import queries, terminal
 
 LEVELS = 4
+REFINER = f"""
+The recursive refiner, {LEVELS} levels: every refined vertex against the surface at its (face, u, v),
+where it is (error: it approaches the surface, slower next to poles) and where its limit mask moves
+it (limit error: it lies on the surface, up to rounding).
+"""
 
 
 def run(folder: Path, n: int, seed: int) -> bool:
@@ -47,11 +52,7 @@ def run(folder: Path, n: int, seed: int) -> bool:
         ],
     )
 
-    click.echo(
-        f"\nThe recursive refiner, {LEVELS} levels. At each level every refined vertex is compared"
-        " with the surface\nat its (face, u, v): as it is (error), and moved to its limit by its"
-        " limit mask (limit error)."
-    )
+    click.echo(REFINER)
     with terminal.working("refining"):
         table = ls.validate(surface, LEVELS)
     agrees = terminal.say_validation(surface, table)

@@ -180,7 +180,10 @@ def plot(
             "there is no display to open a window on; give the name of a picture to write"
         )
     pyvista = _pyvista()
-    body = pyvista.Color(color).float_rgb
+    try:
+        body = pyvista.Color(color).float_rgb
+    except ValueError:
+        raise ValueError(f"unknown color {color!r}") from None
     scene = _scene(surface, n, cage, curves, poles, normals, body, up, width / height)
     if off_screen and not _opengl():
         warnings.warn("no OpenGL here: painted by Matplotlib, and plainer", stacklevel=2)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Callable, Iterator
 from typing import IO, TYPE_CHECKING, Any, TypeAlias
 from zipfile import BadZipFile
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -115,7 +117,8 @@ def write_answers(path: str | os.PathLike[str] | None, answers: Answers) -> None
     give the same float64.
     """
     if path is None:
-        sys.stdout.writelines(_csv(answers))
+        for text in _csv(answers):
+            click.echo(text, nl=False)
         return
     suffix = checked_suffix(path)
     with replacing(path, "w" if suffix == ".csv" else "wb") as file:
@@ -125,6 +128,16 @@ def write_answers(path: str | os.PathLike[str] | None, answers: Answers) -> None
             np.savez(file, **answers)  # type: ignore[arg-type]
         else:
             np.save(file, _structured(answers))
+
+
+def check_target(path: str | os.PathLike[str]) -> None:
+    """Refuse early what ``write_answers`` would refuse when all is evaluated."""
+    checked_suffix(path)
+    folder = os.path.dirname(os.path.realpath(path))
+    if not os.path.isdir(folder):
+        raise FileNotFoundError(errno.ENOENT, "No such directory", folder)
+    if os.path.isdir(path):
+        raise IsADirectoryError(errno.EISDIR, "Is a directory", os.fspath(path))
 
 
 def checked_suffix(path: str | os.PathLike[str]) -> str:
