@@ -6,10 +6,10 @@ A regular patch is a bicubic B-spline. Around an extraordinary corner at (0, 0) 
 
 where (S, T) are the parameters within the regular piece P that holds (s, t) after n halvings
 towards the corner, b are the bicubic B-spline weights, A' is one more step of refinement and C are
-the control points (Stam 1998, equation 16; ``derivations/eigenstructure.py``). In float64 the powers of the
-eigenvalues are taken relative to the subdominant one and the common scale is kept apart, so that
-every n costs the same and nothing overflows before the result does. Rationals, whose field does
-not hold the eigenvalues, take n steps of A instead.
+the control points (Stam 1998, section 4; ``derivations/eigenstructure.py``). In float64 the powers
+of the eigenvalues are taken relative to the subdominant one and the common scale is kept apart, so
+that every n costs the same and nothing overflows before the result does. Rationals, whose field
+does not hold the eigenvalues, take n steps of A instead.
 """
 
 from __future__ import annotations

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 Order: TypeAlias = tuple[int, int]
+Numbers: TypeAlias = ArrayLike | Fraction | Sequence[Fraction]
 
 # queries handled at once, and control values gathered at once: what stays in cache and in memory
 _CHUNK = 1 << 16
@@ -156,7 +157,9 @@ class LimitSurface:
         [1.25]
         """
         other = object.__new__(type(self))
-        other.__dict__.update({k: v for k, v in self.__dict__.items() if k != "_local"})
+        other.__dict__.update(
+            {k: v for k, v in self.__dict__.items() if k not in ("_local", "_exact_points")}
+        )
         other._set_points(self.mesh.with_points(points))
         return other
 
@@ -178,7 +181,7 @@ class LimitSurface:
 
     # ------------------------------------------------------------------ public evaluation
 
-    def evaluate(self, face: ArrayLike, u: ArrayLike, v: ArrayLike, nu: Order = (0, 0)) -> Any:
+    def evaluate(self, face: ArrayLike, u: Numbers, v: Numbers, nu: Order = (0, 0)) -> Any:
         """Positions on the limit surface, or derivatives of any order.
 
         Parameters
@@ -214,7 +217,7 @@ class LimitSurface:
         """
         return self._derivatives(face, u, v, [_order(nu)])[0]
 
-    def jet(self, face: ArrayLike, u: ArrayLike, v: ArrayLike, order: int = 2) -> dict[Order, Any]:
+    def jet(self, face: ArrayLike, u: Numbers, v: Numbers, order: int = 2) -> dict[Order, Any]:
         """All derivatives up to a total order in one pass, as {(i, j): array}.
 
         Arguments, shapes and errors are those of `evaluate`; (0, 0) is the position.
@@ -231,7 +234,7 @@ class LimitSurface:
         orders = [(m - j, j) for m in range(int(order) + 1) for j in range(m + 1)]
         return dict(zip(orders, self._derivatives(face, u, v, orders), strict=True))
 
-    def tangents(self, face: ArrayLike, u: ArrayLike, v: ArrayLike) -> tuple[Any, Any]:
+    def tangents(self, face: ArrayLike, u: Numbers, v: Numbers) -> tuple[Any, Any]:
         """Unit directions of d/du and d/dv.
 
         At an extraordinary vertex they are the limits along the face's own two edges. NaN where a
@@ -256,7 +259,7 @@ class LimitSurface:
         shape += self.points.shape[1:]
         return kernels.unit(along).reshape(shape), kernels.unit(across).reshape(shape)
 
-    def normal(self, face: ArrayLike, u: ArrayLike, v: ArrayLike) -> Any:
+    def normal(self, face: ArrayLike, u: Numbers, v: Numbers) -> Any:
         """Unit normals, along d/du x d/dv: outwards where faces are counter-clockwise from outside.
 
         The normal is that of its own (u, v) at every distance from an extraordinary vertex, and
@@ -284,7 +287,7 @@ class LimitSurface:
         return kernels.unit_normals(along, across).reshape(*shape, 3)
 
     def weights(
-        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, nu: Order = (0, 0)
+        self, face: ArrayLike, u: Numbers, v: Numbers, nu: Order = (0, 0)
     ) -> csr_array[Any] | ExactOperator:
         """Sparse matrix that maps control points to positions or derivatives.
 
@@ -346,9 +349,7 @@ class LimitSurface:
             self._tables[exact] = PatchTable(self.mesh, self._rules, np.dtype(object))
         return self._tables[exact]
 
-    def _queries(
-        self, face: ArrayLike, u: ArrayLike, v: ArrayLike
-    ) -> tuple[Array, Array, Array, bool]:
+    def _queries(self, face: ArrayLike, u: Numbers, v: Numbers) -> tuple[Array, Array, Array, bool]:
         """Broadcast and check a query; tell whether it is to be answered exactly."""
         faces, us, vs = np.asarray(face), np.asarray(u), np.asarray(v)
         if faces.size == 0 and faces.dtype == float:
@@ -417,7 +418,7 @@ class LimitSurface:
 
     @cached_property
     def _local(self) -> tuple[Array, Array]:
-        """Anchor vertex (n_points,) of each control point and its offset from there, (.., d).
+        """A vertex near each control point (n_points, d) and its offset from there (n_points, d).
 
         Offsets are sums of differences of nearby points: cages far from the origin keep digits.
         """
@@ -439,7 +440,7 @@ class LimitSurface:
                 anchor[new],
             )
             done = new.stop
-        return anchor, offset
+        return self._flat[anchor], offset
 
     @cached_property
     def _exact_points(self) -> Array:
@@ -450,7 +451,7 @@ class LimitSurface:
         return points
 
     def _derivatives(
-        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, orders: Sequence[Order]
+        self, face: ArrayLike, u: Numbers, v: Numbers, orders: Sequence[Order]
     ) -> list[Any]:
         """The derivatives of the given orders, each of the shape that `evaluate` promises."""
         face, u, v, exact = self._queries(face, u, v)
@@ -468,7 +469,7 @@ class LimitSurface:
         return [r.reshape(shape)[()] for r in results]
 
     def _directions(
-        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, what: str
+        self, face: ArrayLike, u: Numbers, v: Numbers, what: str
     ) -> tuple[Array, Array, tuple[int, ...]]:
         """d/du and d/dv up to positive factors, (Q, d), and the shape of the query."""
         face, u, v, exact = self._queries(face, u, v)
@@ -509,9 +510,14 @@ class LimitSurface:
 
     def _differences(self, ids: Array) -> tuple[Array, Array]:
         """First control point of patches, (P, d), and all of them relative to it, (P, K, d)."""
-        anchor, offset = self._local
-        origin = self._flat[anchor[ids[:, 0]]]
-        return origin, self._flat[anchor[ids]] - origin[:, None] + offset[ids]
+        near, offset = self._local
+        origin = near[ids[:, 0]]
+        points = near[ids]
+        points -= origin[:, None]
+        extra = ids >= self.mesh.n_vertices
+        if extra.any():
+            points[extra] += offset[ids[extra]]
+        return origin, points
 
     def _float_values(self, g: _Group, ids: Array, orders: Sequence[Order]) -> list[Array]:
         """Derivatives (q, d) of the queries of a group, in float64."""
