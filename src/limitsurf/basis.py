@@ -179,9 +179,10 @@ def rational_weights(
     for done in range(int(place.level.max(initial=0))):
         going = np.flatnonzero(place.level > done)
         rows[going] = np.add.reduceat(rows[going][:, r] * values, starts, axis=1)
-    steps = np.maximum(place.level, 0).astype(object) + 1
-    scale = Fraction(2) ** sum(nu) * np.array(Fraction(1, table.denominator), dtype=object)
-    weights = rows * (scale**steps / unit)[:, None]
+    # (not ** on the array: a Fraction to the power of an array falls back to floats)
+    step = Fraction(2 ** sum(nu), table.denominator)
+    scale = np.array([step ** (max(n, 0) + 1) for n in place.level.tolist()], dtype=object)
+    weights = rows * (scale / unit)[:, None]
     own, neighbour, across = table.limit_mask
     mask = [own, *[neighbour, across] * table.valence, *[Fraction(0)] * 7]
     weights[place.level < 0] = at_corner if sum(nu) else np.array(mask, dtype=object)

@@ -30,6 +30,15 @@ class MeshError(ValueError):
     """A broken cage; the message names the first culprit and says how many more there are.
 
     ``culprits`` holds what it is about, as pairs such as ``("face", 3)`` or ``("crease", (0, 1))``.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> try:
+    ...     ls.Mesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 7]])
+    ... except ls.MeshError as error:
+    ...     print(error.culprits)
+    (('face', 0),)
     """
 
     culprits: tuple[tuple[str, Any], ...] = ()

@@ -318,6 +318,14 @@ class RefinedMesh(Mesh):
     parent_face, parent_u, parent_v : (n_vertices,)
         A limit face of the original mesh and the parameters in it whose limit each vertex
         approaches (float64; exact to 50 levels); -1 and NaN at unused vertices.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> fine = ls.refined(ls.Mesh([[0], [8], [8], [0]], [[0, 1, 2, 3]]))
+    >>> place = fine.parent_face[8], fine.parent_u[8], fine.parent_v[8]
+    >>> [x.item() for x in place], fine.limit_points[8].tolist()
+    ([0, 0.5, 0.5], [4.0])
     """
 
     parent_face: Array

@@ -409,6 +409,15 @@ class Eigenbasis:
 
     Both have ``eigenvalues``, ``A``, ``V``, ``J``, ``Vinv``, ``residual`` (``A V - V J``),
     ``limit_mask`` and ``tangent_masks``.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> basis = ls.eigenbasis("catmull-clark", valence=3)
+    >>> basis.exact.eigenvalues[1]
+    sqrt(17)/32 + 9/32
+    >>> basis.exact.residual.is_zero_matrix
+    True
     """
 
     def __init__(self, scheme: Scheme, valence: int) -> None:

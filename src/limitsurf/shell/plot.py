@@ -52,6 +52,7 @@ POINT = 72 / 100  # Matplotlib's unit of lengths in pixels, at 100 dots per inch
 GROUND, SKY, INK = "#dde5ec", "#ffffff", "#263442"
 LIFT = 0.0015  # of curves off the surface, in units of the cage
 CROWD = 10_000  # limit faces; of more, cage and curves would hide the surface
+FEW = 1_000  # limit faces; of more, dots are smaller
 VALENCES = {  # the largest of each class: its name and colour
     2: ("valence 2", "#17becf"),
     3: ("valence 3", "#1f6fc4"),
@@ -88,6 +89,7 @@ class _Scene:
     color: tuple[float, float, float]
     lines: list[_Lines]
     dots: list[_Dots]
+    dot: float  # their diameter, thousandths of the picture's height
     axes: Array  # (3, 3), rows right, up, towards the viewer
     eye: Array  # (3,)
     distance: float  # from the eye to the middle of the scene
@@ -256,7 +258,10 @@ def _scene(
 
     seen = [points[quads].reshape(-1, 3), *(k.ends.reshape(-1, 3) for k in lines)]
     axes, eye, distance = _camera(np.concatenate(seen), up, aspect)
-    return _Scene(points, normal.reshape(-1, 3), quads, color, lines, dots, axes, eye, distance)
+    dot = DOT * min(1.0, (FEW / faces) ** 0.25)
+    return _Scene(
+        points, normal.reshape(-1, 3), quads, color, lines, dots, dot, axes, eye, distance
+    )
 
 
 def _unit_points(mesh: Any) -> Array:
@@ -322,7 +327,7 @@ def _camera(points: Array, up: str, aspect: float) -> tuple[Array, Array, float]
     upward = "xyz".index(up)
     back, above = np.roll(VIEW, upward - 2), np.eye(3)[upward]
     extent = np.ptp(points, axis=0)
-    if extent.min() < 1e-3 * extent.max():  # flat: seen straight from its front
+    if extent.min() < 1e-2 * extent.max():  # flat: seen straight from its front
         flat = int(extent.argmin())
         back = np.eye(3)[flat]
         above = np.eye(3)[upward if upward != flat else (flat + 2) % 3]
@@ -371,7 +376,7 @@ def _rendered(pyvista: Any, scene: _Scene, width: int, height: int, off_screen: 
             plotter.add_mesh(
                 pyvista.PolyData(dots.places),
                 color=dots.color,
-                point_size=size[1] * DOT / 1000,
+                point_size=size[1] * scene.dot / 1000,
                 render_points_as_spheres=True,
                 ambient=0.5,
             )
@@ -415,7 +420,7 @@ def _painted(scene: _Scene, width: int, height: int) -> Image:
     # All is quads: a line is one pinched to its ends, a dot a star of two, and both get a rounded
     # edge of their thickness. They stand in front of the quad that they lie on.
     focal = height / 2 / math.tan(math.radians(VIEW_ANGLE / 2))  # pixels
-    dot = DOT * height / 1000
+    dot = scene.dot * height / 1000
     # Quads (k, 4, 3), colours (k or 1, 3), width of the edge in pixels, how much nearer.
     layers = [(scene.points[scene.quads], _lit(scene), 0.6, 0.0)]
     for lines in scene.lines:
