@@ -13,7 +13,7 @@ from limitsurf.shell import queries, terminal
 
 LEVELS = 4
 REFINER = f"""
-The recursive refiner, {LEVELS} levels: every refined vertex against the surface at its (face, u, v),
+The recursive refiner, {LEVELS} levels: each refined vertex against the surface at its (face, u, v),
 where it is (error: it approaches the surface, slower next to poles) and where its limit mask moves
 it (limit error: it lies on the surface, up to rounding).
 """

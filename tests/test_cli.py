@@ -1,0 +1,495 @@
+"""The command line: what it prints, what it writes, and how it fails."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import zoo
+from click.testing import CliRunner
+
+import limitsurf as ls
+from limitsurf.shell import queries
+from limitsurf.shell.cli import main
+
+PROGRAM = [sys.executable, "-W", "error", "-c", "from limitsurf.shell.cli import main; main()"]
+
+
+def run(*arguments, stdin=None):
+    return CliRunner().invoke(main, [str(a) for a in arguments], input=stdin)
+
+
+def succeed(*arguments, stdin=None):
+    result = run(*arguments, stdin=stdin)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def fail(*arguments, stdin=None):
+    """The error's text, after checking that it is one line and nothing else."""
+    result = run(*arguments, stdin=stdin)
+    assert result.exit_code == 2, result.output
+    assert isinstance(result.exception, SystemExit)
+    (line,) = result.output.splitlines()
+    assert line.startswith("limitsurf: error: ")
+    return line.removeprefix("limitsurf: error: ")
+
+
+@pytest.fixture
+def cage(tmp_path):
+    """A prism over a pentagon: n-gons, and quads between vertices of valence 3."""
+    path = tmp_path / "prism.obj"
+    ls.write(path, ls.Mesh(*zoo.prism(5)))
+    return path
+
+
+@pytest.fixture
+def surface(cage):
+    return ls.LimitSurface(ls.read(cage))
+
+
+def table(text):
+    """CSV as a structured array."""
+    return np.genfromtxt(io.StringIO(text), delimiter=",", names=True, deletechars="")
+
+
+def columns(values, *names):
+    return np.stack([values[name] for name in names], axis=-1)
+
+
+# ------------------------------------------------------------------ the program
+
+
+@pytest.mark.parametrize("arguments", [["-h"], ["--help"], []])
+def test_help(arguments):
+    output = succeed(*arguments)
+    for command in main.commands:
+        assert command in output
+
+
+@pytest.mark.parametrize("command", main.commands)
+def test_every_command_has_help(command):
+    assert "Usage" in succeed(command, "-h")
+
+
+def test_version():
+    assert succeed("--version") == f"limitsurf {ls.__version__}\n"
+
+
+@pytest.mark.parametrize("arguments", [["paint"], ["--loud"], ["info"], ["info", "a", "b"]])
+def test_bad_usage_is_one_line(arguments):
+    fail(*arguments)
+
+
+def test_defects_are_not_dressed_up_as_errors_of_the_user(cage, monkeypatch):
+    monkeypatch.setattr(ls, "validate", lambda *_: {}["bug"])
+    assert isinstance(run("validate", cage).exception, KeyError)
+
+
+def test_warnings_are_one_line(cage):
+    cage.write_text(cage.read_text() + "frobnicate 1 2\n")
+    result = run("info", cage)
+    assert result.exit_code == 0
+    (line,) = [k for k in result.output.splitlines() if "frobnicate" in k]
+    assert line.startswith("limitsurf: warning: ")
+
+
+# ------------------------------------------------------------------ bad cages
+
+
+def bad_cages(folder):
+    (folder / "empty.obj").write_bytes(b"")
+    (folder / "noise.obj").write_bytes(bytes(range(256)) * 20)
+    (folder / "range.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n")
+    (folder / "nan.obj").write_text("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (folder / "cage.stl").write_text("solid\n")
+    (folder / "folder.obj").mkdir()
+    return ["empty.obj", "noise.obj", "range.obj", "nan.obj", "cage.stl", "folder.obj", "none.obj"]
+
+
+@pytest.mark.parametrize(
+    "command", [["info"], ["evaluate", "--grid", 2], ["validate"], ["plot", "-o", "a.png"]]
+)
+def test_bad_cages(command, tmp_path):
+    for name in bad_cages(tmp_path):
+        assert name in fail(command[0], tmp_path / name, *command[1:])
+
+
+@pytest.mark.parametrize("command", [["evaluate", "--grid", 2], ["validate"]])
+def test_cages_that_are_not_supported_yet(command, tmp_path):
+    path = tmp_path / "creased.obj"
+    ls.write(path, ls.Mesh(*zoo.cube(), creases={(0, 1): 2.0}))
+    assert "crease" in fail(command[0], path, *command[1:])
+
+
+# ------------------------------------------------------------------ info
+
+
+def facts(output):
+    return dict(line.strip().split("   ", 1) for line in output.splitlines() if "   " in line)
+
+
+def test_info(cage):
+    found = {name: value.strip() for name, value in facts(succeed("info", cage)).items()}
+    assert found["vertices"] == "10"
+    assert found["edges"] == "15"
+    assert found["faces"] == "7"
+    assert found["components"] == "1, closed"
+    assert found["corners of faces"] == "4 (5 times), 5 (2)"
+    assert found["valences inside"] == "3 (10 times)"
+    assert found["limit faces"] == "15"
+    assert any("extraordinary" in name for name in found)
+
+
+def test_info_of_an_open_cage_with_tags_tells_what_is_not_supported(tmp_path):
+    path = tmp_path / "grid.obj"
+    points, faces = zoo.with_unused(zoo.disjoint(zoo.grid(2, 2), zoo.grid(2, 1)), at=0)
+    mesh = ls.Mesh(
+        np.pad(np.asarray(points, float)[:, :2], ((0, 0), (0, 1))),
+        faces,
+        corners={int(faces[0][0]): 3.0},
+        holes=[1],
+        boundary="edge_only",
+    )
+    ls.write(path, mesh)
+    output = succeed("info", path)
+    for text in ["2, open", "in no face", "on the boundary", "holes", "edge_only", "sharpness 3"]:
+        assert text in output
+    assert "not supported yet" in output
+
+
+# ------------------------------------------------------------------ evaluate
+
+
+def test_grid_to_stdout_is_exact(cage, surface):
+    found = table(succeed("evaluate", cage, "--grid", 3, "--normals", "--order", 2))
+    face, u, v = found["face"].astype(int), found["u"], found["v"]
+    assert len(found) == 15 * 9
+    assert set(u) == set(v) == {1 / 6, 1 / 2, 5 / 6}
+    jet = surface.jet(face, u, v, order=2)
+    names = {(0, 0): "", (1, 0): "_u", (0, 1): "_v", (2, 0): "_uu", (1, 1): "_uv", (0, 2): "_vv"}
+    for nu, name in names.items():
+        np.testing.assert_array_equal(columns(found, *(c + name for c in "xyz")), jet[nu])
+    np.testing.assert_array_equal(columns(found, "n_x", "n_y", "n_z"), surface.normal(face, u, v))
+    assert len(found.dtype.names) == 3 + 6 * 3 + 3
+
+
+def test_files_hold_the_same_in_every_format(cage, surface, tmp_path):
+    command = ["evaluate", cage, "--random", 50, "--order", 1, "--normals", "-o"]
+    for name in ["a.csv", "a.npz", "a.npy"]:
+        assert succeed(*command, tmp_path / name) == ""
+    text, rows = table((tmp_path / "a.csv").read_text()), np.load(tmp_path / "a.npy")
+    with np.load(tmp_path / "a.npz") as arrays:
+        assert arrays.files == ["face", "u", "v", "position", "du", "dv", "normal"]
+        assert list(rows.dtype.names) == arrays.files
+        assert arrays["face"].dtype.kind == "i"
+        for name in arrays.files:
+            np.testing.assert_array_equal(rows[name], arrays[name])
+        np.testing.assert_array_equal(columns(text, "x", "y", "z"), arrays["position"])
+        np.testing.assert_array_equal(columns(text, "x_v", "y_v", "z_v"), arrays["dv"])
+        where = arrays["face"], arrays["u"], arrays["v"]
+        np.testing.assert_array_equal(arrays["position"], surface.evaluate(*where))
+        np.testing.assert_array_equal(arrays["du"], surface.evaluate(*where, nu=(1, 0)))
+
+
+def test_a_seed_repeats_itself(cage):
+    first, again, other = (
+        succeed("evaluate", cage, "--random", 5, "--seed", seed) for seed in (1, 1, 2)
+    )
+    assert first == again != other
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "face,u,v\n3,0.25,1\n0,0,0.1\n",
+        "3,0.25,1\n0,0,0.1",
+        '# a comment\n\n "V" , x, Face,u\r\n1,note,3,0.25 # another\r\n\r\n0.1,,0,0\r\n',
+        "\ufeffface,u,v\n3,2.5e-1,1.0\n+0,0.,.1\n",
+    ],
+)
+def test_queries_as_csv(text, cage, surface, tmp_path):
+    path = tmp_path / "q.csv"
+    path.write_bytes(text.encode())
+    expected = surface.evaluate([3, 0], [0.25, 0.0], [1.0, 0.1])
+    for found in [
+        succeed("evaluate", cage, "--queries", path),
+        succeed("evaluate", cage, "--queries", "-", stdin=text.lstrip("\ufeff")),
+    ]:
+        np.testing.assert_array_equal(columns(table(found), "x", "y", "z"), expected)
+
+
+@pytest.mark.parametrize("kind", ["npz", "columns", "rows", "integers"])
+def test_queries_as_numpy_files(kind, cage, surface, tmp_path):
+    face, u, v = np.array([3, 0], np.uint8), np.array([0, 1], np.float32), np.array([1.0, 0.5])
+    path = tmp_path / ("q.npz" if kind == "npz" else "q.npy")
+    if kind == "npz":
+        np.savez(path, v=v, u=u, face=face, other=np.array(["text", "text"]))
+    elif kind == "columns":
+        rows = np.zeros(2, dtype=[("v", float), ("face", np.uint8), ("u", np.float32)])
+        rows["face"], rows["u"], rows["v"] = face, u, v
+        np.save(path, rows)
+    elif kind == "rows":
+        np.save(path, np.stack([face, u, v], axis=1))
+    else:
+        v = np.array([1, 0])
+        np.save(path, np.array([[3, 0, 1], [0, 1, 0]]))
+    found = table(succeed("evaluate", cage, "--queries", path))
+    expected = surface.evaluate(face, u.astype(float), v.astype(float))
+    np.testing.assert_array_equal(columns(found, "x", "y", "z"), expected)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz", ".npy"])
+def test_answers_are_queries(suffix, cage, tmp_path):
+    first, again = tmp_path / f"a{suffix}", tmp_path / f"b{suffix}"
+    succeed("evaluate", cage, "--random", 7, "-o", first)
+    succeed("evaluate", cage, "--queries", first, "-o", again)
+    assert first.read_bytes() == again.read_bytes()
+
+
+def test_no_queries_no_answers(cage, tmp_path):
+    assert succeed("evaluate", cage, "--random", 0) == "face,u,v,x,y,z\n"
+    assert succeed("evaluate", cage, "--queries", "-", stdin="face,u,v\n") == "face,u,v,x,y,z\n"
+    succeed("evaluate", cage, "--random", 0, "--normals", "-o", tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz") as arrays:
+        assert arrays["position"].shape == arrays["normal"].shape == (0, 3)
+
+
+def test_nan_queries_get_nan_answers(cage):
+    found = table(succeed("evaluate", cage, "--queries", "-", stdin="0,nan,0\n0,0.5,inf\n0,0,0\n"))
+    assert np.isnan(found["x"]).tolist() == [True, True, False]
+
+
+def test_batches_do_not_show(cage, surface, monkeypatch):
+    whole = succeed("evaluate", cage, "--grid", 2, "--order", 1, "--normals")
+    monkeypatch.setattr(queries, "BATCH", 7)
+    monkeypatch.setattr(queries, "LINES", 5)
+    assert succeed("evaluate", cage, "--grid", 2, "--order", 1, "--normals") == whole
+    text = "0,0,0\n" * 20 + "15,0,0\n"
+    message = fail("evaluate", cage, "--queries", "-", stdin=text)
+    assert "15" in message
+    assert "20" in message
+
+
+def test_boundary_option(tmp_path):
+    path = tmp_path / "grid.obj"
+    points, faces = zoo.grid(3, 3)
+    ls.write(path, ls.Mesh(np.resize(np.asarray(points, float), (16, 3)), faces))
+    found = table(succeed("evaluate", path, "--grid", 1, "--boundary", "none"))
+    assert np.isnan(found["x"]).sum() == 8
+    found = table(succeed("evaluate", path, "--grid", 1))
+    assert not np.isnan(found["x"]).any()
+    fail("info", path, "--boundary", "sideways")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "empty"),
+        ("# nothing\n\n", "empty"),
+        ("u,v\n0,0\n", "line 1"),
+        ("0,0\n", "line 1"),
+        ("face,u,v\n0,0,0\n0,one,0\n", "line 3"),
+        ("\n0,0,0\n\n0.5,0,0\n", "line 4"),
+        ("0,0,0\n0,0\n", "line 2"),
+        ("0,0,0\n99999999999999999999,0,0\n", "line 2"),
+        ("0,0,0\n0,0,\n", "line 2"),
+        ("0;0;0\n", "line 1"),
+        ("0,0,0\n15,0,0\n", "15"),
+        ("0,0,0\n-1,0,0\n", "-1"),
+        ("0,2,0\n", "2"),
+        ("0,0,-1e-9\n", "-1e-09"),
+    ],
+)
+def test_bad_csv(text, expected, cage, tmp_path):
+    path = tmp_path / "q.csv"
+    path.write_text(text)
+    message = fail("evaluate", cage, "--queries", path)
+    assert "q.csv" in message
+    assert expected in message
+
+
+def test_bad_query_files(cage, tmp_path):
+    def message(name, content=None):
+        if isinstance(content, bytes):
+            (tmp_path / name).write_bytes(content)
+        elif isinstance(content, dict):
+            np.savez(tmp_path / name, **content)
+        elif content is not None:
+            np.save(tmp_path / name, content, allow_pickle=True)
+        text = fail("evaluate", cage, "--queries", tmp_path / name)
+        assert name in text
+        return text
+
+    noise = bytes(range(256)) * 9
+    ones = np.ones(2)
+    message("none.csv")
+    message("none.npy")
+    message("q.txt", b"0,0,0\n")
+    message("noise.csv", noise)
+    message("noise.npy", noise)
+    message("noise.npz", noise)
+    message("empty.npy", b"")
+    message("empty.npz", b"")
+    (tmp_path / "folder.npy").mkdir()
+    message("folder.npy")
+    message("object.npy", np.array([[0, 0, None]], dtype=object))
+    assert "shape" in message("flat.npy", np.zeros(3))
+    assert "shape" in message("wide.npy", np.zeros((2, 4)))
+    assert "row 1" in message("half.npy", np.array([[0, 0, 0], [0.5, 0, 0]]))
+    assert "row 0" in message("nan.npy", np.array([[np.nan, 0, 0]]))
+    assert "'v'" in message("short.npz", {"face": ones, "u": ones})
+    assert "(3,)" in message("ragged.npz", {"face": ones, "u": ones, "v": np.ones(3)})
+    assert "numbers" in message("text.npz", {"face": ones, "u": ones, "v": np.array(["a", "b"])})
+    assert "numbers" in message("complex.npy", np.zeros((2, 3), complex))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        [],
+        ["--grid", 2, "--random", 3],
+        ["--grid", 0],
+        ["--random", -1],
+        ["--grid", "two"],
+        ["--grid", 1, "--order", -1],
+        ["--grid", 1, "--seed", -1],
+        ["--grid", 1, "-o", "a.txt"],
+        ["--grid", 1, "-o", "a"],
+        ["--random", 10**14],
+    ],
+)
+def test_bad_options_of_evaluate(options, cage):
+    fail("evaluate", cage, *options)
+
+
+def test_outputs_that_cannot_be_written(cage, tmp_path):
+    (tmp_path / "folder.csv").mkdir()
+    assert "nowhere" in fail("evaluate", cage, "--grid", 1, "-o", tmp_path / "nowhere" / "a.csv")
+    assert "folder.csv" in fail("evaluate", cage, "--grid", 1, "-o", tmp_path / "folder.csv")
+    assert "nowhere" in fail("plot", cage, "-o", tmp_path / "nowhere" / "a.png", "--size", 9, 9)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz", ".npy"])
+def test_an_output_appears_whole_or_not_at_all(suffix, cage, tmp_path, monkeypatch):
+    path = tmp_path / f"a{suffix}"
+    path.write_text("precious")
+    monkeypatch.setattr(queries, "_structured", lambda _: 1 / 0)
+    monkeypatch.setattr(queries.np, "savez", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr(queries, "_csv", lambda _: iter(["half", None]))
+    before = sorted(tmp_path.iterdir())
+    assert run("evaluate", cage, "--grid", 1, "-o", path).exit_code
+    assert path.read_text() == "precious"
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_pipe_is_written_not_replaced(cage, tmp_path):
+    path = tmp_path / "a.csv"
+    os.mkfifo(path)
+    reader = subprocess.Popen(["cat", path], stdout=subprocess.PIPE, text=True)
+    succeed("evaluate", cage, "--grid", 1, "-o", path)
+    assert reader.communicate(timeout=60)[0] == succeed("evaluate", cage, "--grid", 1)
+    assert path.is_fifo()
+
+
+# ------------------------------------------------------------------ validate, plot
+
+
+def test_validate(cage):
+    head, *rows = succeed("validate", cage, "--levels", 3).splitlines()
+    assert head.split() == ["level", "error", "order", "limit", "error"]
+    assert [row.split()[0] for row in rows] == ["1", "2", "3"]
+    assert all(float(row.split()[-1]) < 1e-14 for row in rows)
+    fail("validate", cage, "--levels", 0)
+
+
+def test_validate_fails_when_the_refiner_disagrees(cage, monkeypatch):
+    validate = ls.validate
+
+    def shaken(surface, levels):
+        found = validate(surface, levels)
+        found["limit_error"][-1] = 1e-9
+        return found
+
+    monkeypatch.setattr(ls, "validate", shaken)
+    result = run("validate", cage)
+    assert result.exit_code == 1
+    assert "more than rounding" in result.output
+
+
+def test_plot(cage, tmp_path):
+    path = tmp_path / "a.png"
+    options = ["--size", 80, 60, "--no-cage", "--no-curves", "--no-poles", "--normals"]
+    output = succeed("plot", cage, "-o", path, *options, "--up", "y", "--color", "teal")
+    assert str(path) in output
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["-o", "a.gif"],
+        ["-o", "a.png", "--size", 0, 9],
+        ["-o", "a.png", "--quads", 0],
+        ["-o", "a.png", "--color", "no such color"],
+        ["-o", "a.png", "--up", "w"],
+    ],
+)
+def test_bad_options_of_plot(options, cage):
+    fail("plot", cage, *options)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there always is a window")
+def test_plot_without_a_display(cage, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert "display" in fail("plot", cage)
+
+
+def test_plot_without_pyvista(cage, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    assert "pip install" in fail("plot", cage, "-o", tmp_path / "a.png")
+
+
+# ------------------------------------------------------------------ the process
+
+
+def test_the_program_runs(cage):
+    done = subprocess.run([*PROGRAM, "info", cage], capture_output=True, text=True, check=True)
+    assert "limit faces" in done.stdout
+    assert done.stderr == ""
+    done = subprocess.run([*PROGRAM, "info", "nowhere.obj"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "limitsurf: error: nowhere.obj: No such file or directory\n"
+
+
+@pytest.mark.parametrize("n", [3, 50_000])
+def test_a_reader_that_goes_away_is_no_drama(n, cage):
+    command = [*PROGRAM, "evaluate", cage, "--random", str(n)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 1
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
+def test_a_full_disk(cage):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*PROGRAM, "evaluate", cage, "--grid", "2"], stdout=full, stderr=subprocess.PIPE
+        )
+    assert done.returncode == 2
+    assert done.stderr.decode().startswith("limitsurf: error: No space left")
+
+
+def test_interrupt(cage):
+    command = [*PROGRAM, "evaluate", cage, "--random", "200000"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.readline()  # the answers have begun, and the pipe is soon full
+        process.send_signal(signal.SIGINT)
+        _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert b"Traceback" not in stderr
