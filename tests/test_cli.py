@@ -56,6 +56,11 @@ def table(text):
     return np.genfromtxt(io.StringIO(text), delimiter=",", names=True, deletechars="")
 
 
+def same(found, expected):
+    """Equal but for the last bits, which may depend on what is evaluated together."""
+    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-14)
+
+
 def columns(values, *names):
     return np.stack([values[name] for name in names], axis=-1)
 
@@ -164,7 +169,7 @@ def test_info_of_an_open_cage_with_tags_tells_what_is_not_supported(tmp_path):
 # ------------------------------------------------------------------ evaluate
 
 
-def test_grid_to_stdout_is_exact(cage, surface):
+def test_grid_to_stdout(cage, surface):
     found = table(succeed("evaluate", cage, "--grid", 3, "--normals", "--order", 2))
     face, u, v = found["face"].astype(int), found["u"], found["v"]
     assert len(found) == 15 * 9
@@ -172,8 +177,8 @@ def test_grid_to_stdout_is_exact(cage, surface):
     jet = surface.jet(face, u, v, order=2)
     names = {(0, 0): "", (1, 0): "_u", (0, 1): "_v", (2, 0): "_uu", (1, 1): "_uv", (0, 2): "_vv"}
     for nu, name in names.items():
-        np.testing.assert_array_equal(columns(found, *(c + name for c in "xyz")), jet[nu])
-    np.testing.assert_array_equal(columns(found, "n_x", "n_y", "n_z"), surface.normal(face, u, v))
+        same(columns(found, *(c + name for c in "xyz")), jet[nu])
+    same(columns(found, "n_x", "n_y", "n_z"), surface.normal(face, u, v))
     assert len(found.dtype.names) == 3 + 6 * 3 + 3
 
 
@@ -191,8 +196,8 @@ def test_files_hold_the_same_in_every_format(cage, surface, tmp_path):
         np.testing.assert_array_equal(columns(text, "x", "y", "z"), arrays["position"])
         np.testing.assert_array_equal(columns(text, "x_v", "y_v", "z_v"), arrays["dv"])
         where = arrays["face"], arrays["u"], arrays["v"]
-        np.testing.assert_array_equal(arrays["position"], surface.evaluate(*where))
-        np.testing.assert_array_equal(arrays["du"], surface.evaluate(*where, nu=(1, 0)))
+        same(arrays["position"], surface.evaluate(*where))
+        same(arrays["du"], surface.evaluate(*where, nu=(1, 0)))
 
 
 def test_a_seed_repeats_itself(cage):
@@ -219,7 +224,7 @@ def test_queries_as_csv(text, cage, surface, tmp_path):
         succeed("evaluate", cage, "--queries", path),
         succeed("evaluate", cage, "--queries", "-", stdin=text.lstrip("\ufeff")),
     ]:
-        np.testing.assert_array_equal(columns(table(found), "x", "y", "z"), expected)
+        same(columns(table(found), "x", "y", "z"), expected)
 
 
 @pytest.mark.parametrize("kind", ["npz", "columns", "rows", "integers"])
@@ -239,7 +244,7 @@ def test_queries_as_numpy_files(kind, cage, surface, tmp_path):
         np.save(path, np.array([[3, 0, 1], [0, 1, 0]]))
     found = table(succeed("evaluate", cage, "--queries", path))
     expected = surface.evaluate(face, u.astype(float), v.astype(float))
-    np.testing.assert_array_equal(columns(found, "x", "y", "z"), expected)
+    same(columns(found, "x", "y", "z"), expected)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".npz", ".npy"])
@@ -263,11 +268,14 @@ def test_nan_queries_get_nan_answers(cage):
     assert np.isnan(found["x"]).tolist() == [True, True, False]
 
 
-def test_batches_do_not_show(cage, surface, monkeypatch):
-    whole = succeed("evaluate", cage, "--grid", 2, "--order", 1, "--normals")
+def test_batches_do_not_show(cage, monkeypatch):
+    command = ["evaluate", cage, "--grid", 2, "--order", 1, "--normals"]
+    whole = table(succeed(*command))
     monkeypatch.setattr(queries, "BATCH", 7)
     monkeypatch.setattr(queries, "LINES", 5)
-    assert succeed("evaluate", cage, "--grid", 2, "--order", 1, "--normals") == whole
+    pieces = table(succeed(*command))
+    for name in whole.dtype.names:
+        same(pieces[name], whole[name])
     text = "0,0,0\n" * 20 + "15,0,0\n"
     message = fail("evaluate", cage, "--queries", "-", stdin=text)
     assert "15" in message

@@ -48,10 +48,10 @@ def test_demo(cage, tmp_path):
     with np.load(folder / "demo_results.npz") as found:
         where = found["face"], found["u"], found["v"]
         assert len(where[0]) == 1000
-        np.testing.assert_array_equal(found["position"], surface.evaluate(*where))
-        np.testing.assert_array_equal(found["du"], surface.evaluate(*where, nu=(1, 0)))
-        np.testing.assert_array_equal(found["dv"], surface.evaluate(*where, nu=(0, 1)))
-        np.testing.assert_array_equal(found["normal"], surface.normal(*where))
+        np.testing.assert_allclose(found["position"], surface.evaluate(*where), atol=1e-13)
+        np.testing.assert_allclose(found["du"], surface.evaluate(*where, nu=(1, 0)), atol=1e-13)
+        np.testing.assert_allclose(found["dv"], surface.evaluate(*where, nu=(0, 1)), atol=1e-13)
+        np.testing.assert_allclose(found["normal"], surface.normal(*where), atol=1e-13)
         assert all(np.isfinite(found[name]).all() for name in found.files)
 
 

@@ -154,7 +154,7 @@ def test_holes_are_left_out(draw):
 )
 def test_all_sorts_of_cages(make, draw):
     points, faces = make()
-    assert colored(draw(surface_of(points, faces))) > 0.02
+    assert colored(draw(surface_of(points, faces))) > 0.005
 
 
 def test_poles_of_the_demo():

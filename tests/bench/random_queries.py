@@ -71,7 +71,9 @@ def main() -> None:
         "faces": mesh.n_faces,
         "queries": queries,
         "seconds": {
-            "LimitSurface": seconds(lambda: ls.LimitSurface(mesh)),
+            "Mesh and LimitSurface": seconds(
+                lambda: ls.LimitSurface(ls.Mesh(mesh.points, mesh.faces))
+            ),
             "refined, one level": seconds(lambda: ls.refined(mesh)),
             "evaluate": seconds(lambda: surface.evaluate(face, u, v)),
             "jet, order 1": seconds(lambda: surface.jet(face, u, v, order=1)),
