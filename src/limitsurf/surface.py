@@ -530,19 +530,20 @@ class LimitSurface:
                 values.append(value + origin if nu == (0, 0) else _scaled(value, g.depth * sum(nu)))
             return values
         table, place, powers, origin, modes, which = self._corner(g, ids)
-        for nu in orders:
-            turned, sign = _turned(nu, g.turn)
-            value = np.empty((len(which), origin.shape[1]))
-            for order in set(turned):
-                here = np.array([o == order for o in turned])[g.turn]
-                diagonal, chained, level = (x[here] for x in powers)
-                eigen = basis.eigen_weights(table, place[here], (diagonal, chained, level), order)
-                part = _contract(eigen.rows, modes[which[here], 1:])
-                part = _scaled(part, eigen.exponent + g.depth[here] * sum(nu))
-                if eigen.with_limit:
-                    part = part + modes[which[here], 0] + origin[which[here]]
-                value[here] = part
-            values.append(value * sign[g.turn][:, None])
+        # in patch parameters first: all orders at once, then each query picks by its turn
+        turned = [_turned(nu) for nu in orders]
+        needed = sorted({order for choices, _ in turned for order in choices})
+        eigen = [basis.eigen_weights(table, place, powers, order) for order in needed]
+        rows = np.stack([x.rows for x in eigen], axis=1)  # (q, orders, K - 1)
+        parts = np.matmul(rows, modes[which, 1:])  # (q, orders, d)
+        for k, (order, x) in enumerate(zip(needed, eigen, strict=True)):
+            parts[:, k] = _scaled(parts[:, k], x.exponent + g.depth * sum(order))
+            if x.with_limit:
+                parts[:, k] += modes[which, 0]
+                parts[:, k] += origin[which]
+        for choices, sign in turned:
+            pick = np.array([needed.index(order) for order in choices])[g.turn]
+            values.append(parts[np.arange(len(pick)), pick] * sign[g.turn][:, None])
         return values
 
     def _float_directions(self, g: _Group, ids: Array) -> list[Array]:
@@ -583,7 +584,7 @@ class LimitSurface:
 
     def _control_weights(self, g: _Group, nu: Order, exact: bool) -> Array:
         """Weights (q, K) of the control points for a derivative in (u, v) of the limit face."""
-        turned, sign = _turned(nu, g.turn)
+        turned, sign = _turned(nu)
         dtype = np.dtype(object if exact else float)
         scale = kernels.scale_by_two(sign[g.turn].astype(dtype), g.depth * sum(nu))[:, None]
         if g.kind == REGULAR:
@@ -615,7 +616,7 @@ def _order(nu: Any) -> Order:
     return int(order[0]), int(order[1])
 
 
-def _turned(nu: Order, turn: Array) -> tuple[list[Order], Array]:
+def _turned(nu: Order) -> tuple[list[Order], Array]:
     """Order of the derivative in patch parameters, by turn 0 to 3, and its sign (4,).
 
     A patch turned by 1 has s = v, t = 1 - u; by 2, s = 1 - u, t = 1 - v; by 3, s = 1 - v, t = u.
