@@ -1,9 +1,46 @@
-"""What the whole suite shares: a table cache of its own, and no windows."""
+"""What the whole suite shares: a table cache of its own, no windows, options and settings.
 
+``pytest --wicked=KIND`` runs the tests on a Catmull-Clark scheme with one wrong mask, which must
+turn them red (test_wicked.py). ``pytest --cages=N`` judges the accuracy on N random cages.
+``pytest --hypothesis-profile=search`` looks for new examples instead of the same ones every time.
+"""
+
+import copy
 import os
 import tempfile
+from fractions import Fraction
+from typing import Any
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("search", deadline=None, max_examples=1000)
+settings.register_profile("repeatable", deadline=None, derandomize=True)
+settings.load_profile("repeatable")
+
+
+def _vertex(valence: int, stolen: Fraction) -> tuple[Fraction, Fraction, Fraction]:
+    """The vertex mask with some of the vertex's weight given to its neighbours."""
+    share = Fraction(1, valence * valence)
+    return 1 - 2 * valence * share - stolen, share + stolen / valence, share
+
+
+# One wrong mask each. All sum to one, so the surfaces are affine invariant.
+WICKED: dict[str, dict[str, Any]] = {
+    "all": {"vertex": lambda N: _vertex(N, Fraction(1, 8))},
+    "edge": {"edge": (Fraction(0), Fraction(1, 2))},  # the mean of the two face points
+    "extraordinary": {"vertex": lambda N: _vertex(N, Fraction(N != 4, 8))},
+    "ngon": {
+        "face": lambda n: (Fraction(2, n + 1), *[Fraction(1, n + 1)] * (n - 1))
+        if n != 4
+        else (Fraction(1, 4),) * 4
+    },
+}
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--wicked", choices=list(WICKED), help="test a scheme with a wrong mask")
+    parser.addoption("--cages", type=int, default=62, help="random cages to judge accuracy on")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -13,3 +50,11 @@ def pytest_configure(config: pytest.Config) -> None:
         cache = tempfile.TemporaryDirectory(prefix="limitsurf-tests-")
         config.add_cleanup(cache.cleanup)
         os.environ["LIMITSURF_CACHE_DIR"] = cache.name
+    if config.getoption("wicked"):
+        from limitsurf import tables
+
+        # a copy is not checked as a new Scheme is: some of these masks it would refuse
+        scheme = copy.copy(tables.SCHEMES["catmull-clark"])
+        for mask, wrong in WICKED[config.getoption("wicked")].items():
+            object.__setattr__(scheme, mask, wrong)
+        tables.SCHEMES["catmull-clark"] = scheme

@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 import limitsurf as ls
+from limitsurf.shell import plot
 from limitsurf.shell.cli import main
 
 
@@ -35,11 +36,12 @@ def test_the_cage_has_something_of_everything(cage):
     np.testing.assert_array_equal(cage.points.round(4), cage.points)
 
 
-def test_demo(cage, tmp_path):
+def test_demo(cage, tmp_path, monkeypatch):
+    monkeypatch.setattr(plot, "QUADS", 10_000)
     folder = tmp_path / "new" / "folder"
     result = demo(folder)
     assert result.exit_code == 0, result.output
-    for text in ["queries a second", "limit error", "rounding alone"]:
+    for text in ["queries a second", "refined once", "limit error", "rounding alone"]:
         assert text in result.output
     for name in ["demo_results.npz", "demo.png"]:
         assert str(folder / name) in result.output.splitlines()

@@ -75,6 +75,78 @@ def validate(surface: LimitSurface, levels: int) -> NDArray[Any]:
     return table
 
 
+def on_refined(
+    surface: LimitSurface, face: NDArray[Any], u: NDArray[Any], v: NDArray[Any]
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """The same points as queries of the surface of ``refined(surface.mesh)``, once refined.
+
+    There they lie in other patches with other control points: that both surfaces agree checks
+    evaluation against refinement at any (face, u, v), not at refined vertices alone.
+
+    Parameters
+    ----------
+    surface : LimitSurface
+    face, u, v : (Q,) arrays
+        Queries as for `LimitSurface.evaluate`.
+
+    Returns
+    -------
+    face, u, v : (Q,) arrays
+        A derivative in u or v of a quad is half as large there, and turned with its child.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import limitsurf as ls
+    >>> from limitsurf.query import on_refined
+    >>> surface = ls.LimitSurface(ls.Mesh([[0], [1], [1], [0]], [[0, 1, 2, 3]]))
+    >>> [x.tolist() for x in on_refined(surface, np.array([0]), np.array([0.75]), np.array([0.25]))]
+    [[1], [0.5], [0.5]]
+    """
+    mesh, limit_faces = surface.mesh, surface.limit_faces
+    parent, corner = limit_faces.face[face], limit_faces.corner[face]
+    high, above = u > 0.5, v > 0.5
+    # quadrant of a quad: the corner it holds, where its child has corner 0
+    quadrant = np.where(above, np.where(high, 2, 3), high.astype(int))
+    s, t = 2 * u - high, 2 * v - above
+    sides = [s, t, 1 - s, 1 - t]
+    quad = corner < 0
+    return (
+        mesh.offsets[parent] + np.where(quad, quadrant, corner),
+        np.where(quad, np.choose(quadrant, sides), u),
+        np.where(quad, np.choose(quadrant, sides[1:] + sides[:1]), v),
+    )
+
+
+def refinement_gap(
+    surface: LimitSurface, face: NDArray[Any], u: NDArray[Any], v: NDArray[Any]
+) -> tuple[float, float]:
+    """Largest differences of positions and unit normals from those on the once refined cage.
+
+    The arguments, and why this is a check, are as for `on_refined`; points of shape (n, 3). NaN on
+    both sides agree; a NaN on one side alone gives NaN.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import limitsurf as ls
+    >>> from limitsurf.query import refinement_gap
+    >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 1]], [[0, 1, 2, 3]])
+    >>> gaps = refinement_gap(ls.LimitSurface(square), np.array([0]), np.array([0.7]), np.ones(1))
+    >>> max(gaps) < 1e-15
+    True
+    """
+    fine = LimitSurface(refined(surface.mesh, **surface.rules))
+    there = on_refined(surface, face, u, v)
+    pairs = (
+        (surface.evaluate(face, u, v), fine.evaluate(*there)),
+        (surface.normal(face, u, v), fine.normal(*there)),
+    )
+    gaps = (np.where(np.isnan(a) & np.isnan(b), 0, np.abs(a - b)) for a, b in pairs)
+    position, normal = (float(gap.max(initial=0)) for gap in gaps)
+    return position, normal
+
+
 def _distance(points: NDArray[Any], surface: LimitSurface, mesh: Any) -> float:
     """Largest distance of points (n_vertices, ...) from the surface at the parents of `mesh`."""
     place = mesh.parent_face >= 0

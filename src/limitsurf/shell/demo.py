@@ -9,6 +9,7 @@ from time import perf_counter
 import click
 
 import limitsurf as ls
+from limitsurf.query import refinement_gap
 from limitsurf.shell import queries, terminal
 
 LEVELS = 4
@@ -52,6 +53,12 @@ def run(folder: Path, n: int, seed: int) -> bool:
         ],
     )
 
+    with terminal.working("checking every query on the once refined cage"):
+        position, normal = refinement_gap(surface, *asked)
+    click.echo(
+        f"\nThe same {n:,} queries on the cage refined once, in other patches: positions differ by"
+        f"\nat most {position:.1e}, unit normals by {normal:.1e}."
+    )
     click.echo(REFINER)
     with terminal.working("refining"):
         table = ls.validate(surface, LEVELS)

@@ -51,6 +51,7 @@ MARGIN = 0.06  # of the picture, on each side
 POINT = 72 / 100  # Matplotlib's unit of lengths in pixels, at 100 dots per inch
 GROUND, SKY, INK = "#dde5ec", "#ffffff", "#263442"
 LIFT = 0.0015  # of curves off the surface, in units of the cage
+NEEDLE = 0.04  # length of a normal, in units of the cage
 CROWD = 10_000  # limit faces; of more, cage and curves would hide the surface
 FEW = 1_000  # limit faces; of more, dots are smaller
 VALENCES = {  # the largest of each class: its name and colour
@@ -247,9 +248,10 @@ def _scene(
         dark = (0.5 * color[0], 0.5 * color[1], 0.5 * color[2])
         lines.append(_Lines(ends.reshape(-1, 2, 3), dark, 0.9))
     if normals:
-        middle = (n + 1) // 2
-        foot, direction = position[:, middle, middle], normal[:, middle, middle]
-        lines.append(_Lines(np.stack([foot, foot + 0.04 * direction], axis=1), "#1f6fc4", 1.1))
+        centre = (np.arange(faces), 0.5, 0.5)
+        foot = surface.evaluate(*centre)  # (faces, 3)
+        tip = foot + NEEDLE * surface.normal(*centre)
+        lines.append(_Lines(np.stack([foot, tip], axis=1), VALENCES[3][1], 1.1))
     if cage or (cage is None and not crowded):
         lines.append(_Lines(places[mesh.edges], INK, 1.0))
     if poles:
@@ -274,10 +276,11 @@ def _unit_points(mesh: Any) -> Array:
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise ValueError(f"points of shape (n_vertices, 2 or 3) can be drawn, got {points.shape}")
     used = np.unique(mesh.indices)
-    points = points / max(np.abs(points[used]).max(), np.finfo(np.float64).tiny)
-    low, high = points[used].min(axis=0), points[used].max(axis=0)
-    points = (points - (low + high) / 2) / (np.max(high - low) or 1.0)
-    return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+    places = points[used] / max(np.abs(points[used]).max(), np.finfo(np.float64).tiny)
+    low, high = places.min(axis=0), places.max(axis=0)
+    scaled = np.zeros((len(points), 3))
+    scaled[used, : points.shape[1]] = (places - (low + high) / 2) / (np.max(high - low) or 1.0)
+    return scaled
 
 
 def _drawable_normals(surface: LimitSurface, query: tuple[IntArray, Array, Array]) -> Array:
@@ -349,7 +352,8 @@ def _rendered(pyvista: Any, scene: _Scene, width: int, height: int, off_screen: 
     # An off-screen picture is drawn larger and averaged, which smooths lines and dots as well.
     scale = SUPERSAMPLING if off_screen else 1
     size = (scale * width, scale * height)
-    plotter = pyvista.Plotter(off_screen=off_screen, window_size=size, lighting=None)
+    # None leaves PYVISTA_OFF_SCREEN its say.
+    plotter = pyvista.Plotter(off_screen=off_screen or None, window_size=size, lighting=None)
     try:
         for place, strength in LIGHTS:
             light = pyvista.Light(position=place, light_type="camera light", intensity=strength)
