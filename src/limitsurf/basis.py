@@ -148,10 +148,26 @@ def vanishes_at_corner(table: EigenTable, nu: tuple[int, int]) -> bool:
     return max(nu) > 3 or bool(2 ** sum(nu) * np.abs(table.eigenvalues[0, 1:]).max() < 1)
 
 
+def eigen_coefficients(table: EigenTable, points: Array) -> Array:
+    """Coefficients V^-1 C of control points (P, K, d) in the eigenbasis, (P, K, d)."""
+    ring = 2 * table.valence + 1
+    waves = table.frequency, table.parity, table.left, table.half_turn
+    modes = kernels.ring_coefficients(points[:, :ring], *waves)
+    outer = np.matmul(table.outer, points[:, ring:]) - np.matmul(table.links, modes)
+    return np.asarray(np.concatenate([modes, outer], axis=1)[:, table.order])
+
+
 def control_weights(table: EigenTable, weights: EigenWeights) -> Array:
-    """The same weights in terms of the control points, (Q, K)."""
-    result = kernels.scale_by_two(weights.rows @ table.Vinv[1:], weights.exponent[:, None])
-    return np.asarray(result + table.Vinv[0] if weights.with_limit else result)
+    """Weights of the eigencoefficients in terms of the control points, (Q, K)."""
+    ring = 2 * table.valence + 1
+    rows = np.zeros((len(weights.rows), table.size))
+    rows[:, table.order[1:]] = weights.rows
+    modes, outer = rows[:, :ring], rows[:, ring:]
+    waves = table.frequency, table.parity, table.left, table.half_turn, table.valence
+    around = kernels.ring_weights(modes - outer @ table.links, *waves)
+    result = np.concatenate([around, outer @ table.outer], axis=1)
+    result = kernels.scale_by_two(result, weights.exponent[:, None])
+    return np.asarray(result + table.limit_mask if weights.with_limit else result)
 
 
 def rational_weights(
@@ -162,23 +178,23 @@ def rational_weights(
     Every level costs one sparse integer row-vector product. `at_corner` is the value that a
     derivative takes at the corner itself.
     """
-    size = table.numerators.shape[1]
+    size = 2 * table.valence + 8
     b = kernels.bicubic_weights(place.S, place.T, nu)
     # integers over one denominator per query: far faster than Fractions
     unit = np.array([lcm(*(w.denominator for w in row)) for row in b], dtype=object)
-    rows = np.zeros((len(b), len(table.numerators)), dtype=object)
+    rows = np.zeros((len(b), size + 9), dtype=object)
     for piece in range(3):
         here = np.flatnonzero(place.piece == piece)
         for k, row in enumerate(table.pieces[piece]):
             rows[here, row] += [int(w) for w in b[here, k] * unit[here]]
-    rows = rows.dot(table.numerators)
-    r, c = np.nonzero(table.numerators[:size])
-    order = np.argsort(c, kind="stable")
-    r, c = r[order], c[order]
-    values, starts = table.numerators[r, c], np.searchsorted(c, np.arange(size))
+    starts = np.searchsorted(table.columns, np.arange(size))
+    rows = np.add.reduceat(rows[:, table.rows] * table.numerators, starts, axis=1)
+    square = table.rows < size
+    sources, values = table.rows[square], table.numerators[square]
+    starts = np.searchsorted(table.columns[square], np.arange(size))
     for done in range(int(place.level.max(initial=0))):
         going = np.flatnonzero(place.level > done)
-        rows[going] = np.add.reduceat(rows[going][:, r] * values, starts, axis=1)
+        rows[going] = np.add.reduceat(rows[going][:, sources] * values, starts, axis=1)
     # (not ** on the array: a Fraction to the power of an array falls back to floats)
     step = Fraction(2 ** sum(nu), table.denominator)
     scale = np.array([step ** (max(n, 0) + 1) for n in place.level.tolist()], dtype=object)

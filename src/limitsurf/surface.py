@@ -573,7 +573,7 @@ class LimitSurface:
         origin, points = self._differences(ids[patch])
         place = basis.CornerPlace.of(g.s, g.t, g.turn)
         powers = basis.eigen_powers(table, place)
-        return table, place, powers, origin, table.Vinv @ points, which
+        return table, place, powers, origin, basis.eigen_coefficients(table, points), which
 
     def _exact_values(self, g: _Group, ids: Array, orders: Sequence[Order]) -> list[Array]:
         """Derivatives (q, d) of the queries of a group, as Fractions."""

@@ -23,6 +23,7 @@ import sys
 import tempfile
 import warnings
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
@@ -33,6 +34,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf._kernels import reference as kernels
 from limitsurf.exact.catmull_clark import CATMULL_CLARK
 from limitsurf.exact.scheme import Scheme
 
@@ -60,7 +62,8 @@ def find_scheme(scheme: str | Scheme) -> Scheme:
 class EigenTable:
     """Jordan basis of the subdivision matrix around an interior vertex, in float64.
 
-    Arrays are read-only; ``K = 2 * valence + 8`` control points as in ``exact/matrices.py``.
+    Arrays are read-only; ``K = 2 * valence + 8`` control points as in ``exact/matrices.py``. What
+    is stored grows with the valence, not with its square: the ring in its Fourier modes.
 
     Attributes
     ----------
@@ -69,32 +72,71 @@ class EigenTable:
     provenance : dict
         Name, masks, kind, valence and format: everything that the numbers depend on.
     eigenvalues, ratios : (2, K)
-        Eigenvalues, and their ratios to the subdominant one, as unevaluated sums high + low.
-    V, Vinv : (K, K)
-        Right eigenvectors as columns, left eigenvectors as rows. The first belong to eigenvalue
-        1; if `smooth`, the next two are the subdominant pair, even and odd about the diagonal.
+        Eigenvalues, and their ratios to the subdominant one, as unevaluated sums high + low. The
+        first is 1; if `smooth`, the next two are the subdominant pair, even and odd about the
+        diagonal of the face.
     pieces : (3, 16, K)
         B-spline control points of the eigenfunctions on the three regular pieces of the quad.
     chains : (c,)
         Indices k with ``A V[:, k] = eigenvalue[k] V[:, k] + V[:, k - 1]`` (valence 2 only).
     smooth : bool
         Whether the surface has a tangent plane at the vertex for general control points.
+    frequency, parity : (2 N + 1,)
+        Fourier frequency of each mode of the ring; 0 for cosines, 1 for sines.
+    left : (2 N + 1, 3)
+        Weights of the vertex, the edge neighbours and the face corners in the coefficient of each
+        mode, but for the cosine or sine.
+    half_turn : (2, N // 2 + 1)
+        Cosine and sine of pi f / N.
+    links : (7, 2 N + 1)
+        What each mode of the ring takes away from the coefficients of the outer eigenvectors.
+    outer : (7, 7)
+        Left eigenvectors of the outer block.
+    order : (K,)
+        Modes of the ring, then outer eigenvectors, by decreasing modulus of the eigenvalue.
     """
 
     scheme: Scheme
     provenance: dict[str, Any]
     eigenvalues: Array
     ratios: Array
-    V: Array
-    Vinv: Array
     pieces: Array
     chains: Array
     smooth: bool
+    frequency: Array
+    parity: Array
+    left: Array
+    half_turn: Array
+    links: Array
+    outer: Array
+    order: Array
+
+    @property
+    def valence(self) -> int:
+        """Number N of faces around the vertex."""
+        return int(self.provenance["valence"])
 
     @property
     def size(self) -> int:
         """Number K of control points."""
-        return len(self.V)
+        return 2 * self.valence + 8
+
+    @cached_property
+    def _dense(self) -> tuple[Array, Array]:
+        from limitsurf.exact.spectrum import dense_basis, spectrum
+
+        V, Vinv = map(_rounded, dense_basis(spectrum(self.scheme, self.valence)))
+        return V, Vinv
+
+    @property
+    def V(self) -> Array:
+        """Right eigenvectors as columns, (K, K); derived when first asked for."""
+        return self._dense[0]
+
+    @property
+    def Vinv(self) -> Array:
+        """Left eigenvectors as rows, (K, K); derived when first asked for."""
+        return self._dense[1]
 
     @cached_property
     def J(self) -> Array:
@@ -106,8 +148,12 @@ class EigenTable:
     @cached_property
     def A(self) -> Array:
         """Subdivision matrix, (K, K)."""
-        table = rational_table(self.scheme, self.provenance["valence"])
-        return np.asarray(table.dense[: self.size].astype(float))
+        table = rational_table(self.scheme, self.valence)
+        A = np.zeros((self.size, self.size))
+        square = table.rows < self.size
+        weights = table.numerators[square] / table.denominator
+        A[table.rows[square], table.columns[square]] = weights
+        return A
 
     @property
     def residual(self) -> Array:
@@ -117,12 +163,20 @@ class EigenTable:
     @property
     def limit_mask(self) -> Array:
         """Weights of the control points in the limit position of the vertex, (K,)."""
-        return np.asarray(self.Vinv[0])
+        return np.asarray(self._left_vectors(slice(0, 1))[0])
 
     @property
     def tangent_masks(self) -> Array:
         """Weights of the subdominant components, even and odd about the diagonal, (2, K)."""
-        return np.asarray(self.Vinv[1:3])
+        return self._left_vectors(slice(1, 3))
+
+    def _left_vectors(self, which: slice) -> Array:
+        """Left eigenvectors of modes of the ring, (n, K)."""
+        ring = 2 * self.valence + 1
+        modes = self.order[which]
+        waves = self.frequency, self.parity, self.left, self.half_turn, self.valence
+        vectors = kernels.ring_weights(np.eye(ring)[modes], *waves)
+        return np.concatenate([vectors, np.zeros((len(modes), 7))], axis=1)
 
 
 _memory: dict[str, EigenTable] = {}
@@ -179,31 +233,41 @@ def _derive(scheme: Scheme, valence: int, key: dict[str, Any]) -> EigenTable:
 
     from limitsurf.exact.spectrum import BITS, spectrum
 
-    result = spectrum(scheme, valence)
-    unit = 1 << BITS
-
-    def rounded(fixed: Array) -> Array:
-        # true division of integers rounds correctly
-        return np.array([x / unit for x in fixed.ravel()], dtype=float).reshape(fixed.shape)
-
     def split(values: list[Any]) -> Array:
         with mpmath.workprec(BITS):
             high = [float(x) for x in values]
             return np.array([high, [float(x - h) for x, h in zip(values, high, strict=True)]])
 
+    result = spectrum(scheme, valence)
+    with mpmath.workprec(BITS):
+        turn = [mpmath.mpf(f) / valence for f in range(valence // 2 + 1)]
+        half_turn = [[float(wave(x)) for x in turn] for wave in (mpmath.cospi, mpmath.sinpi)]
     return _frozen(
         scheme,
         key,
         {
             "eigenvalues": split(result.eigenvalues),
             "ratios": split(result.ratios),
-            "V": rounded(result.V),
-            "Vinv": rounded(result.Vinv),
-            "pieces": rounded(result.pieces),
+            "pieces": _rounded(result.pieces),
             "chains": np.array(result.chains, dtype=np.int64),
             "smooth": np.array(result.smooth),
+            "frequency": np.array([mode.frequency for mode in result.modes]),
+            "parity": np.array([mode.parity for mode in result.modes]),
+            "left": np.array([[float(x) for x in mode.left] for mode in result.modes]),
+            "half_turn": np.array(half_turn),
+            "links": _rounded(result.G),
+            "outer": _rounded(result.Winv),
+            "order": np.array(result.order),
         },
     )
+
+
+def _rounded(fixed: Array) -> Array:
+    """Numbers of `exact.spectrum` in float64; true division of integers rounds correctly."""
+    from limitsurf.exact.spectrum import BITS
+
+    unit = 1 << BITS
+    return np.array([x / unit for x in fixed.ravel()], dtype=float).reshape(fixed.shape)
 
 
 def _frozen(scheme: Scheme, key: dict[str, Any], arrays: dict[str, Array]) -> EigenTable:
@@ -214,25 +278,29 @@ def _frozen(scheme: Scheme, key: dict[str, Any], arrays: dict[str, Array]) -> Ei
     return EigenTable(scheme, key, **rest, smooth=smooth)
 
 
-_TYPES = {
-    "eigenvalues": "<f8",
-    "ratios": "<f8",
-    "V": "<f8",
-    "Vinv": "<f8",
-    "pieces": "<f8",
-    "chains": "<i8",
-    "smooth": "|b1",
+# the arrays of a table: type and, by valence, shape
+_FORMATS: dict[str, tuple[str, Callable[[int], tuple[int, ...]]]] = {
+    "eigenvalues": ("<f8", lambda n: (2, 2 * n + 8)),
+    "ratios": ("<f8", lambda n: (2, 2 * n + 8)),
+    "pieces": ("<f8", lambda n: (3, 16, 2 * n + 8)),
+    "chains": ("<i8", lambda n: (-1,)),  # of any length
+    "smooth": ("|b1", lambda n: ()),
+    "frequency": ("<i8", lambda n: (2 * n + 1,)),
+    "parity": ("<i8", lambda n: (2 * n + 1,)),
+    "left": ("<f8", lambda n: (2 * n + 1, 3)),
+    "half_turn": ("<f8", lambda n: (2, n // 2 + 1)),
+    "links": ("<f8", lambda n: (7, 2 * n + 1)),
+    "outer": ("<f8", lambda n: (7, 7)),
+    "order": ("<i8", lambda n: (2 * n + 8,)),
 }
 
 
 def _encode(table: EigenTable) -> bytes:
     """The bytes of a table's file: the same for the same table, everywhere."""
     members = {}
-    for name, kind in _TYPES.items():
+    for name, (kind, _) in _FORMATS.items():
         buffer = io.BytesIO()
-        array = np.ascontiguousarray(getattr(table, name), dtype=kind).reshape(
-            np.shape(getattr(table, name))
-        )
+        array = np.asarray(getattr(table, name), dtype=kind, order="C")
         np.lib.format.write_array(buffer, array, version=(1, 0), allow_pickle=False)
         members[name + ".npy"] = buffer.getvalue()
     digest = hashlib.sha256(b"".join(members.values())).hexdigest()
@@ -251,7 +319,7 @@ def _load(path: Path, scheme: Scheme, key: dict[str, Any]) -> EigenTable | None:
     try:
         with zipfile.ZipFile(io.BytesIO(path.read_bytes())) as archive:
             header = json.loads(archive.read("key.json"))
-            members = {name: archive.read(name + ".npy") for name in _TYPES}
+            members = {name: archive.read(name + ".npy") for name in _FORMATS}
         digest = hashlib.sha256(b"".join(members.values())).hexdigest()
         if header != {"key": key, "sha256": digest}:
             return None
@@ -261,19 +329,11 @@ def _load(path: Path, scheme: Scheme, key: dict[str, Any]) -> EigenTable | None:
         }
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError):
         return None
-    size = 2 * key["valence"] + 8
-    shapes = {
-        "eigenvalues": (2, size),
-        "ratios": (2, size),
-        "V": (size, size),
-        "Vinv": (size, size),
-        "pieces": (3, 16, size),
-        "smooth": (),
-    }
-    for name, array in arrays.items():
-        if array.dtype.str != _TYPES[name] or not np.isfinite(array).all():
+    for name, (kind, shape) in _FORMATS.items():
+        array = arrays[name]
+        if array.dtype.str != kind or not np.isfinite(array).all():
             return None
-        if array.shape != shapes.get(name, (array.size,)):
+        if array.shape != shape(key["valence"]) and shape(key["valence"]) != (-1,):
             return None
     return _frozen(scheme, key, arrays)
 
@@ -299,13 +359,14 @@ def _warn_once(message: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class RationalTable:
-    """One refinement step around an interior vertex as integers over a common denominator.
+    """One refinement step around an interior vertex as sparse integers over one denominator.
 
     Attributes
     ----------
     valence : int
-    numerators : (2 N + 17, 2 N + 8) object array of int
-        Refined points from control points; the first ``2 N + 8`` rows are the matrix A.
+    rows, columns, numerators : (nnz,)
+        Refined points from control points, (2 N + 17, 2 N + 8), sorted by column; the first
+        ``2 N + 8`` rows are the matrix A. The numerators are Python integers.
     denominator : int
     pieces : (3, 16)
         Rows that are the control points of the three regular pieces, index ``4 j + i``.
@@ -314,35 +375,29 @@ class RationalTable:
     """
 
     valence: int
+    rows: Array
+    columns: Array
     numerators: Array
     denominator: int
     pieces: Array
     limit_mask: tuple[Fraction, Fraction, Fraction]
 
-    @property
-    def dense(self) -> Array:
-        """The rows as Fractions, (2 N + 17, 2 N + 8)."""
-        return np.asarray(self.numerators * Fraction(1, self.denominator))
 
-
+@lru_cache(maxsize=64)
 def rational_table(scheme: Scheme, valence: int) -> RationalTable:
     """Return the exact refinement step of `scheme` around an interior vertex of `valence`."""
     from limitsurf.exact.matrices import subdivision_matrix
-
-    return _rational_table(scheme, subdivision_matrix(scheme, valence))
-
-
-@lru_cache(maxsize=64)
-def _rational_table(scheme: Scheme, matrix: Any) -> RationalTable:
     from limitsurf.exact.spectrum import limit_mask
 
-    denominator = lcm(*(w.denominator for row in matrix.rows for w in row.values()))
-    numerators = np.zeros((len(matrix.rows), matrix.size), dtype=object)
-    for i, row in enumerate(matrix.rows):
-        for j, w in row.items():
-            numerators[i, j] = int(w * denominator)
+    matrix = subdivision_matrix(scheme, valence)
+    entries = sorted((c, r, w) for r, row in enumerate(matrix.rows) for c, w in row.items())
+    denominator = lcm(*(w.denominator for _, _, w in entries))
+    numerators = np.empty(len(entries), dtype=object)
+    numerators[:] = [int(w * denominator) for _, _, w in entries]
+    columns, rows = np.array([(c, r) for c, r, _ in entries]).T
+    pieces = np.array(matrix.pieces)
     mask = limit_mask(matrix)
-    return RationalTable(matrix.valence, numerators, denominator, np.array(matrix.pieces), mask)
+    return RationalTable(valence, rows, columns, numerators, denominator, pieces, mask)
 
 
 def corner_weights(scheme: Scheme, sizes: Array, dtype: Any) -> Array:

@@ -61,24 +61,38 @@ class Mode:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Jordan basis of ``A`` in units of ``2**-BITS``, eigenvalues by decreasing modulus.
+    """Jordan basis of ``A`` in units of ``2**-BITS``, in a form that grows with N, not N^2.
 
-    ``V`` and ``Vinv`` (K, K) hold the right eigenvectors as columns and the left ones as rows;
-    ``chains`` are the indices k with ``A V[:, k] = eigenvalues[k] V[:, k] + V[:, k - 1]``;
-    ``pieces`` (3, 16, K) the B-spline control points of the eigenfunctions on the regular pieces;
-    ``eigenvalues`` (K,) and ``ratios`` (K,), to the subdominant one, are mpf numbers; ``order``
-    (K,) gives the place of each column among `ring_modes`, then the outer eigenvectors; ``smooth``
-    tells whether a tangent plane exists at the vertex: a positive double subdominant eigenvalue
-    of frequency 1, larger than the modulus of all that follow.
+    Attributes
+    ----------
+    matrix : SubdivisionMatrix
+    modes : list of Mode
+        The ``2 N + 1`` eigenvectors of the ring; after them come the seven outer ones.
+    G : (7, 2 N + 1)
+    W, Winv : (7, 7)
+        As in the module's formula.
+    order : list of int, (K,)
+        Modes, then outer eigenvectors, by decreasing modulus of their eigenvalue.
+    eigenvalues, ratios : list of mpf, (K,)
+        In that order; and their ratios to the subdominant one.
+    chains : list of int
+        The indices k with ``A V[:, k] = eigenvalues[k] V[:, k] + V[:, k - 1]``.
+    pieces : (3, 16, K)
+        B-spline control points of the eigenfunctions on the regular pieces.
+    smooth : bool
+        Whether a tangent plane exists at the vertex: a positive double subdominant eigenvalue of
+        frequency 1, larger than the modulus of all that follow.
     """
 
     matrix: SubdivisionMatrix
-    eigenvalues: list[Any]
+    modes: list[Mode]
+    G: Fixed
+    W: Fixed
+    Winv: Fixed
     order: list[int]
-    chains: list[int]
+    eigenvalues: list[Any]
     ratios: list[Any]
-    V: Fixed
-    Vinv: Fixed
+    chains: list[int]
     pieces: Fixed
     smooth: bool
 
@@ -291,20 +305,20 @@ def spectrum(scheme: Scheme, valence: int) -> Spectrum:
         When the masks give complex eigenvalues or a defective matrix.
     """
     matrix = subdivision_matrix(scheme, valence)
-    n, size, ring = valence, matrix.size, 2 * valence + 1
+    size, ring = matrix.size, 2 * valence + 1
     with mpmath.workprec(BITS + 64):
         modes = ring_modes(matrix)
-        cosine = _to_fixed([mpmath.cospi(mpmath.mpf(k) / n) for k in range(2 * n)])
-        sine = _to_fixed([mpmath.sinpi(mpmath.mpf(k) / n) for k in range(2 * n)])
         values, outer, outer_inverse = outer_eigenbasis(
             [[row.get(ring + j, Fraction(0)) for j in range(7)] for row in matrix.rows[ring:size]]
         )
         eigenvalues = [mode.eigenvalue for mode in modes] + [to_mpf(d) for d in values]
-        wave = _waves(modes, n, cosine, sine)  # (2 N + 1, modes)
-        R = _scaled(wave, _profiles([mode.right for mode in modes], n))
-        Rinv = _scaled(wave, _profiles([mode.left for mode in modes], n)).T
+        # the few ring points that outer points and pieces depend on
+        wanted = sorted({k for piece in matrix.pieces for k in piece})
+        sources = [*matrix.rows[ring:size], *(matrix.rows[k] for k in wanted if k >= size)]
+        touched = {c for row in sources for c in row if c < ring} | {k for k in wanted if k < ring}
+        R = _ring_rows(modes, valence, "right", sorted(touched))
         # numerators of G, (7, modes): sparse rational rows times R, then the small W^-1
-        coupling = np.stack([_combine(row, R) for row in matrix.rows[ring:size]])
+        coupling = np.stack([_combine(row, R, len(modes)) for row in matrix.rows[ring:size]])
         gaps = [[mode.eigenvalue - to_mpf(d) for mode in modes] for d in values]
         W, Winv, heads = _chained(_to_fixed(outer), _to_fixed(outer_inverse), coupling, gaps)
         numerator = _product(Winv, coupling)
@@ -313,14 +327,8 @@ def spectrum(scheme: Scheme, valence: int) -> Spectrum:
             for k, gap in enumerate(row):
                 if abs(gap) > EQUAL:
                     G[m, k] = (int(numerator[m, k]) << BITS) // int(to_fixed(gap._mpf_, BITS))
-        V = np.zeros((size, size), dtype=object)
-        Vinv = np.zeros((size, size), dtype=object)
-        V[:ring, :ring], Vinv[:ring, :ring] = R, Rinv
-        V[ring:, :ring], Vinv[ring:, :ring] = _product(W, G), -_product(G, Rinv)
-        V[ring:, ring:], Vinv[ring:, ring:] = W, Winv
         order = sorted(range(size), key=lambda k: _rank(eigenvalues, modes, heads, k))
         chains = sorted(order.index(k) for k in heads.values())
-        V, Vinv = V[:, order], Vinv[order]
         eigenvalues = [eigenvalues[k] for k in order]
         ratios = [x / eigenvalues[1] for x in eigenvalues]
         smooth = (
@@ -328,17 +336,36 @@ def spectrum(scheme: Scheme, valence: int) -> Spectrum:
             and eigenvalues[1] == eigenvalues[2] > 0
             and abs(eigenvalues[3]) < eigenvalues[1] - EQUAL
         )
+        rows = {k: np.concatenate([row, np.zeros(7, dtype=object)])[order] for k, row in R.items()}
+        below = np.concatenate([_product(W, G), W], axis=1)[:, order]
+        rows |= {ring + k: row for k, row in enumerate(below)}
         # refined control points of every eigenvector: A V = V J gives the first K rows
         J = _to_fixed(eigenvalues)
         refined = {}
-        for k in sorted({k for piece in matrix.pieces for k in piece}):
+        for k in wanted:
             if k < size:
-                refined[k] = V[k] * J >> BITS
-                refined[k][chains] += V[k][[i - 1 for i in chains]]
+                refined[k] = rows[k] * J >> BITS
+                refined[k][chains] += rows[k][[i - 1 for i in chains]]
             else:
-                refined[k] = _combine(matrix.rows[k], V)
+                refined[k] = _combine(matrix.rows[k], rows, size)
         pieces = np.stack([np.stack([refined[k] for k in piece]) for piece in matrix.pieces])
-    return Spectrum(matrix, eigenvalues, order, chains, ratios, V, Vinv, pieces, smooth)
+    return Spectrum(matrix, modes, G, W, Winv, order, eigenvalues, ratios, chains, pieces, smooth)
+
+
+def dense_basis(spectrum: Spectrum) -> tuple[Fixed, Fixed]:
+    """V, right eigenvectors as columns, and V^-1, left ones as rows, both (K, K)."""
+    n, size = spectrum.matrix.valence, spectrum.matrix.size
+    ring = 2 * n + 1
+    V = np.zeros((size, size), dtype=object)
+    Vinv = np.zeros((size, size), dtype=object)
+    with mpmath.workprec(BITS + 64):
+        for name, target in (("right", V), ("left", Vinv.T)):
+            rows = _ring_rows(spectrum.modes, n, name, list(range(ring)))
+            target[:ring, :ring] = np.stack([rows[k] for k in range(ring)])
+    V[ring:, :ring] = _product(spectrum.W, spectrum.G)
+    Vinv[ring:, :ring] = -_product(spectrum.G, Vinv[:ring, :ring])
+    V[ring:, ring:], Vinv[ring:, ring:] = spectrum.W, spectrum.Winv
+    return V[:, spectrum.order], Vinv[spectrum.order]
 
 
 def _chained(
@@ -400,34 +427,31 @@ def _to_fixed(values: Any) -> Fixed:
     return np.asarray(result.reshape(array.shape))
 
 
-def _waves(modes: list[Mode], n: int, cosine: Fixed, sine: Fixed) -> Fixed:
-    """Fourier factor of each mode at each ring point, (2 N + 1, modes)."""
-    # angle of each ring point in units of pi / N per frequency: edges 2 j - 1, faces 2 j
-    steps = np.concatenate([[0], np.arange(2 * n) - 1])
+def _ring_rows(modes: list[Mode], n: int, profile: str, rows: list[int]) -> dict[int, Fixed]:
+    """Values of all modes at some points of the ring: {point: (modes,)}."""
     frequency = np.array([mode.frequency for mode in modes])
     parity = np.array([mode.parity for mode in modes], dtype=bool)
-    turns = steps[:, None] * frequency % (2 * n)
-    return np.asarray(np.where(parity, sine[turns], cosine[turns]))
-
-
-def _profiles(profiles: list[tuple[Any, Any, Any]], n: int) -> Fixed:
-    """Profile of each mode spread over the ring, (2 N + 1, modes)."""
-    return np.asarray(_to_fixed(profiles).T[[0, *[1, 2] * n]])
-
-
-def _scaled(wave: Fixed, profile: Fixed) -> Fixed:
-    return np.asarray(wave * profile >> BITS)
+    turn = [mpmath.mpf(k) / n for k in range(2 * n)]
+    cosine, sine = _to_fixed([*map(mpmath.cospi, turn)]), _to_fixed([*map(mpmath.sinpi, turn)])
+    profiles = _to_fixed([getattr(mode, profile) for mode in modes])
+    result = {}
+    for row in rows:
+        # angle in units of pi / N per frequency: the vertex 0, edges 2 j - 1, faces 2 j
+        turns = (row - 2 if row else 0) * frequency % (2 * n)
+        wave = np.where(parity, sine[turns], cosine[turns])
+        result[row] = wave * profiles[:, (2 - row % 2 if row else 0)] >> BITS
+    return result
 
 
 def _product(left: Fixed, right: Fixed) -> Fixed:
     return np.asarray(left.dot(right) >> BITS)
 
 
-def _combine(row: dict[int, Fraction], columns: Fixed) -> Fixed:
-    """Sparse rational row times the rows of `columns` that exist (ring or all), exactly rounded."""
-    items = [(k, w) for k, w in row.items() if k < len(columns)]
+def _combine(row: dict[int, Fraction], vectors: dict[int, Fixed], length: int) -> Fixed:
+    """Sparse rational row times those vectors that there are, (length,)."""
+    items = [(k, w) for k, w in row.items() if k in vectors]
     scale = lcm(*(w.denominator for _, w in items))
-    total = np.zeros(columns.shape[1], dtype=object)
+    total = np.zeros(length, dtype=object)
     for k, w in items:
-        total += int(w * scale) * columns[k]
+        total += int(w * scale) * vectors[k]
     return np.asarray(total // scale)

@@ -14,7 +14,6 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
-import mpmath
 import sympy
 from sympy.polys.domains import QQ
 from sympy.polys.rings import ring as polynomial_ring
@@ -54,8 +53,7 @@ class SymbolicBasis:
         self._coupling = [{c: w for c, w in row.items() if c < ring} for row in rows]
         self._values, self._W, self._Winv = numeric.outer_eigenbasis(self._outer)
         self._generators = numeric.ring_generators(self._matrix)
-        with mpmath.workprec(numeric.BITS + 64):
-            self._modes = numeric.ring_modes(self._matrix)
+        self._modes = self._numeric.modes
         # eigenvalues of the block of frequency f, as functions of s: (trace +- factor root) / 2
         block = self._block
         self._trace = block["ee"] + block["ff"]
