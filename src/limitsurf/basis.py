@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from math import lcm
 from typing import Any
 
@@ -45,6 +46,11 @@ class CornerPlace:
         against_s, against_t = (turn == 2) | (turn == 3), (turn == 1) | (turn == 2)
         return cls(*kernels.split_corner(s, t, against_s, against_t))
 
+    @classmethod
+    def at(cls, piece: int, S: float, T: float) -> CornerPlace:
+        """One place in a piece at level 0."""
+        return cls(np.array([0]), np.array([piece]), np.array([S]), np.array([T]))
+
     def __getitem__(self, here: Array) -> CornerPlace:
         """The places of some queries, by mask or index."""
         return CornerPlace(self.level[here], self.piece[here], self.S[here], self.T[here])
@@ -62,82 +68,119 @@ class EigenWeights:
     with_limit: bool
 
 
-def eigen_powers(table: EigenTable, place: CornerPlace) -> tuple[Array, Array, Array]:
-    """J^n over the n-th power of the subdominant eigenvalue, for each query.
+@dataclass(frozen=True)
+class EigenPowers:
+    """J^n divided by the n-th power of its eigenvalue number `lead`, for each query.
 
-    Returns
-    -------
+    All eigenvalues before the lead, but the first, are taken to have coefficients 0.
+
+    Attributes
+    ----------
+    lead : int
+    level : (Q,)
+        n, 0 at the corner itself.
     diagonal : (Q, K - 1)
         Powers of the ratios of the eigenvalues after the first.
     chained : (Q, chains)
-        ``n ratio^(n - 1) / subdominant``: the entries beside the diagonal.
-    level : (Q,)
-        n, 0 at the corner itself.
+        The entries beside the diagonal, ``n ratio^(n - 1) / eigenvalue[lead]``.
     """
-    levels, which = np.unique(np.maximum(place.level, 0), return_inverse=True)
-    high, low = table.ratios[:, 1:]
-    diagonal = kernels.power(high, low, levels)[which]
-    heads = table.chains - 1
-    before = kernels.power(high[heads], low[heads], np.maximum(levels - 1, 0))
-    chained = (levels[:, None] * before / table.eigenvalues[0, 1])[which]
-    return diagonal, chained, levels[which]
+
+    lead: int
+    level: Array
+    diagonal: Array
+    chained: Array
+
+    @classmethod
+    def of(cls, table: EigenTable, place: CornerPlace, lead: int = 1) -> EigenPowers:
+        """Powers at the levels of `place`."""
+        levels, which = np.unique(np.maximum(place.level, 0), return_inverse=True)
+        high, low = _ratios(table, lead)
+        heads = table.chains - 1
+        before = kernels.power(high[heads], low[heads], np.maximum(levels - 1, 0))
+        chained = levels[:, None] * before / table.eigenvalues[0, lead]
+        return cls(lead, levels[which], kernels.power(high, low, levels)[which], chained[which])
+
+
+@lru_cache(maxsize=1024)
+def _ratios(table: EigenTable, lead: int) -> Array:
+    """Ratios of the eigenvalues after the first to number `lead`, high and low, (2, K - 1).
+
+    Zero for those before the lead.
+    """
+    exact = [Fraction(h) + Fraction(x) for h, x in table.eigenvalues.T.tolist()]
+    ratios = [x / exact[lead] if k >= lead else Fraction(0) for k, x in enumerate(exact)][1:]
+    high = [float(x) for x in ratios]
+    return np.array([high, [float(x - Fraction(h)) for x, h in zip(ratios, high, strict=True)]])
+
+
+@lru_cache(maxsize=1024)
+def _piece_differences(table: EigenTable, nu: tuple[int, int]) -> Array:
+    """B-spline control points of the `nu`-th derivatives of the eigenfunctions on their pieces.
+
+    (3, (4 - j) (4 - i), K - 1) for nu = (i, j), each piece without the constant eigenfunction.
+    Differences that are 0 but for rounding are made 0: powers of 2 would amplify them.
+    """
+    pieces = table.pieces[:, :, 1:].reshape(3, 4, 4, -1)
+    noise = 32 * np.finfo(float).eps * np.abs(pieces).max(axis=(0, 1, 2))
+    differences = np.diff(np.diff(pieces, n=nu[0], axis=2), n=nu[1], axis=1)
+    return np.where(np.abs(differences) > noise, differences, 0).reshape(3, -1, pieces.shape[-1])
 
 
 def eigen_weights(
-    table: EigenTable, place: CornerPlace, powers: tuple[Array, Array, Array], nu: tuple[int, int]
+    table: EigenTable, place: CornerPlace, powers: EigenPowers, nu: tuple[int, int]
 ) -> EigenWeights:
     """The `nu`-th derivative in (s, t) around an extraordinary corner, in float64.
 
     At the corner itself a derivative of positive order is 0 if all its terms vanish in the limit,
     else NaN.
     """
-    _, _, level = powers
     order = sum(nu)
-    rows, corner = _eigen_rows(table, place, powers, nu)
-    high, low = table.eigenvalues[:, 1].tolist()
-    mantissa, exponent = kernels.scaled_power(high, low, level)
-    rows = rows * mantissa[:, None]
-    exponent = exponent + order * (level + 1)
-    if corner.any():
-        rows[corner] = 0.0 if order == 0 or vanishes_at_corner(table, nu) else np.nan
+    rows = _eigen_rows(table, place, powers, nu)
+    high, low = table.eigenvalues[:, powers.lead].tolist()
+    mantissa, exponent = kernels.scaled_power(high, low, powers.level)
+    rows *= mantissa[:, None]
+    exponent = exponent + order * (powers.level + 1)
+    rows[place.level < 0] = 0.0 if order == 0 or vanishes_at_corner(table, nu) else np.nan
     return EigenWeights(rows, exponent, order == 0)
 
 
 def eigen_tangents(
-    table: EigenTable, place: CornerPlace, powers: tuple[Array, Array, Array]
+    table: EigenTable, place: CornerPlace, powers: EigenPowers
 ) -> tuple[EigenWeights, EigenWeights]:
     """First derivatives in s and t up to a common positive factor: their directions.
 
     At the corner itself they are the limits along the edges t = 0 and s = 0, which are those of
     the subdominant eigenfunctions; NaN where there is no tangent plane.
     """
+    corner = place.level < 0
     result = []
-    for nu, piece, S, T in (((1, 0), 0, 1.0, 0.0), ((0, 1), 2, 0.0, 1.0)):
-        rows, corner = _eigen_rows(table, place, powers, nu)
-        if corner.any():
-            rows[corner] = 0.0 if table.smooth else np.nan
-            weights = kernels.bicubic_weights(np.array([S]), np.array([T]), nu)
-            if table.smooth:
-                rows[corner, :2] = weights @ table.pieces[piece][:, 1:3]
+    for nu, end in (((1, 0), CornerPlace.at(0, 1.0, 0.0)), ((0, 1), CornerPlace.at(2, 0.0, 1.0))):
+        rows = _eigen_rows(table, place, powers, nu)
+        rows[corner] = 0.0 if table.smooth else np.nan
+        if table.smooth:
+            rows[corner, :2] = _eigen_rows(table, end, EigenPowers.of(table, end), nu)[:, :2]
         result.append(EigenWeights(rows, np.zeros(len(rows), dtype=np.int64), False))
     return result[0], result[1]
 
 
 def _eigen_rows(
-    table: EigenTable, place: CornerPlace, powers: tuple[Array, Array, Array], nu: tuple[int, int]
-) -> tuple[Array, Array]:
-    """Derivatives in (S, T) times `powers`, (Q, K - 1); and which queries are at the corner."""
-    diagonal, chained, _ = powers
-    b = kernels.bicubic_weights(place.S, place.T, nu)
-    rows = np.empty_like(diagonal)
-    for piece in range(3):
+    table: EigenTable, place: CornerPlace, powers: EigenPowers, nu: tuple[int, int]
+) -> Array:
+    """Derivatives in (S, T) of the eigenfunctions after the first, times `powers`, (Q, K - 1)."""
+    if max(nu) > 3:
+        return np.zeros_like(powers.diagonal)
+    along = kernels.spline_weights(place.S, 3 - nu[0])
+    across = kernels.spline_weights(place.T, 3 - nu[1])
+    b = (across[:, :, None] * along[:, None, :]).reshape(len(along), -1)
+    rows = np.empty_like(powers.diagonal)
+    for piece, differences in enumerate(_piece_differences(table, nu)):
         here = place.piece == piece
-        rows[here] = b[here] @ table.pieces[piece][:, 1:]
+        rows[here] = b[here] @ differences
     heads = table.chains - 1
-    linked = rows[:, heads - 1] * chained
-    rows *= diagonal
+    linked = rows[:, heads - 1] * powers.chained
+    rows *= powers.diagonal
     rows[:, heads] += linked
-    return rows, place.level < 0
+    return rows
 
 
 def vanishes_at_corner(table: EigenTable, nu: tuple[int, int]) -> bool:

@@ -55,12 +55,17 @@ def validate(surface: LimitSurface, levels: int) -> NDArray[Any]:
     """
     if isinstance(levels, bool) or not isinstance(levels, (int, np.integer)) or levels < 1:
         raise ValueError(f"levels must be an integer >= 1, got {levels!r}")
+    if not isinstance(surface, LimitSurface):
+        raise TypeError(f"validate needs a LimitSurface, got {type(surface).__name__}")
     if surface.points.dtype == object:
         raise TypeError("distances need square roots: give float64 points")
     table = np.zeros(
         levels,
         dtype=[("level", np.int64), ("error", float), ("order", float), ("limit_error", float)],
     )
+    # centred: the refiner rounds to the size of the coordinates
+    used = surface.mesh.indices[0]
+    surface = surface.with_points(surface.points - surface.points[used])
     mesh = refined(surface.mesh, 0, **surface.rules)
     errors = [_distance(mesh.points, surface, mesh)]
     # one level at a time; parameters are those of the cage's limit faces all along
@@ -152,5 +157,8 @@ def _distance(points: NDArray[Any], surface: LimitSurface, mesh: Any) -> float:
     place = mesh.parent_face >= 0
     parents = mesh.parent_face[place], mesh.parent_u[place], mesh.parent_v[place]
     gap = (points[place] - surface.evaluate(*parents)).reshape(int(place.sum()), -1)
-    distance = np.sqrt((gap * gap).sum(axis=1))
-    return float(np.nanmax(distance)) if np.isfinite(distance).any() else float("nan")
+    gap = gap[~np.isnan(gap).any(axis=1)]
+    size = float(np.abs(gap).max(initial=0))  # squares of large gaps would overflow
+    if not len(gap) or size == 0:
+        return size if len(gap) else float("nan")
+    return size * float(np.sqrt(((gap / size) ** 2).sum(axis=1).max()))

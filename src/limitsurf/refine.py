@@ -61,9 +61,9 @@ class ExactOperator:
     def __matmul__(self, other: ArrayLike) -> Array: ...
     def __matmul__(self, other: Any) -> Any:
         """Product with another operator, or with an array of shape (columns, ...), exactly."""
-        n_inner = other.shape[0] if isinstance(other, ExactOperator) else len(np.asarray(other))
-        if n_inner != self.shape[1]:
-            raise ValueError(f"an operator of shape {self.shape} cannot act on {n_inner} rows")
+        shape = other.shape if isinstance(other, ExactOperator) else np.shape(other)
+        if shape[:1] != (self.shape[1],):
+            raise ValueError(f"an operator of shape {self.shape} cannot act on shape {shape}")
         if isinstance(other, ExactOperator):
             counts = np.diff(other.indptr)[self.columns]
             entry = np.repeat(np.arange(len(self.rows)), counts)
@@ -109,6 +109,8 @@ class Rules:
 
     scheme: Scheme
     boundary: str
+    creasing: str
+    triangles: str
 
     @classmethod
     def resolve(
@@ -128,23 +130,22 @@ class Rules:
         }
         chosen = {}
         for option, values in allowed.items():
-            value = given[option] or getattr(mesh, option) or values[0]
+            value = next(
+                x for x in (given[option], getattr(mesh, option), values[0]) if x is not None
+            )
             if value not in values:
                 raise ValueError(f"{option} must be one of {', '.join(values)}, got {value!r}")
             chosen[option] = value
         named = scheme if scheme is not None else mesh.scheme
-        rules = cls(
-            tables.find_scheme(named if named is not None else "catmull-clark"),
-            chosen["boundary"],
-        )
-        edges, sharpness = mesh.creases
-        for (a, b), s in zip(edges.tolist(), sharpness.tolist(), strict=True):
-            if s > 0:
-                raise NotImplementedError(f"edge ({a}, {b}) is a crease of sharpness {s}")
-        vertices, sharpness = mesh.corners
-        for v, s in zip(vertices.tolist(), sharpness.tolist(), strict=True):
-            if s > 0:
-                raise NotImplementedError(f"vertex {v} is a corner of sharpness {s}")
+        rules = cls(tables.find_scheme("catmull-clark" if named is None else named), **chosen)
+        for what, (tagged, sharpness) in (
+            ("edge {} is a crease", mesh.creases),
+            ("vertex {} is a corner", mesh.corners),
+        ):
+            for k in np.flatnonzero(sharpness > 0)[:1]:
+                place = tagged[k].tolist()
+                name = tuple(place) if isinstance(place, list) else place
+                raise NotImplementedError(f"{what.format(name)} of sharpness {sharpness[k]}")
         if chosen["triangles"] == "smooth" and (mesh.sizes == 3).any():
             raise NotImplementedError('the triangle rule "smooth" on a mesh with triangles')
         return rules
@@ -195,7 +196,7 @@ def refinement_stages(mesh: Mesh, rules: Rules, dtype: Any) -> tuple[Any, Any]:
 
     tail, head = mesh.indices, mesh.indices[mesh.next_corner]
     outer = mesh.twin < 0
-    one = tables.corner_weights(rules.scheme, np.array([1]), dtype)
+    one = tables.one(dtype)
     # vertex points
     smooth_boundary = mesh.boundary_vertex & ~rules.sharp(mesh)
     interior = ~mesh.boundary_vertex & (mesh.vertex_faces > 0)
@@ -244,7 +245,7 @@ def limit_operator(mesh: Mesh, rules: Rules, dtype: Any) -> Any:
         group = interior & (mesh.vertex_faces == valence)
         weights[group] = tables.limit_weights(rules.scheme, valence, dtype)
     weights[rim, :2] = tables.boundary_limit_weights(rules.scheme, dtype)
-    weights[sharp, 0] = tables.corner_weights(rules.scheme, np.array([1]), dtype)
+    weights[sharp, 0] = tables.one(dtype)
     own = np.flatnonzero(interior | rim | sharp)
     inside = np.flatnonzero(interior[tail])
     leaving = np.flatnonzero((mesh.twin < 0) & rim[tail])
@@ -341,10 +342,14 @@ class RefinedMesh(Mesh):
         boundary vertices under boundary="none".
         """
         if (self.sizes != 4).any():
-            finer = refined(self, scheme=self._rules.scheme, boundary=self._rules.boundary)
+            finer = refined(self, **vars(self._rules))
             return np.asarray(finer.limit_points[: self.n_vertices])
         operator = limit_operator(self, self._rules, self.points.dtype)
-        result = operator @ self.points.reshape(self.n_vertices, -1)
+        points = self.points.reshape(self.n_vertices, -1)
+        if points.dtype == object:
+            result = operator @ points
+        else:
+            result = points + _from_own(operator, points)
         result[np.diff(operator.indptr) == 0] = np.nan
         return np.asarray(result.reshape(self.points.shape))
 
@@ -362,30 +367,23 @@ class RefinedMesh(Mesh):
         """
         if self.points.dtype == object or self.points.shape[1:] != (3,):
             raise TypeError(
-                "limit normals need float64 points of shape (n, 3), "
+                "limit normals need points of shape (n, 3) in numbers that have square roots, "
+                "float64 (or mpf or sympy ones, where these are supported): "
                 f"got {self.points.dtype} {self.points.shape}"
             )
         if (self.sizes != 4).any():
-            finer = refined(self, scheme=self._rules.scheme, boundary=self._rules.boundary)
+            finer = refined(self, **vars(self._rules))
             # the first corner of child h is corner h
             return np.asarray(finer.limit_normals[::4])
         first, second, known = tangent_operators(self, self._rules)
-        zero, every = np.zeros_like(self.points), np.arange(self.n_vertices)
-        tangents = []
-        for operator in (first, second):
-            tangent = np.zeros_like(self.points)
-            used = np.diff(operator.indptr) > 0
-            tangent[used] = kernels.differences(
-                operator.indptr[np.concatenate([used, [True]])],
-                operator.indices,
-                operator.data,
-                self.points,
-                every,
-                zero,
-                every[used],
-            )
-            tangents.append(tangent)
-        normals = kernels.unit_normals(*tangents)
+        along, across = (_from_own(operator, self.points) for operator in (first, second))
+        ring = np.zeros((self.n_vertices, 1))
+        edge = self.points[self.edges[:, 0]] - self.points[self.edges[:, 1]]
+        length = np.abs(edge).max(axis=1, initial=0)[:, None]
+        for end in self.edges.T:
+            np.maximum.at(ring, end, length)
+        noise = 16 * np.finfo(float).eps * ring
+        normals = kernels.unit_normals(along, across, (noise, noise))
         normals[~known] = np.nan
         by_corner = normals[self.indices]
         by_corner[self._rules.without_limit(self)[self.corner_face]] = np.nan
@@ -452,7 +450,8 @@ def refined(
         Its vertices are the vertex points, then the edge points in the order of ``mesh.edges``,
         then the face points; unused vertices are kept. Its faces are the children of each face in
         the order of its corners, with corner 0 at that corner, corner 1 the midpoint of the edge
-        to the next one and corner 2 the face point. Holes stay holes; channels are not refined.
+        to the next one and corner 2 the face point. Children of holes are holes, and so are those
+        of boundary faces under boundary="none"; channels are not refined.
         It also has `parent_face`, `parent_u`, `parent_v`, `limit_points` and `limit_normals`.
 
     Raises
@@ -486,7 +485,7 @@ def refined(
     if dtype == object:
         points = kernels.exact(points)
     identity = np.arange(mesh.n_vertices)
-    one = tables.corner_weights(rules.scheme, np.ones_like(identity), dtype)
+    one = np.broadcast_to(tables.one(dtype), identity.shape)
     total = sparse_operator(identity, identity, one, (len(identity),) * 2) if operator else None
     coarse, limit_face, uv, holes = mesh, *_cage_parameters(mesh), rules.without_limit(mesh)
     sizes, indices = mesh.sizes, mesh.indices
@@ -494,7 +493,7 @@ def refined(
         faces, vertices = refinement_stages(coarse, rules, dtype)
         points = vertices @ np.concatenate([points, faces @ points])
         if operator:
-            total = vertices @ _stacked(total, faces @ total)
+            total = vertices @ stacked([total, faces @ total])
         limit_face, uv = _child_parameters(coarse, limit_face, uv)
         holes = np.repeat(holes, coarse.sizes)
         sizes, indices = np.full(coarse.n_corners, 4), child_faces(coarse).ravel()
@@ -503,11 +502,11 @@ def refined(
         points.reshape(len(points), *mesh.points.shape[1:]),
         sizes,
         indices,
-        holes=np.flatnonzero(holes),
+        holes=np.flatnonzero(holes) if levels else mesh.holes,
         scheme=rules.scheme if scheme is not None else mesh.scheme,
-        boundary=rules.boundary if boundary is not None else mesh.boundary,
-        creasing=creasing or mesh.creasing,
-        triangles=triangles or mesh.triangles,
+        boundary=boundary if boundary is not None else mesh.boundary,
+        creasing=creasing if creasing is not None else mesh.creasing,
+        triangles=triangles if triangles is not None else mesh.triangles,
     )
     fine._connectivity = coarse._connectivity if levels else mesh._connectivity
     fine._rules = rules
@@ -548,15 +547,35 @@ def _child_parameters(mesh: Mesh, limit_face: Array, uv: Array) -> tuple[Array, 
     return np.repeat(limit_face, 4), children.reshape(-1, 2)
 
 
-def _stacked(above: Any, below: Any) -> Any:
-    """Two operators, one above the other."""
-    if isinstance(above, ExactOperator):
+def stacked(parts: list[Any]) -> Any:
+    """Operators of equal width, one above the other."""
+    if len(parts) == 1:
+        return parts[0]
+    if isinstance(parts[0], ExactOperator):
+        heights = np.cumsum([0] + [part.shape[0] for part in parts])
         return ExactOperator(
-            np.concatenate([above.rows, above.shape[0] + below.rows]),
-            np.concatenate([above.columns, below.columns]),
-            np.concatenate([above.values, below.values]),
-            (above.shape[0] + below.shape[0], above.shape[1]),
+            np.concatenate([h + x.rows for h, x in zip(heights, parts, strict=False)]),
+            np.concatenate([x.columns for x in parts]),
+            np.concatenate([x.values for x in parts]),
+            (int(heights[-1]), parts[0].shape[1]),
         )
     from scipy.sparse import vstack
 
-    return vstack([above, below], format="csr")
+    return vstack(parts, format="csr")
+
+
+def _from_own(operator: Any, points: Array) -> Array:
+    """Each row of a square operator applied to differences from the row's own point, (V, d)."""
+    result = np.zeros_like(points)
+    used = np.diff(operator.indptr) > 0
+    every = np.arange(len(points))
+    result[used] = kernels.differences(
+        operator.indptr[np.concatenate([used, [True]])],
+        operator.indices,
+        operator.data,
+        points,
+        every,
+        np.zeros_like(points),
+        every[used],
+    )
+    return result

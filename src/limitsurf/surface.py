@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -15,7 +15,7 @@ from limitsurf import basis, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.mesh import Mesh
 from limitsurf.patches import REGULAR, LimitFaces, PatchTable, irregular_boundary
-from limitsurf.refine import ExactOperator, Rules, sparse_operator
+from limitsurf.refine import ExactOperator, Rules, sparse_operator, stacked
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -42,6 +42,20 @@ class _Group:
     t: Array
     depth: Array  # (q,) halvings from limit face to patch
     turn: Array  # (q,) corners that the patch is turned against the limit face
+
+
+@dataclass(frozen=True)
+class _Corners:
+    """Queries of a group around extraordinary corners, with what their patches have in common."""
+
+    query: Array  # (q,) places in the group
+    table: tables.EigenTable
+    place: basis.CornerPlace
+    powers: basis.EigenPowers
+    origin: Array  # (P, d) first control points of the patches concerned
+    modes: Array  # (P, K, d) their coefficients in the eigenbasis
+    size: Array  # (P, 1, 1) largest distances of control points from the first
+    which: Array  # (q,) patch of each query
 
 
 class LimitSurface:
@@ -111,8 +125,6 @@ class LimitSurface:
     (2, 3)
     """
 
-    mesh: Mesh
-    points: Array
     limit_faces: LimitFaces
 
     def __init__(
@@ -123,6 +135,8 @@ class LimitSurface:
         creasing: str | None = None,
         triangles: str | None = None,
     ) -> None:
+        if not isinstance(mesh, Mesh):
+            raise TypeError(f"a surface needs a Mesh, got {type(mesh).__name__}")
         rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
         odd = irregular_boundary(mesh, rules)
         if len(odd):
@@ -137,11 +151,15 @@ class LimitSurface:
         self.limit_faces = LimitFaces.of(mesh)
         self._rules = rules
         self._tables: dict[bool, PatchTable] = {False: PatchTable(mesh, rules, np.dtype(float))}
+        self._eigen = {
+            kind: tables.eigen_table(rules.scheme, kind)
+            for kind in self.patches.controls
+            if kind != REGULAR
+        }
         self._set_points(mesh)
 
     def _set_points(self, mesh: Mesh) -> None:
-        self.mesh = mesh
-        self.points = mesh.points
+        self._mesh = mesh
         self._flat = mesh.points.reshape(mesh.n_vertices, -1)
         if self._flat.dtype == object:
             self._flat = kernels.exact(self._flat)
@@ -164,14 +182,24 @@ class LimitSurface:
         return other
 
     @property
+    def mesh(self) -> Mesh:
+        """The control cage."""
+        return self._mesh
+
+    @property
+    def points(self) -> Array:
+        """The points of the cage, (n_vertices, ...)."""
+        return self._mesh.points
+
+    @property
     def patches(self) -> PatchTable:
         """The patches that the surface is made of."""
         return self._tables[False]
 
     @property
     def rules(self) -> dict[str, Any]:
-        """Scheme and boundary mode in force, as keyword arguments of `refined`."""
-        return {"scheme": self._rules.scheme, "boundary": self._rules.boundary}
+        """Scheme and options in force, as keyword arguments of `refined`."""
+        return vars(self._rules).copy()
 
     def __repr__(self) -> str:
         return (
@@ -235,11 +263,11 @@ class LimitSurface:
         return dict(zip(orders, self._derivatives(face, u, v, orders), strict=True))
 
     def tangents(self, face: ArrayLike, u: Numbers, v: Numbers) -> tuple[Any, Any]:
-        """Unit directions of d/du and d/dv.
+        """Unit directions of d/du and d/dv, along the last axis of the points.
 
         At an extraordinary vertex they are the limits along the face's own two edges. NaN where a
-        derivative vanishes otherwise (degenerate points), and at interior vertices of valence 2,
-        where in general no tangent plane exists.
+        derivative vanishes otherwise, up to rounding (degenerate points), and at interior vertices
+        of valence 2, where in general no tangent plane exists.
 
         Arguments, shapes and errors are those of `evaluate`.
 
@@ -255,16 +283,23 @@ class LimitSurface:
         >>> [t.tolist() for t in surface.tangents(0, 0.5, 0.5)]
         [[1.0, 0.0], [0.0, 1.0]]
         """
-        along, across, shape = self._directions(face, u, v, "tangents")
+        *directions, shape = self._directions(face, u, v, "tangents")
         shape += self.points.shape[1:]
-        return kernels.unit(along).reshape(shape), kernels.unit(across).reshape(shape)
+        width = self.points.shape[-1] if self.points.ndim > 1 else 1
+        along, across = (
+            kernels.unit(
+                x.reshape(-1, width), np.repeat(noise, x.shape[1] // max(width, 1), axis=0)
+            ).reshape(shape)
+            for x, noise in directions
+        )
+        return along, across
 
     def normal(self, face: ArrayLike, u: Numbers, v: Numbers) -> Any:
         """Unit normals, along d/du x d/dv: outwards where faces are counter-clockwise from outside.
 
         The normal is that of its own (u, v) at every distance from an extraordinary vertex, and
-        the limit at the vertex itself. NaN where the derivatives are dependent, and at interior
-        vertices of valence 2, where in general no limit normal exists.
+        the limit at the vertex itself. NaN where the derivatives are dependent up to rounding, and
+        at interior vertices of valence 2, where in general no limit normal exists.
 
         Arguments and errors are those of `evaluate`; the points must have shape (n, 3).
 
@@ -283,8 +318,8 @@ class LimitSurface:
         """
         if self.points.shape[1:] != (3,):
             raise ValueError(f"a normal needs points of shape (n, 3), got {self.points.shape}")
-        along, across, shape = self._directions(face, u, v, "normal")
-        return kernels.unit_normals(along, across).reshape(*shape, 3)
+        (along, noise), (across, other), shape = self._directions(face, u, v, "normal")
+        return kernels.unit_normals(along, across, (noise, other)).reshape(*shape, 3)
 
     def weights(
         self, face: ArrayLike, u: Numbers, v: Numbers, nu: Order = (0, 0)
@@ -300,7 +335,9 @@ class LimitSurface:
         -------
         csr_array or ExactOperator
             Shape (n_queries, n_vertices), indices sorted; an `ExactOperator` if u, v or the points
-            are exact. Where `evaluate` gives NaN the row has a NaN.
+            are exact. Where `evaluate` gives NaN the row has a NaN; derivatives beyond float64's
+            range have infinite weights. Far from the origin `evaluate` is more accurate than the
+            product: it forms differences of nearby points first.
 
         Examples
         --------
@@ -314,33 +351,30 @@ class LimitSurface:
         face, u, v = face.ravel(), u.ravel(), v.ravel()
         patches = self._patch_table(exact)
         dtype = np.dtype(object if exact else float)
-        rows, columns, values = [], [], []
-        nan: list[Array] = []
-        for start in range(0, len(face), _CHUNK):
+        parts = []
+        for start in range(0, max(len(face), 1), _CHUNK):
             part = slice(start, start + _CHUNK)
             undefined, groups = self._groups(patches, face[part], u[part], v[part])
-            nan.append(start + undefined)
+            corner = self.mesh.offsets[self.limit_faces.face[face[part][undefined]]]
+            rows, columns = [undefined], [self.mesh.indices[corner]]
+            values = [np.full(len(undefined), np.nan, dtype=dtype)]
             for group in groups:
                 for g in _pieces(group, patches.controls[group.kind].shape[1]):
-                    w = self._control_weights(g, nu, exact)
                     ids = patches.controls[g.kind][g.row]
-                    rows.append(np.repeat(start + g.query, ids.shape[1]))
+                    rows.append(np.repeat(g.query, ids.shape[1]))
                     columns.append(ids.ravel())
-                    values.append(w.ravel())
-        undefined = np.concatenate([*nan, np.zeros(0, dtype=np.int64)])
-        rows.append(undefined)
-        columns.append(self.mesh.indices[self.mesh.offsets[self.limit_faces.face[face[undefined]]]])
-        values.append(np.full(len(undefined), np.nan, dtype=dtype))
-        total = sparse_operator(
-            np.concatenate(rows),
-            np.concatenate(columns),
-            np.concatenate(values),
-            (len(face), patches.n_points),
-        )
-        # back through the extra control points, last ones first
-        for operator in reversed(patches.extras):
-            total = _eliminated(total, operator)
-        return total
+                    values.append(self._control_weights(g, nu, exact).ravel())
+            total = sparse_operator(
+                np.concatenate(rows),
+                np.concatenate(columns),
+                np.concatenate(values),
+                (len(face[part]), patches.n_points),
+            )
+            # back through the extra control points, last ones first
+            for operator in reversed(patches.extras):
+                total = _eliminated(total, operator)
+            parts.append(total)
+        return stacked(parts)
 
     # ------------------------------------------------------------------ how it is done
 
@@ -455,31 +489,26 @@ class LimitSurface:
     ) -> list[Any]:
         """The derivatives of the given orders, each of the shape that `evaluate` promises."""
         face, u, v, exact = self._queries(face, u, v)
+        compute = self._exact_values if exact else self._float_values
         results = self._over_chunks(
-            face,
-            u,
-            v,
-            exact,
-            len(orders),
-            lambda g, ids: (
-                self._exact_values(g, ids, orders) if exact else self._float_values(g, ids, orders)
-            ),
+            face, u, v, exact, [self._flat.shape[1]] * len(orders), partial(compute, orders=orders)
         )
         shape = face.shape + self.points.shape[1:]
         return [r.reshape(shape)[()] for r in results]
 
-    def _directions(
-        self, face: ArrayLike, u: Numbers, v: Numbers, what: str
-    ) -> tuple[Array, Array, tuple[int, ...]]:
-        """d/du and d/dv up to positive factors, (Q, d), and the shape of the query."""
+    def _directions(self, face: ArrayLike, u: Numbers, v: Numbers, what: str) -> tuple[Any, ...]:
+        """d/du and d/dv up to positive factors, each (Q, d) with its noise (Q, 1); query shape."""
         face, u, v, exact = self._queries(face, u, v)
         if exact:
             raise TypeError(
                 f"{what} needs square roots, which Fractions do not have: give float64 numbers "
                 "(or mpf or sympy ones, where these are supported)"
             )
-        along, across = self._over_chunks(face, u, v, False, 2, self._float_directions)
-        return along, across, face.shape
+        d = self._flat.shape[1]
+        along, across, noise, other = self._over_chunks(
+            face, u, v, False, [d, d, 1, 1], self._float_directions
+        )
+        return (along, noise), (across, other), face.shape
 
     def _over_chunks(
         self,
@@ -487,23 +516,25 @@ class LimitSurface:
         u: Array,
         v: Array,
         exact: bool,
-        n_results: int,
+        widths: Sequence[int],
         compute: Callable[[_Group, Array], Sequence[Array]],
     ) -> list[Array]:
-        """Arrays (Q, d) of `compute` over all queries, some thousands at a time; NaN elsewhere."""
+        """Arrays (Q, width) of `compute` over all queries, some thousands at a time; NaN elsewhere.
+
+        Overflow to infinity and underflow to zero are results, not accidents.
+        """
         face, u, v = face.ravel(), u.ravel(), v.ravel()
         patches = self._patch_table(exact)
-        d = self._flat.shape[1]
-        results = [
-            np.full((len(face), d), np.nan, dtype=object if exact else float)
-            for _ in range(n_results)
-        ]
+        dtype = object if exact else float
+        results = [np.full((len(face), width), np.nan, dtype=dtype) for width in widths]
         for start in range(0, len(face), _CHUNK):
             part = slice(start, start + _CHUNK)
             _, groups = self._groups(patches, face[part], u[part], v[part])
             for group in groups:
-                for g in _pieces(group, patches.controls[group.kind].shape[1] * max(d, 1)):
-                    values = compute(g, patches.controls[g.kind])
+                size = patches.controls[group.kind].shape[1] * max(*widths, 1)
+                for g in _pieces(group, size):
+                    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+                        values = compute(g, patches.controls[g.kind])
                     for result, value in zip(results, values, strict=True):
                         result[start + g.query] = value
         return results
@@ -525,55 +556,71 @@ class LimitSurface:
         if g.kind == REGULAR:
             origin, points = self._differences(ids[g.row])
             for nu in orders:
-                w = kernels.bicubic_weights(g.s, g.t, nu)
-                value = _contract(w, points)
+                value = _contract(kernels.bicubic_weights(g.s, g.t, nu), points)
                 values.append(value + origin if nu == (0, 0) else _scaled(value, g.depth * sum(nu)))
             return values
-        table, place, powers, origin, modes, which = self._corner(g, ids)
         # in patch parameters first: all orders at once, then each query picks by its turn
         turned = [_turned(nu) for nu in orders]
         needed = sorted({order for choices, _ in turned for order in choices})
-        eigen = [basis.eigen_weights(table, place, powers, order) for order in needed]
-        rows = np.stack([x.rows for x in eigen], axis=1)  # (q, orders, K - 1)
-        parts = np.matmul(rows, modes[which, 1:])  # (q, orders, d)
-        for k, (order, x) in enumerate(zip(needed, eigen, strict=True)):
-            parts[:, k] = _scaled(parts[:, k], x.exponent + g.depth * sum(order))
-            if x.with_limit:
-                parts[:, k] += modes[which, 0]
-                parts[:, k] += origin[which]
+        parts = np.empty((len(g.query), len(needed), self._flat.shape[1]))
+        for c in self._corners(g, ids):
+            eigen = [basis.eigen_weights(c.table, c.place, c.powers, order) for order in needed]
+            rows = np.stack([x.rows for x in eigen], axis=1)  # (q, orders, K - 1)
+            found = np.matmul(rows, c.modes[c.which, 1:])  # (q, orders, d)
+            for k, (order, x) in enumerate(zip(needed, eigen, strict=True)):
+                found[:, k] = _scaled(found[:, k], x.exponent + g.depth[c.query] * sum(order))
+                if x.with_limit:
+                    found[:, k] += c.modes[c.which, 0]
+                    found[:, k] += c.origin[c.which]
+            parts[c.query] = found
         for choices, sign in turned:
             pick = np.array([needed.index(order) for order in choices])[g.turn]
             values.append(parts[np.arange(len(pick)), pick] * sign[g.turn][:, None])
         return values
 
     def _float_directions(self, g: _Group, ids: Array) -> list[Array]:
-        """Directions of d/du and d/dv (q, d) of the queries of a group."""
+        """Directions of d/du and d/dv (q, d) of a group, and their rounding errors (q, 1)."""
+        noise = 16 * np.finfo(float).eps
         if g.kind == REGULAR:
             _, points = self._differences(ids[g.row])
-            return [
-                _contract(kernels.bicubic_weights(g.s, g.t, nu), points) for nu in ((1, 0), (0, 1))
+            size = np.abs(points).max(axis=2, initial=0, keepdims=True)  # (q, 16, 1)
+            weights = [kernels.bicubic_weights(g.s, g.t, nu) for nu in ((1, 0), (0, 1))]
+            return [_contract(w, points) for w in weights] + [
+                noise * _contract(np.abs(w), size) for w in weights
             ]
-        table, place, powers, _, modes, which = self._corner(g, ids)
-        ds, dt = (
-            _contract(w.rows, modes[which, 1:]) for w in basis.eigen_tangents(table, place, powers)
-        )
+        found = np.empty((4, len(g.query), self._flat.shape[1]))
+        for c in self._corners(g, ids):
+            # a coefficient is a sum over all control points: its error is of their size
+            size = np.abs(c.modes[:, 1:]).max(axis=2, initial=0, keepdims=True) + c.size
+            for k, x in enumerate(basis.eigen_tangents(c.table, c.place, c.powers)):
+                found[k, c.query] = _contract(x.rows, c.modes[c.which, 1:])
+                found[k + 2, c.query] = noise * _contract(np.abs(x.rows), size[c.which])
+        ds, dt, noise_s, noise_t = found
         odd, turn = (g.turn % 2 == 1)[:, None], g.turn[:, None]
         along = np.where(odd, dt, ds) * np.where((turn == 1) | (turn == 2), -1, 1)
         across = np.where(odd, ds, dt) * np.where((turn == 2) | (turn == 3), -1, 1)
-        return [along, across]
+        errors = np.where(odd, noise_t, noise_s), np.where(odd, noise_s, noise_t)
+        return [along, across, errors[0][:, :1], errors[1][:, :1]]
 
-    def _corner(self, g: _Group, ids: Array) -> tuple[Any, ...]:
-        """What evaluation around an extraordinary corner needs.
+    def _corners(self, g: _Group, ids: Array) -> Iterator[_Corners]:
+        """What evaluation around an extraordinary corner needs, for queries of a group.
 
-        The eigentable; places and eigenvalue powers of the queries; first control point (P, d) and
-        eigencoefficients (P, K, d) of the patches concerned; the patch of each query (q,).
+        Queries are parted by the first eigenfunction that occurs in their patch at all: the
+        second, but for degenerate points.
         """
-        table = tables.eigen_table(self._rules.scheme, g.kind)
+        table = self._eigen[g.kind]
         patch, which = np.unique(g.row, return_inverse=True)
         origin, points = self._differences(ids[patch])
+        modes = basis.eigen_coefficients(table, points)
+        size = np.abs(points).max(axis=(1, 2), initial=0)[:, None, None]
+        occurs = (modes[:, 1:] != 0).any(axis=2)
+        leads = 1 + occurs.argmax(axis=1)
         place = basis.CornerPlace.of(g.s, g.t, g.turn)
-        powers = basis.eigen_powers(table, place)
-        return table, place, powers, origin, basis.eigen_coefficients(table, points), which
+        for lead in np.unique(leads).tolist():
+            query = np.flatnonzero(leads[which] == lead)
+            here = place[query]
+            powers = basis.EigenPowers.of(table, here, lead)
+            yield _Corners(query, table, here, powers, origin, modes, size, which[query])
 
     def _exact_values(self, g: _Group, ids: Array, orders: Sequence[Order]) -> list[Array]:
         """Derivatives (q, d) of the queries of a group, as Fractions."""
@@ -589,7 +636,7 @@ class LimitSurface:
         scale = kernels.scale_by_two(sign[g.turn].astype(dtype), g.depth * sum(nu))[:, None]
         if g.kind == REGULAR:
             return np.asarray(kernels.bicubic_weights(g.s, g.t, nu) * scale)
-        table = tables.eigen_table(self._rules.scheme, g.kind)
+        table = self._eigen[g.kind]
         place = basis.CornerPlace.of(g.s, g.t, g.turn)
         result = np.empty((len(g.s), table.size), dtype=dtype)
         for order in set(turned):
@@ -601,7 +648,8 @@ class LimitSurface:
                 at_corner = Fraction(0) if zero else np.nan
                 result[here] = basis.rational_weights(rational, sub, order, at_corner)
             else:
-                eigen = basis.eigen_weights(table, sub, basis.eigen_powers(table, sub), order)
+                powers = basis.EigenPowers.of(table, sub)
+                eigen = basis.eigen_weights(table, sub, powers, order)
                 result[here] = basis.control_weights(table, eigen)
         return np.asarray(result * scale)
 

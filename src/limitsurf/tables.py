@@ -23,12 +23,13 @@ import sys
 import tempfile
 import warnings
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from math import lcm
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,6 +40,7 @@ from limitsurf.exact.catmull_clark import CATMULL_CLARK
 from limitsurf.exact.scheme import Scheme
 
 if TYPE_CHECKING:
+    from limitsurf.exact.matrices import SubdivisionMatrix
     from limitsurf.exact.symbolic import SymbolicBasis
 
 FORMAT = 1
@@ -53,7 +55,7 @@ def find_scheme(scheme: str | Scheme) -> Scheme:
     """Return the scheme of that name, or the scheme itself; ValueError when there is none."""
     if isinstance(scheme, Scheme):
         return scheme
-    if scheme not in SCHEMES:
+    if not isinstance(scheme, str) or scheme not in SCHEMES:
         raise ValueError(f"unknown scheme {scheme!r}; known: {', '.join(sorted(SCHEMES))}")
     return SCHEMES[scheme]
 
@@ -71,14 +73,14 @@ class EigenTable:
         Whose table this is.
     provenance : dict
         Name, masks, kind, valence and format: everything that the numbers depend on.
-    eigenvalues, ratios : (2, K)
-        Eigenvalues, and their ratios to the subdominant one, as unevaluated sums high + low. The
-        first is 1; if `smooth`, the next two are the subdominant pair, even and odd about the
-        diagonal of the face.
+    eigenvalues : (2, K)
+        Unevaluated sums high + low. The first is 1; if `smooth`, the next two are the subdominant
+        pair, even and odd about the diagonal of the face.
     pieces : (3, 16, K)
         B-spline control points of the eigenfunctions on the three regular pieces of the quad.
     chains : (c,)
-        Indices k with ``A V[:, k] = eigenvalue[k] V[:, k] + V[:, k - 1]`` (valence 2 only).
+        Indices k with ``A V[:, k] = eigenvalue[k] V[:, k] + V[:, k - 1]`` (for
+        Catmull-Clark, at valence 2 only).
     smooth : bool
         Whether the surface has a tangent plane at the vertex for general control points.
     frequency, parity : (2 N + 1,)
@@ -97,9 +99,8 @@ class EigenTable:
     """
 
     scheme: Scheme
-    provenance: dict[str, Any]
+    provenance: Mapping[str, Any]
     eigenvalues: Array
-    ratios: Array
     pieces: Array
     chains: Array
     smooth: bool
@@ -143,6 +144,7 @@ class EigenTable:
         """Jordan matrix, (K, K)."""
         J = np.diag(self.eigenvalues[0])
         J[self.chains - 1, self.chains] = 1
+        J.flags.writeable = False
         return J
 
     @cached_property
@@ -153,6 +155,7 @@ class EigenTable:
         square = table.rows < self.size
         weights = table.numerators[square] / table.denominator
         A[table.rows[square], table.columns[square]] = weights
+        A.flags.writeable = False
         return A
 
     @property
@@ -183,12 +186,15 @@ _memory: dict[str, EigenTable] = {}
 
 
 def eigen_table(scheme: Scheme, valence: int) -> EigenTable:
-    """Return the float64 eigenbasis of `scheme` around an interior vertex of `valence` >= 2."""
-    key = {"format": FORMAT, "kind": "interior", "valence": valence, **scheme.key(valence)}
+    """Return the float64 eigenbasis of `scheme` around an interior vertex of `valence` >= 2.
+
+    Raises a ValueError, `UnsupportedSpectrum`, for masks that do not converge there.
+    """
+    key = _key(scheme, valence)
     text = json.dumps(key, sort_keys=True)
     if text in _memory:
         return _memory[text]
-    name = hashlib.sha256(text.encode()).hexdigest()[:32] + ".npz"
+    name = _file_name(key)
     table = _load(SHIPPED / name, scheme, key)
     if table is None:
         directory = cache_directory()
@@ -199,8 +205,17 @@ def eigen_table(scheme: Scheme, valence: int) -> EigenTable:
                 directory.mkdir(parents=True, exist_ok=True)
                 _write(directory / name, _encode(table))
             except OSError as error:
-                _warn_once(f"tables are not cached on disk: {error}")
+                _warn_once(directory, error)
     return _memory.setdefault(text, table)
+
+
+def _key(scheme: Scheme, valence: int) -> dict[str, Any]:
+    return {"format": FORMAT, "kind": "interior", "valence": valence, **scheme.key(valence)}
+
+
+def _file_name(key: dict[str, Any]) -> str:
+    text = json.dumps(key, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:32] + ".npz"
 
 
 def cache_directory() -> Path:
@@ -218,10 +233,8 @@ def write_shipped(directory: Path) -> list[Path]:
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
     for valence in SHIPPED_VALENCES:
-        key = {"format": FORMAT, "kind": "interior", "valence": valence}
-        key |= CATMULL_CLARK.key(valence)
-        text = json.dumps(key, sort_keys=True)
-        path = directory / (hashlib.sha256(text.encode()).hexdigest()[:32] + ".npz")
+        key = _key(CATMULL_CLARK, valence)
+        path = directory / _file_name(key)
         _write(path, _encode(_derive(CATMULL_CLARK, valence, key)))
         paths.append(path)
     return paths
@@ -231,7 +244,7 @@ def _derive(scheme: Scheme, valence: int, key: dict[str, Any]) -> EigenTable:
     """Derive a table and round it to float64."""
     import mpmath
 
-    from limitsurf.exact.spectrum import BITS, spectrum
+    from limitsurf.exact.spectrum import BITS, spectrum, to_fixed
 
     def split(values: list[Any]) -> Array:
         with mpmath.workprec(BITS):
@@ -247,13 +260,12 @@ def _derive(scheme: Scheme, valence: int, key: dict[str, Any]) -> EigenTable:
         key,
         {
             "eigenvalues": split(result.eigenvalues),
-            "ratios": split(result.ratios),
             "pieces": _rounded(result.pieces),
             "chains": np.array(result.chains, dtype=np.int64),
             "smooth": np.array(result.smooth),
             "frequency": np.array([mode.frequency for mode in result.modes]),
             "parity": np.array([mode.parity for mode in result.modes]),
-            "left": np.array([[float(x) for x in mode.left] for mode in result.modes]),
+            "left": _rounded(to_fixed([mode.left for mode in result.modes])),
             "half_turn": np.array(half_turn),
             "links": _rounded(result.G),
             "outer": _rounded(result.Winv),
@@ -263,11 +275,17 @@ def _derive(scheme: Scheme, valence: int, key: dict[str, Any]) -> EigenTable:
 
 
 def _rounded(fixed: Array) -> Array:
-    """Numbers of `exact.spectrum` in float64; true division of integers rounds correctly."""
+    """Numbers of `exact.spectrum` in float64; true division of integers rounds correctly.
+
+    What is left of an exact zero after rounding to 96 digits is zero again.
+    """
     from limitsurf.exact.spectrum import BITS
 
-    unit = 1 << BITS
-    return np.array([x / unit for x in fixed.ravel()], dtype=float).reshape(fixed.shape)
+    unit, noise = 1 << BITS, 1 << 32
+    numbers = [x / unit if abs(x) > noise else 0.0 for x in fixed.ravel()]
+    array = np.array(numbers, dtype=float).reshape(fixed.shape)
+    array.flags.writeable = False
+    return array
 
 
 def _frozen(scheme: Scheme, key: dict[str, Any], arrays: dict[str, Array]) -> EigenTable:
@@ -275,13 +293,12 @@ def _frozen(scheme: Scheme, key: dict[str, Any], arrays: dict[str, Array]) -> Ei
         array.flags.writeable = False
     smooth = bool(arrays["smooth"])
     rest = {name: array for name, array in arrays.items() if name != "smooth"}
-    return EigenTable(scheme, key, **rest, smooth=smooth)
+    return EigenTable(scheme, MappingProxyType(key), **rest, smooth=smooth)
 
 
 # the arrays of a table: type and, by valence, shape
 _FORMATS: dict[str, tuple[str, Callable[[int], tuple[int, ...]]]] = {
     "eigenvalues": ("<f8", lambda n: (2, 2 * n + 8)),
-    "ratios": ("<f8", lambda n: (2, 2 * n + 8)),
     "pieces": ("<f8", lambda n: (3, 16, 2 * n + 8)),
     "chains": ("<i8", lambda n: (-1,)),  # of any length
     "smooth": ("|b1", lambda n: ()),
@@ -304,7 +321,7 @@ def _encode(table: EigenTable) -> bytes:
         np.lib.format.write_array(buffer, array, version=(1, 0), allow_pickle=False)
         members[name + ".npy"] = buffer.getvalue()
     digest = hashlib.sha256(b"".join(members.values())).hexdigest()
-    header = json.dumps({"key": table.provenance, "sha256": digest}, sort_keys=True, indent=1)
+    header = json.dumps({"key": dict(table.provenance), "sha256": digest}, sort_keys=True, indent=1)
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
         for name, content in {"key.json": header.encode(), **members}.items():
@@ -318,6 +335,8 @@ def _load(path: Path, scheme: Scheme, key: dict[str, Any]) -> EigenTable | None:
     """Read a table; None when the file is not there, or is not exactly what it should be."""
     try:
         with zipfile.ZipFile(io.BytesIO(path.read_bytes())) as archive:
+            if any(x.compress_type or x.flag_bits & 1 for x in archive.infolist()):
+                return None
             header = json.loads(archive.read("key.json"))
             members = {name: archive.read(name + ".npy") for name in _FORMATS}
         digest = hashlib.sha256(b"".join(members.values())).hexdigest()
@@ -327,7 +346,7 @@ def _load(path: Path, scheme: Scheme, key: dict[str, Any]) -> EigenTable | None:
             name: np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
             for name, content in members.items()
         }
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError):
+    except Exception:  # whatever a broken or foreign file makes the readers raise
         return None
     for name, (kind, shape) in _FORMATS.items():
         array = arrays[name]
@@ -353,8 +372,20 @@ def _write(path: Path, content: bytes) -> None:
 
 
 @lru_cache(maxsize=1)
-def _warn_once(message: str) -> None:
-    warnings.warn(message, RuntimeWarning, stacklevel=4)
+def _unwritable() -> list[Path]:
+    """Cache directories that the user has been warned of."""
+    return []
+
+
+def _warn_once(directory: Path, error: OSError) -> None:
+    if not _unwritable():
+        _unwritable().append(directory)
+        warnings.warn(
+            f"tables cannot be kept in {directory} ({error.strerror}): each process derives them "
+            "anew; LIMITSURF_CACHE_DIR names another place",
+            RuntimeWarning,
+            stacklevel=3,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -383,13 +414,17 @@ class RationalTable:
     limit_mask: tuple[Fraction, Fraction, Fraction]
 
 
-@lru_cache(maxsize=64)
 def rational_table(scheme: Scheme, valence: int) -> RationalTable:
     """Return the exact refinement step of `scheme` around an interior vertex of `valence`."""
     from limitsurf.exact.matrices import subdivision_matrix
+
+    return _rational_table(subdivision_matrix(scheme, valence))
+
+
+@lru_cache(maxsize=64)
+def _rational_table(matrix: SubdivisionMatrix) -> RationalTable:
     from limitsurf.exact.spectrum import limit_mask
 
-    matrix = subdivision_matrix(scheme, valence)
     entries = sorted((c, r, w) for r, row in enumerate(matrix.rows) for c, w in row.items())
     denominator = lcm(*(w.denominator for _, _, w in entries))
     numerators = np.empty(len(entries), dtype=object)
@@ -397,7 +432,7 @@ def rational_table(scheme: Scheme, valence: int) -> RationalTable:
     columns, rows = np.array([(c, r) for c, r, _ in entries]).T
     pieces = np.array(matrix.pieces)
     mask = limit_mask(matrix)
-    return RationalTable(valence, rows, columns, numerators, denominator, pieces, mask)
+    return RationalTable(matrix.valence, rows, columns, numerators, denominator, pieces, mask)
 
 
 def corner_weights(scheme: Scheme, sizes: Array, dtype: Any) -> Array:
@@ -424,14 +459,14 @@ def limit_weights(scheme: Scheme, valence: int, dtype: Any) -> Array:
 
 def boundary_limit_weights(scheme: Scheme, dtype: Any) -> Array:
     """Limit position on a smooth boundary curve: the vertex and each boundary neighbour, (2,)."""
-    from limitsurf.exact.spectrum import null_space
+    from limitsurf.exact.spectrum import boundary_limit_mask
 
-    own, neighbour = scheme.boundary_vertex
-    half = scheme.boundary_edge
-    # left eigenvector of eigenvalue 1 of the curve's 2 x 2 block (vertex; both neighbours)
-    (mask,) = null_space([[own - 1, half], [2 * neighbour, half - 1]])
-    total = sum(mask)
-    return _numbers([mask[0] / total, mask[1] / total / 2], dtype)
+    return _numbers(list(boundary_limit_mask(scheme)), dtype)
+
+
+def one(dtype: Any) -> Array:
+    """The weight 1, (1,)."""
+    return _numbers([Fraction(1)], dtype)
 
 
 def rule_weights(scheme: Scheme, dtype: Any) -> tuple[Array, Array, Array]:

@@ -14,10 +14,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-# Uniform cubic B-spline pieces: row i holds 6 times the coefficients of 1, t, t^2, t^3 in the
-# weight of control point i (de Boor 1978, chapter IX)
-_CUBIC = np.array([[1, -3, 3, -1], [4, 0, -6, 3], [1, 3, 3, -3], [0, 0, 0, 1]])
-
 
 def exact(values: Any) -> Array:
     """Object array of Fractions; ints and floats count as the rationals they are, NaN stays."""
@@ -40,16 +36,31 @@ def _rational(x: Any) -> Any:
     )
 
 
+def spline_weights(t: Array, degree: int) -> Array:
+    """Weights (Q, degree + 1) of the control points of a uniform B-spline piece, t in [0, 1].
+
+    Sums of products of non-negative numbers (de Boor 1978, chapter X): no cancellation.
+    """
+    weights = np.full((len(t), 1), Fraction(1) if t.dtype == object else 1.0, dtype=t.dtype)
+    for p in range(1, degree + 1):
+        raised = np.zeros((len(t), p + 1), dtype=t.dtype)
+        for k in range(p):
+            raised[:, k] += (k + 1 - t) * weights[:, k]
+            raised[:, k + 1] += (p - 1 - k + t) * weights[:, k]
+        weights = raised / p
+    return weights
+
+
 def cubic_weights(t: Array, order: int) -> Array:
     """Weights (Q, 4) of the four control points of a cubic piece, `order`-th derivative in t."""
-    coefficients = _CUBIC
+    if order > 3:
+        return np.asarray(0 * spline_weights(t, 3))
+    weights = spline_weights(t, 3 - order)
     for _ in range(order):
-        coefficients = coefficients[:, 1:] * np.arange(1, coefficients.shape[1])
-    coefficients = coefficients.astype(t.dtype)  # Python ints where t is an object array
-    total = np.zeros((len(t), 4), dtype=t.dtype)
-    for column in coefficients.T[::-1]:
-        total = total * t[:, None] + column
-    return np.asarray(total * Fraction(1, 6) if t.dtype == object else total / 6)
+        # the derivative is the spline of one degree less whose control points are differences
+        above = np.zeros((len(t), 1), dtype=t.dtype)
+        weights = np.concatenate([above, weights], 1) - np.concatenate([weights, above], 1)
+    return weights
 
 
 def bicubic_weights(u: Array, v: Array, nu: tuple[int, int]) -> Array:
@@ -197,14 +208,23 @@ def differences(
     return np.asarray(np.add.reduceat(terms, indptr[:-1], axis=0)) if len(columns) else terms
 
 
-def unit(vectors: Array) -> Array:
-    """Vectors (Q, d) scaled to length 1; NaN where the length is zero or not finite."""
+def unit(vectors: Array, noise: Array) -> Array:
+    """Vectors (Q, d) scaled to length 1; NaN where no component exceeds `noise` (Q, 1)."""
     with np.errstate(all="ignore"):
         # largest component first: neither overflow nor underflow in the squares
-        vectors = vectors / np.abs(vectors).max(axis=-1, keepdims=True, initial=0)
+        size = np.abs(vectors).max(axis=-1, keepdims=True, initial=0)
+        vectors = vectors / np.where(size > noise, size, np.nan)
         return np.asarray(vectors / np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True)))
 
 
-def unit_normals(along: Array, across: Array) -> Array:
-    """Unit vectors (Q, 3) along the cross products; NaN where the vectors are dependent."""
-    return unit(np.cross(unit(along), unit(across)))
+def unit_normals(along: Array, across: Array, noise: tuple[Array, Array]) -> Array:
+    """Unit vectors (Q, 3) along the cross products.
+
+    NaN where the vectors are dependent up to their rounding errors `noise`, two of (Q, 1).
+    """
+    with np.errstate(all="ignore"):
+        angle = sum(
+            n / np.abs(x).max(axis=-1, keepdims=True, initial=0)
+            for x, n in zip((along, across), noise, strict=True)
+        )
+    return unit(np.cross(unit(along, noise[0]), unit(across, noise[1])), np.asarray(angle))

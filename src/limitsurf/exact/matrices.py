@@ -80,7 +80,6 @@ def grid_index(valence: int) -> dict[tuple[int, int], int]:
     return ring | {place: first + k for k, place in enumerate(OUTER + BEYOND)}
 
 
-@lru_cache(maxsize=256)
 def subdivision_matrix(scheme: Scheme, valence: int) -> SubdivisionMatrix:
     """Build the matrix of one refinement step around an interior vertex of `valence` >= 2.
 
@@ -89,6 +88,19 @@ def subdivision_matrix(scheme: Scheme, valence: int) -> SubdivisionMatrix:
     """
     if valence < 2:
         raise ValueError(f"the valence of an interior vertex is at least 2, got {valence}")
+    # a scheme's masks are code: what is cached depends on their values
+    vertex = {n: scheme.vertex_mask(n) for n in (4, valence)}
+    return _built(valence, scheme.face_mask(4), scheme.edge, vertex[4], vertex[valence])
+
+
+@lru_cache(maxsize=256)
+def _built(
+    valence: int,
+    corner_weights: tuple[Fraction, ...],
+    edge: tuple[Fraction, ...],
+    regular: tuple[Fraction, ...],
+    extraordinary: tuple[Fraction, ...],
+) -> SubdivisionMatrix:
     at = grid_index(valence)
 
     def quad(i: int, j: int) -> tuple[int, ...]:
@@ -112,21 +124,20 @@ def subdivision_matrix(scheme: Scheme, valence: int) -> SubdivisionMatrix:
         return {column: value for column, value in sorted(total.items()) if value}
 
     one = [{k: Fraction(1)} for k in range(2 * valence + 8)]
-    corner_weights = scheme.face_mask(4)
     face_points = [
         combine(*((w, one[v]) for w, v in zip(corner_weights, face, strict=True))) for face in faces
     ]
 
     def edge_point(a: int, b: int) -> Row:
-        ends, across = scheme.edge
+        ends, across = edge
         p, q = face_of_edge[frozenset((a, b))]
         return combine(
             (ends, one[a]), (ends, one[b]), (across, face_points[p]), (across, face_points[q])
         )
 
     def vertex_point(v: int) -> Row:
-        own, neighbour, around = scheme.vertex_mask(len(faces_of_vertex[v]))
-        neighbours = sorted({k for edge in face_of_edge if v in edge for k in edge} - {v})
+        own, neighbour, around = regular if v else extraordinary
+        neighbours = sorted({k for ends in face_of_edge if v in ends for k in ends} - {v})
         return combine(
             (own, one[v]),
             *((neighbour, one[k]) for k in neighbours),

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 
@@ -48,7 +49,9 @@ class Scheme:
     ------
     ValueError
         When a mask is not rational or does not sum to one (a `face` or `vertex` mask: when it is
-        first needed), or when the masks of a regular vertex are not those of the bicubic B-spline.
+        first needed), when the masks of a regular vertex are not those of the bicubic B-spline,
+        and, as `UnsupportedSpectrum` where a valence is first used, when refinement around an
+        extraordinary vertex does not converge or has complex eigenvalues.
 
     Examples
     --------
@@ -72,9 +75,11 @@ class Scheme:
     paper: str
 
     def __post_init__(self) -> None:
-        self._check("edge", self.edge, (2, 2))
-        self._check("boundary_edge", (self.boundary_edge,), (2,))
-        self._check("boundary_vertex", self.boundary_vertex, (1, 2))
+        # tuples of Fractions, whatever sequences and integers were given
+        set_field = partial(object.__setattr__, self)
+        set_field("edge", self._check("edge", self.edge, (2, 2)))
+        set_field("boundary_edge", self._check("boundary_edge", (self.boundary_edge,), (2,))[0])
+        set_field("boundary_vertex", self._check("boundary_vertex", self.boundary_vertex, (1, 2)))
         # knot insertion for the uniform bicubic B-spline (derivations/masks_bicubic.py)
         quarter = Fraction(1, 4)
         regular = {

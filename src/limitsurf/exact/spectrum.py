@@ -28,7 +28,7 @@ from typing import Any
 
 import mpmath
 import numpy as np
-from mpmath.libmp import to_fixed
+from mpmath.libmp import to_fixed as fixed_point
 
 from limitsurf.exact.matrices import SubdivisionMatrix, subdivision_matrix
 from limitsurf.exact.scheme import Scheme
@@ -41,7 +41,7 @@ Fixed = np.ndarray[Any, np.dtype[np.object_]]
 
 
 class UnsupportedSpectrum(ValueError):
-    """A subdivision matrix has complex eigenvalues, or Jordan blocks larger than two."""
+    """Masks that do not converge, complex eigenvalues, or Jordan blocks that are not handled."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ class Spectrum:
         As in the module's formula.
     order : list of int, (K,)
         Modes, then outer eigenvectors, by decreasing modulus of their eigenvalue.
-    eigenvalues, ratios : list of mpf, (K,)
-        In that order; and their ratios to the subdominant one.
+    eigenvalues : list of mpf, (K,)
+        In that order.
     chains : list of int
         The indices k with ``A V[:, k] = eigenvalues[k] V[:, k] + V[:, k - 1]``.
     pieces : (3, 16, K)
@@ -91,7 +91,6 @@ class Spectrum:
     Winv: Fixed
     order: list[int]
     eigenvalues: list[Any]
-    ratios: list[Any]
     chains: list[int]
     pieces: Fixed
     smooth: bool
@@ -190,6 +189,19 @@ def centre_block(matrix: SubdivisionMatrix) -> list[list[Fraction]]:
     return block
 
 
+def _check_convergence(valence: int, block: list[list[Fraction]]) -> None:
+    """Both eigenvalues of frequency 0 other than 1 must lie inside the unit circle (Jury 1964).
+
+    The others are those of regular masks: smaller than 1.
+    """
+    total, product = centre_quadratic(block)
+    if not (abs(product) < 1 and abs(total) < 1 + product):
+        raise UnsupportedSpectrum(
+            f"the masks of valence {valence} do not converge: an eigenvalue other than 1 has "
+            f"modulus >= 1 (sum {total} and product {product} of the two of frequency 0)"
+        )
+
+
 def limit_mask(matrix: SubdivisionMatrix) -> tuple[Fraction, Fraction, Fraction]:
     """Weights of the vertex, of each edge neighbour and face corner in the limit position.
 
@@ -197,6 +209,7 @@ def limit_mask(matrix: SubdivisionMatrix) -> tuple[Fraction, Fraction, Fraction]
     appendix A; derivations/limit_masks.py).
     """
     block = centre_block(matrix)
+    _check_convergence(matrix.valence, block)
     transposed = [[block[j][i] - (i == j) for j in range(3)] for i in range(3)]
     (mask,) = null_space(transposed)
     total = sum(mask)
@@ -228,21 +241,9 @@ def ring_modes(matrix: SubdivisionMatrix) -> list[Mode]:
             modes.append(Mode(frequency, 1, ee, (0, 1, 0), (0, norm, 0)))
             continue
         square = (ee - ff) ** 2 + 4 * ef * fe
-        if square < EQUAL:
-            raise UnsupportedSpectrum(
-                f"frequency {frequency} of valence {n} has no real eigenbasis"
-            )
         root = mpmath.sqrt(square)
         high, low = (ee + ff + root) / 2, (ee + ff - root) / 2
-        one, zero = mpmath.mpf(1), mpmath.mpf(0)
-        right = [
-            ((x - ff) / fe, one)
-            if abs(fe) > EQUAL
-            else (one, zero)
-            if abs(x - ee) < EQUAL
-            else (ef / (x - ee), one)
-            for x in (high, low)
-        ]
+        right = [((x - ff) / fe, mpmath.mpf(1)) for x in (high, low)]
         determinant = right[0][0] * right[1][1] - right[1][0] * right[0][1]
         norm = 2 / (n * determinant)
         left = (
@@ -259,6 +260,7 @@ def ring_modes(matrix: SubdivisionMatrix) -> list[Mode]:
 def _centre_modes(matrix: SubdivisionMatrix) -> list[Mode]:
     """The three eigenvectors of frequency 0: eigenvalue 1 and the roots of a rational quadratic."""
     block = centre_block(matrix)
+    _check_convergence(matrix.valence, block)
     trace, determinant = centre_quadratic(block)
     square = trace * trace - 4 * determinant
     if square <= 0:
@@ -288,6 +290,16 @@ def _centre_modes(matrix: SubdivisionMatrix) -> list[Mode]:
         )
         for k, value in enumerate(values)
     ]
+
+
+def boundary_limit_mask(scheme: Scheme) -> tuple[Fraction, Fraction]:
+    """Weights of a vertex and of each of its two neighbours in the limit of a boundary curve."""
+    own, neighbour = scheme.boundary_vertex
+    half = scheme.boundary_edge
+    # left eigenvector of eigenvalue 1 of the curve's 2 x 2 block (vertex; both neighbours)
+    (mask,) = null_space([[own - 1, half], [2 * neighbour, half - 1]])
+    total = sum(mask)
+    return mask[0] / total, mask[1] / total / 2
 
 
 def centre_quadratic(block: list[list[Fraction]]) -> tuple[Fraction, Fraction]:
@@ -320,17 +332,16 @@ def spectrum(scheme: Scheme, valence: int) -> Spectrum:
         # numerators of G, (7, modes): sparse rational rows times R, then the small W^-1
         coupling = np.stack([_combine(row, R, len(modes)) for row in matrix.rows[ring:size]])
         gaps = [[mode.eigenvalue - to_mpf(d) for mode in modes] for d in values]
-        W, Winv, heads = _chained(_to_fixed(outer), _to_fixed(outer_inverse), coupling, gaps)
+        W, Winv, heads = _chained(to_fixed(outer), to_fixed(outer_inverse), coupling, gaps)
         numerator = _product(Winv, coupling)
         G = np.zeros_like(numerator)
         for m, row in enumerate(gaps):
             for k, gap in enumerate(row):
                 if abs(gap) > EQUAL:
-                    G[m, k] = (int(numerator[m, k]) << BITS) // int(to_fixed(gap._mpf_, BITS))
+                    G[m, k] = (int(numerator[m, k]) << BITS) // int(fixed_point(gap._mpf_, BITS))
         order = sorted(range(size), key=lambda k: _rank(eigenvalues, modes, heads, k))
         chains = sorted(order.index(k) for k in heads.values())
         eigenvalues = [eigenvalues[k] for k in order]
-        ratios = [x / eigenvalues[1] for x in eigenvalues]
         smooth = (
             [modes[k].frequency if k < ring else None for k in order[1:3]] == [1, 1]
             and eigenvalues[1] == eigenvalues[2] > 0
@@ -340,7 +351,7 @@ def spectrum(scheme: Scheme, valence: int) -> Spectrum:
         below = np.concatenate([_product(W, G), W], axis=1)[:, order]
         rows |= {ring + k: row for k, row in enumerate(below)}
         # refined control points of every eigenvector: A V = V J gives the first K rows
-        J = _to_fixed(eigenvalues)
+        J = to_fixed(eigenvalues)
         refined = {}
         for k in wanted:
             if k < size:
@@ -349,7 +360,7 @@ def spectrum(scheme: Scheme, valence: int) -> Spectrum:
             else:
                 refined[k] = _combine(matrix.rows[k], rows, size)
         pieces = np.stack([np.stack([refined[k] for k in piece]) for piece in matrix.pieces])
-    return Spectrum(matrix, modes, G, W, Winv, order, eigenvalues, ratios, chains, pieces, smooth)
+    return Spectrum(matrix, modes, G, W, Winv, order, eigenvalues, chains, pieces, smooth)
 
 
 def dense_basis(spectrum: Spectrum) -> tuple[Fixed, Fixed]:
@@ -412,13 +423,13 @@ def to_mpf(x: Fraction) -> Any:
     return mpmath.mpf(x.numerator) / x.denominator
 
 
-def _to_fixed(values: Any) -> Fixed:
+def to_fixed(values: Any) -> Fixed:
     """Integers nearest below the values, in units of 2**-BITS, in an object array."""
 
     def one(x: Any) -> int:
         if isinstance(x, Fraction):
             return (x.numerator << BITS) // x.denominator
-        return int(to_fixed(mpmath.mpf(x)._mpf_, BITS))
+        return int(fixed_point(mpmath.mpf(x)._mpf_, BITS))
 
     array = np.array(values, dtype=object)
     flat = [one(x) for x in array.ravel()]
@@ -432,8 +443,8 @@ def _ring_rows(modes: list[Mode], n: int, profile: str, rows: list[int]) -> dict
     frequency = np.array([mode.frequency for mode in modes])
     parity = np.array([mode.parity for mode in modes], dtype=bool)
     turn = [mpmath.mpf(k) / n for k in range(2 * n)]
-    cosine, sine = _to_fixed([*map(mpmath.cospi, turn)]), _to_fixed([*map(mpmath.sinpi, turn)])
-    profiles = _to_fixed([getattr(mode, profile) for mode in modes])
+    cosine, sine = to_fixed([*map(mpmath.cospi, turn)]), to_fixed([*map(mpmath.sinpi, turn)])
+    profiles = to_fixed([getattr(mode, profile) for mode in modes])
     result = {}
     for row in rows:
         # angle in units of pi / N per frequency: the vertex 0, edges 2 j - 1, faces 2 j

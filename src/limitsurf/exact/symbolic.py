@@ -98,7 +98,7 @@ class SymbolicBasis:
 
     @cached_property
     def J(self) -> Any:
-        """Jordan matrix, (K, K); diagonal except at valence 2."""
+        """Jordan matrix, (K, K); diagonal except, for Catmull-Clark, at valence 2."""
         J = sympy.diag(*self.eigenvalues)
         for k in self._numeric.chains:
             J[k - 1, k] = 1
@@ -163,6 +163,9 @@ class SymbolicBasis:
     @cached_property
     def residual(self) -> Any:
         """``A V - V J``, (K, K): the zero matrix, proved in exact arithmetic.
+
+        The proof is of the eigenvectors as polynomials in s and lambda (see the module), of which
+        the entries of `V` are the values.
 
         Raises
         ------
