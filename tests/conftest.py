@@ -31,9 +31,11 @@ WICKED: dict[str, dict[str, Any]] = {
     "edge": {"edge": (Fraction(0), Fraction(1, 2))},  # the mean of the two face points
     "extraordinary": {"vertex": lambda N: _vertex(N, Fraction(N != 4, 8))},
     "ngon": {
-        "face": lambda n: (Fraction(2, n + 1), *[Fraction(1, n + 1)] * (n - 1))
-        if n != 4
-        else (Fraction(1, 4),) * 4
+        "face": lambda n: (
+            (Fraction(2, n + 1), *[Fraction(1, n + 1)] * (n - 1))
+            if n != 4
+            else (Fraction(1, 4),) * 4
+        )
     },
 }
 

@@ -153,9 +153,13 @@ def eigen_tangents(
     the subdominant eigenfunctions; NaN where there is no tangent plane.
     """
     corner = place.level < 0
+    # the common factor, a power of the leading eigenvalue, is positive but for odd powers of a
+    # negative one
+    negative = (powers.level % 2 == 1) & (table.eigenvalues[0, powers.lead] < 0)
     result = []
     for nu, end in (((1, 0), CornerPlace.at(0, 1.0, 0.0)), ((0, 1), CornerPlace.at(2, 0.0, 1.0))):
         rows = _eigen_rows(table, place, powers, nu)
+        rows[negative] *= -1
         rows[corner] = 0.0 if table.smooth else np.nan
         if table.smooth:
             rows[corner, :2] = _eigen_rows(table, end, EigenPowers.of(table, end), nu)[:, :2]
@@ -171,7 +175,8 @@ def _eigen_rows(
         return np.zeros_like(powers.diagonal)
     along = kernels.spline_weights(place.S, 3 - nu[0])
     across = kernels.spline_weights(place.T, 3 - nu[1])
-    b = (across[:, :, None] * along[:, None, :]).reshape(len(along), -1)
+    b = across[:, :, None] * along[:, None, :]
+    b = b.reshape(len(b), b.shape[1] * b.shape[2])
     rows = np.empty_like(powers.diagonal)
     for piece, differences in enumerate(_piece_differences(table, nu)):
         here = place.piece == piece
@@ -229,7 +234,7 @@ def rational_weights(
     for piece in range(3):
         here = np.flatnonzero(place.piece == piece)
         for k, row in enumerate(table.pieces[piece]):
-            rows[here, row] += [int(w) for w in b[here, k] * unit[here]]
+            rows[here, row] += _integers(b[here, k] * unit[here])
     starts = np.searchsorted(table.columns, np.arange(size))
     rows = np.add.reduceat(rows[:, table.rows] * table.numerators, starts, axis=1)
     square = table.rows < size
@@ -246,3 +251,7 @@ def rational_weights(
     mask = [own, *[neighbour, across] * table.valence, *[Fraction(0)] * 7]
     weights[place.level < 0] = at_corner if sum(nu) else np.array(mask, dtype=object)
     return np.asarray(weights)
+
+
+# Fractions that are whole to Python integers, which NumPy must not turn into machine ones
+_integers = np.frompyfunc(int, 1, 1)

@@ -1,0 +1,796 @@
+"""Tables: right numbers, byte-stable files, and a cache that never believes what it should not."""
+
+import copy
+import dataclasses
+import hashlib
+import io
+import json
+import os
+import pickle
+import subprocess
+import sys
+import zipfile
+from fractions import Fraction as F
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import oracles
+import platformdirs
+import pytest
+
+import limitsurf as ls
+from limitsurf import tables
+from limitsurf.exact.spectrum import BITS, dense_basis, spectrum
+
+CATMULL_CLARK = tables.SCHEMES["catmull-clark"]
+ARRAYS = [field.name for field in dataclasses.fields(tables.EigenTable) if field.type == "Array"]
+PACKAGE = Path(tables.__file__).parent
+
+
+def lazy_vertex(valence):
+    """Less weight on the neighbours, at valences other than 4."""
+    share = F(1, valence**2) if valence == 4 else F(3, 4 * valence**2)
+    return 1 - 2 * valence * share, share, share
+
+
+LAZY = dataclasses.replace(CATMULL_CLARK, name="lazy", vertex=lazy_vertex)
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    """An empty cache directory, and a memory that holds no table."""
+    directory = tmp_path / "cache"
+    monkeypatch.setenv("LIMITSURF_CACHE_DIR", str(directory))
+    forget(monkeypatch)
+    return directory
+
+
+def forget(monkeypatch):
+    """Be as a new process."""
+    monkeypatch.setattr(tables, "_memory", {})
+
+
+def start(code, *arguments, **environment):
+    """A new Python process, with warnings as errors."""
+    return subprocess.Popen(
+        [sys.executable, "-W", "error", *code, *map(str, arguments)],
+        text=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=os.environ | environment,
+    )
+
+
+def result(process):
+    """What it prints; it must end well and silently."""
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    assert not err
+    return out
+
+
+def run(code, *arguments, **environment):
+    return result(start(["-c", code], *arguments, **environment))
+
+
+def files(directory):
+    """Content by name of all that is in a directory, also in folders below."""
+    return {
+        path.relative_to(directory).as_posix(): path.read_bytes()
+        for path in directory.rglob("*")
+        if path.is_file()
+    }
+
+
+def same(a, b):
+    return (
+        all(np.array_equal(getattr(a, name), getattr(b, name)) for name in ARRAYS)
+        and a.smooth == b.smooth
+        and a.provenance == b.provenance
+    )
+
+
+def stored(directory):
+    """The one file in the cache."""
+    (path,) = directory.iterdir()
+    return path
+
+
+# --- the numbers ----------------------------------------------------------------------------------
+
+
+def nearest(values):
+    """Fixed-point numbers correctly rounded, through Fraction."""
+    flat = [float(F(int(x), 1 << BITS)) for x in values.ravel()]
+    return settled(np.array(flat).reshape(values.shape))
+
+
+def settled(array):
+    """Zero where nothing but the last digits are left of a zero."""
+    return np.where(abs(array) < 1e-80, 0, array)
+
+
+@pytest.mark.parametrize("scheme", [CATMULL_CLARK, LAZY], ids=lambda s: s.name)
+@pytest.mark.parametrize("N", [2, 3, 5, 8, 17])
+def test_tables_are_the_spectrum_correctly_rounded(scheme, N):
+    table, exact = tables.eigen_table(scheme, N), spectrum(scheme, N)
+    size = 2 * N + 8
+    assert table.size == size
+    for array, needed in zip((table.V, table.Vinv), dense_basis(exact), strict=True):
+        assert np.array_equal(settled(array), nearest(needed))
+    assert np.array_equal(settled(table.pieces), nearest(exact.pieces))
+    assert np.array_equal(settled(table.links), nearest(exact.G))
+    assert np.array_equal(settled(table.outer), nearest(exact.Winv))
+    left = np.array([[float(x) for x in mode.left] for mode in exact.modes])
+    assert np.array_equal(settled(table.left), settled(left))
+    assert table.frequency.tolist() == [mode.frequency for mode in exact.modes]
+    assert table.parity.tolist() == [mode.parity for mode in exact.modes]
+    assert table.order.tolist() == exact.order
+    assert table.pieces.shape == (3, 16, size)
+    with mpmath.workprec(BITS):
+        high = [float(x) for x in exact.eigenvalues]
+        low = [float(x - h) for x, h in zip(exact.eigenvalues, high, strict=True)]
+    assert table.eigenvalues.tolist() == [high, low]
+    assert table.chains.tolist() == exact.chains
+    assert table.smooth is exact.smooth
+
+
+@pytest.mark.parametrize("N", [2, 3, 4, 5, 12, 17, 33])
+def test_float_basis(N):
+    table = tables.eigen_table(CATMULL_CLARK, N)
+    assert abs(table.residual).max() < 1e-13
+    assert abs(table.V @ table.Vinv - np.eye(table.size)).max() < 1e-13
+    vertex, edge, diagonal = map(float, oracles.limit_mask(N))
+    limit_mask = np.array([vertex, *[edge, diagonal] * N, *[0.0] * 7])
+    assert abs(table.limit_mask - limit_mask).max() < 1e-16
+    assert abs(table.tangent_masks - table.Vinv[1:3]).max() < 1e-15
+    assert table.A.sum(axis=1) == pytest.approx(np.ones(table.size), abs=1e-15)
+    jordan = np.diag(table.eigenvalues[0])
+    if N == 2:
+        jordan[4, 5] = 1
+    assert np.array_equal(table.J, jordan)
+
+
+@pytest.mark.parametrize("N", [2, 3, 5, 8, 33])
+def test_modes_are_the_left_eigenvectors(N):
+    """The stored modes put together: rows of [[R^-1, 0], [-G R^-1, W^-1]]."""
+    table = tables.eigen_table(CATMULL_CLARK, N)
+    half = np.pi * np.arange(N // 2 + 1) / N
+    assert table.half_turn == pytest.approx(np.array([np.cos(half), np.sin(half)]), abs=1e-15)
+    points = np.arange(2 * N)  # e_0, f_0, e_1, ... at angles of -1, 0, 1, ... half turns
+    angle = np.pi / N * (points - 1) * table.frequency[:, None]
+    waves = np.where(table.parity[:, None] == 1, np.sin(angle), np.cos(angle))
+    ring = np.hstack([table.left[:, :1], waves * table.left[:, 1 + points % 2]])
+    below = np.hstack([-table.links @ ring, table.outer])
+    rows = np.vstack([np.hstack([ring, np.zeros((2 * N + 1, 7))]), below])[table.order]
+    assert abs(rows - table.Vinv).max() < 1e-13
+
+
+@pytest.mark.parametrize("N", [3, 5, 17])
+def test_no_noise_where_a_number_is_zero(N):
+    """A zero is rounded to zero, not to what the last of the digits leave of it."""
+    table = tables.eigen_table(CATMULL_CLARK, N)
+    for name in ("V", "Vinv", "pieces", "left", "half_turn", "links", "outer"):
+        array = getattr(table, name)
+        noise = array[(array != 0) & (abs(array) < 1e-80)]
+        assert not noise.size, name
+
+
+@pytest.mark.parametrize("N", [2, 5])
+def test_tables_are_read_only(N):
+    table = tables.eigen_table(CATMULL_CLARK, N)
+    names = [*ARRAYS, "V", "Vinv", "J", "A"]
+    assert [name for name in names if getattr(table, name).flags.writeable] == []
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        table.pieces = None
+
+
+def test_tables_travel_between_processes():
+    """As pickles, which surfaces are made of too."""
+    table = tables.eigen_table(CATMULL_CLARK, 5)
+    for other in (pickle.loads(pickle.dumps(table)), copy.deepcopy(table)):
+        assert same(other, table)
+    basis = pickle.loads(pickle.dumps(ls.eigenbasis("catmull-clark", valence=5)))
+    assert same(basis.float64, table)
+
+
+def test_rational_table_is_the_matrix():
+    table = tables.rational_table(CATMULL_CLARK, 5)
+    assert all(isinstance(x, int) for x in table.numerators)
+    dense = np.zeros((27, 18), dtype=object)
+    dense[table.rows, table.columns] = table.numerators * F(1, table.denominator)
+    assert (dense.sum(axis=1) == 1).all()
+    vertex = [1 - F(7, 20), *[F(3, 50), F(1, 100)] * 5, *[0] * 7]
+    assert dense[0].tolist() == vertex
+    assert table.limit_mask == oracles.limit_mask(5)
+    assert tables.rational_table(CATMULL_CLARK, 5) is table
+
+
+def test_a_valence_of_hundreds(cache, monkeypatch):
+    """Fourier blocks: 728 control points take seconds."""
+    table = tables.eigen_table(CATMULL_CLARK, 360)
+    with mpmath.workdps(50):
+        ring = [x for values in oracles.ring_eigenvalues(360).values() for x in values]
+        needed = sorted(map(float, [*ring, *oracles.OUTER_EIGENVALUES]))
+    assert sorted(table.eigenvalues[0]) == pytest.approx(needed, rel=1e-15)
+    assert table.limit_mask[:3] == pytest.approx([*map(float, oracles.limit_mask(360))], rel=1e-13)
+    assert (table.pieces[:, :, 0] == 1).all()
+    assert stored(cache).stat().st_size < 1e6
+    assert table.smooth
+    forget(monkeypatch)
+    assert same(tables.eigen_table(CATMULL_CLARK, 360), table)
+
+
+# --- shipped tables -------------------------------------------------------------------------------
+
+
+def test_shipped_tables_are_what_the_generator_writes(tmp_path):
+    shipped = files(PACKAGE / "_data" / "tables")
+    assert len(shipped) == len(tables.SHIPPED_VALENCES) == 15
+    paths = tables.write_shipped(tmp_path / "new" / "folder")
+    assert sorted(path.name for path in paths) == sorted(shipped)
+    assert files(tmp_path / "new" / "folder") == shipped
+    printed = result(start(["-m", "limitsurf.tables"], tmp_path / "command")).split()
+    assert sorted(Path(line).name for line in printed) == sorted(shipped)
+    assert files(tmp_path / "command") == shipped
+
+
+def test_shipped_tables_need_neither_symbols_nor_digits_nor_a_cache(cache):
+    code = """if True:
+        import sys
+        import numpy as np
+        import limitsurf as ls
+        from limitsurf.tables import SCHEMES, SHIPPED_VALENCES, eigen_table
+        for valence in SHIPPED_VALENCES:
+            eigen_table(SCHEMES["catmull-clark"], valence)
+        points = [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+        quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+        surface = ls.LimitSurface(ls.Mesh(points, quads))
+        surface.jet(np.arange(6), 0.25, 0.0)
+        surface.normal(0, 0.0, 0.0)
+        print(*sys.modules)
+    """
+    modules = run(code).split()
+    assert "limitsurf.tables" in modules
+    assert not {"sympy", "mpmath"}.intersection(modules)
+    assert not cache.exists()
+
+
+def test_shipped_table_that_is_damaged_is_not_believed(cache, tmp_path, monkeypatch):
+    monkeypatch.setattr(tables, "SHIPPED", tmp_path)
+    for name, content in files(PACKAGE / "_data" / "tables").items():
+        damage = bytes([content[4000] ^ 1])
+        (tmp_path / name).write_bytes(content[:4000] + damage + content[4001:])
+    needed = tables._derive(CATMULL_CLARK, 5, tables.eigen_table(CATMULL_CLARK, 5).provenance)
+    forget(monkeypatch)
+    assert same(tables.eigen_table(CATMULL_CLARK, 5), needed)
+    assert stored(cache).read_bytes() == tables._encode(needed)
+
+
+# --- the cache ------------------------------------------------------------------------------------
+
+COLD = """if True:
+    import hashlib, sys
+    from limitsurf.tables import SCHEMES, eigen_table
+    table = eigen_table(SCHEMES["catmull-clark"], 37)
+    assert abs(table.limit_mask.sum() - 1) < 1e-14
+    arrays = [table.eigenvalues, table.pieces, table.left, table.links, table.outer]
+    print(hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest())
+    print("derived" if "mpmath" in sys.modules else "read", "sympy" in sys.modules)
+"""
+
+
+def test_a_valence_never_seen_is_derived_once_and_read_by_later_processes(cache):
+    digest, *state = run(COLD, PYTHONHASHSEED="0").split()
+    assert state == ["derived", "False"]
+    path = stored(cache)
+    content, status = path.read_bytes(), path.stat()
+    assert run(COLD, PYTHONHASHSEED="1").split() == [digest, "read", "False"]
+    assert path.read_bytes() == content
+    assert path.stat().st_mtime_ns == status.st_mtime_ns
+    # another process writes the same bytes
+    path.unlink()
+    assert run(COLD, PYTHONHASHSEED="2").split() == [digest, "derived", "False"]
+    assert files(cache) == {path.name: content}
+
+
+def test_memory_holds_one_table(cache):
+    table = tables.eigen_table(CATMULL_CLARK, 17)
+    stored(cache).unlink()
+    assert tables.eigen_table(CATMULL_CLARK, 17) is table
+    assert not list(cache.iterdir())
+
+
+@pytest.mark.parametrize("named", [None, ""])
+def test_default_directory_is_the_users(monkeypatch, tmp_path, named):
+    if named is None:
+        monkeypatch.delenv("LIMITSURF_CACHE_DIR", raising=False)
+    else:
+        monkeypatch.setenv("LIMITSURF_CACHE_DIR", named)
+    monkeypatch.setattr(platformdirs, "user_cache_dir", lambda name: str(tmp_path / name))
+    assert tables.cache_directory() == tmp_path / "limitsurf"
+
+
+def test_named_directory_is_made_with_its_parents(monkeypatch, tmp_path):
+    forget(monkeypatch)
+    monkeypatch.setenv("LIMITSURF_CACHE_DIR", str(tmp_path / "a" / "b"))
+    tables.eigen_table(LAZY, 3)
+    assert len(files(tmp_path / "a" / "b")) == 1
+
+
+def test_file_holds_its_key_and_plain_arrays(cache):
+    table = tables.eigen_table(LAZY, 3)
+    with zipfile.ZipFile(stored(cache)) as archive:
+        names = archive.namelist()
+        header = json.loads(archive.read("key.json"))
+        assert {member.date_time for member in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+    assert sorted(names) == sorted(["key.json", *(f"{name}.npy" for name in [*ARRAYS, "smooth"])])
+    assert header["key"] == {
+        "format": tables.FORMAT,
+        "kind": "interior",
+        "valence": 3,
+        "scheme": "lazy",
+        "masks": {
+            "face(4)": ["1/4"] * 4,
+            "edge": ["1/4"] * 2,
+            "vertex(4)": ["1/2", "1/16", "1/16"],
+            "vertex(3)": ["1/2", "1/12", "1/12"],
+        },
+    }
+    assert header["key"] == table.provenance
+    with np.load(stored(cache), allow_pickle=False) as content:
+        assert np.array_equal(content["pieces"], table.pieces)
+
+
+def test_schemes_of_one_name_do_not_share_tables(cache, monkeypatch):
+    other = dataclasses.replace(
+        LAZY, vertex=lambda N: lazy_vertex(N) if N != 6 else CATMULL_CLARK.vertex(6)
+    )
+    assert other.name == LAZY.name
+    first, second = tables.eigen_table(LAZY, 6), tables.eigen_table(other, 6)
+    assert len(list(cache.iterdir())) == 2
+    assert not np.array_equal(first.limit_mask, second.limit_mask)
+    assert np.array_equal(second.pieces, tables.eigen_table(CATMULL_CLARK, 6).pieces)
+    forget(monkeypatch)  # from the files
+    assert same(tables.eigen_table(LAZY, 6), first)
+    assert same(tables.eigen_table(other, 6), second)
+    # where their masks agree, they share
+    tables.eigen_table(LAZY, 5)
+    tables.eigen_table(other, 5)
+    assert len(list(cache.iterdir())) == 3
+
+
+def test_masks_are_asked_for_every_time(cache):
+    """A scheme is code, whose masks may change."""
+    mask = CATMULL_CLARK.vertex
+    scheme = dataclasses.replace(LAZY, vertex=lambda N: mask(N))
+    before = tables.eigen_table(scheme, 5)
+    assert np.array_equal(before.pieces, tables.eigen_table(CATMULL_CLARK, 5).pieces)
+    mask = lazy_vertex
+    after = tables.eigen_table(scheme, 5)
+    assert after is tables.eigen_table(LAZY, 5)
+    assert not np.array_equal(after.pieces, before.pieces)
+    rational = tables.rational_table(scheme, 5)
+    assert rational.limit_mask == tables.rational_table(LAZY, 5).limit_mask
+
+
+def test_names_are_part_of_the_key(cache):
+    """The same masks under another name: its own file, its own provenance."""
+    renamed = dataclasses.replace(CATMULL_CLARK, name="renamed")
+    table = tables.eigen_table(renamed, 5)
+    assert table.provenance["scheme"] == "renamed"
+    assert len(list(cache.iterdir())) == 1
+
+
+def test_tables_may_be_derived_in_many_threads(tmp_path):
+    """Precision is not shared: every thread writes what a single one would."""
+    code = """if True:
+        import os, sys
+        from concurrent.futures import ThreadPoolExecutor
+        from limitsurf.tables import SCHEMES, eigen_table
+        sys.setswitchinterval(1e-5)
+        with ThreadPoolExecutor(int(sys.argv[1])) as pool:
+            list(pool.map(lambda N: eigen_table(SCHEMES["catmull-clark"], N), range(17, 33)))
+        import mpmath
+        print(mpmath.mp.prec)
+    """
+    one, many = tmp_path / "one", tmp_path / "many"
+    assert int(run(code, 1, LIMITSURF_CACHE_DIR=str(one))) == 53
+    precision = int(run(code, 8, LIMITSURF_CACHE_DIR=str(many)))
+    assert len(files(one)) == 16
+    assert files(many) == files(one)
+    assert precision == 53
+
+
+def test_many_processes_at_once_leave_one_good_file(cache):
+    code = "input('ready')\n" + COLD
+    processes = [start(["-c", code]) for _ in range(5)]
+    for process in processes:
+        assert process.stdout.read(5) == "ready"
+    for process in processes:
+        process.stdin.write("\n")
+        process.stdin.flush()
+    outputs = {result(process).split()[0] for process in processes}
+    assert len(outputs) == 1
+    content = stored(cache).read_bytes()
+    assert content == tables._encode(tables.eigen_table(CATMULL_CLARK, 37))
+    assert run(COLD).split()[1] == "read"
+
+
+# --- files that are not to be believed ------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    """A table, and the bytes of its file."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        forget(monkeypatch)
+        directory = tmp_path_factory.mktemp("good")
+        monkeypatch.setenv("LIMITSURF_CACHE_DIR", str(directory))
+        table = tables.eigen_table(LAZY, 3)
+        return table, stored(directory).name, stored(directory).read_bytes()
+
+
+def check_replaced(cache, good, content):
+    """A file of this content yields the right table, and the right file."""
+    table, name, right = good
+    cache.mkdir()
+    (cache / name).write_bytes(content)
+    assert same(tables.eigen_table(LAZY, 3), table)
+    assert files(cache) == {name: right}
+
+
+def zipped(members, compression=zipfile.ZIP_STORED):
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", compression) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return buffer.getvalue()
+
+
+def unzipped(content):
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def with_member(content, name, member):
+    """The file with another member and the digest that goes with it."""
+    members = unzipped(content) | {name: member}
+    arrays = b"".join(members[key] for key in members if key != "key.json")
+    header = json.loads(members["key.json"]) | {"sha256": hashlib.sha256(arrays).hexdigest()}
+    members["key.json"] = json.dumps(header, sort_keys=True, indent=1).encode()
+    return zipped(members)
+
+
+def npy(array, **options):
+    buffer = io.BytesIO()
+    np.lib.format.write_array(buffer, array, **options)
+    return buffer.getvalue()
+
+
+def regions(content):
+    """Offsets in every part of the zip file: local headers, names, contents, directory, its end."""
+    found = {}
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        for member in archive.infolist():
+            name = member.filename
+            if name not in ("key.json", "pieces.npy", "order.npy"):
+                continue
+            start = member.header_offset
+            data = start + 30 + len(name)
+            found |= {f"{name} local {k}": start + k for k in (0, 4, 6, 8, 10, 14, 18, 22, 26, 28)}
+            found[f"{name} local name"] = start + 30
+            spread = range(0, member.file_size, max(1, member.file_size // 4))
+            found |= {f"{name} content {k}": data + k for k in spread}
+            found[f"{name} content end"] = data + member.file_size - 1
+            central = content.index(name.encode(), archive.start_dir) - 46
+            steps = (0, 4, 6, 8, 10, 12, 16, 20, 24, 28, 30, 32, 34, 36, 38, 42, 46)
+            found |= {f"{name} directory {k}": central + k for k in steps}
+    found |= {f"anywhere {k}": k for k in range(0, len(content), 101)}
+    end = content.rindex(b"PK\x05\x06")
+    found |= {f"end {k}": end + k for k in (0, 4, 8, 10, 12, 16, 20)}
+    return found
+
+
+def test_a_flipped_bit_anywhere_is_noticed(cache, good, monkeypatch):
+    table, name, right = good
+    cache.mkdir()
+    monkeypatch.setattr(tables, "_derive", lambda *_: table)
+    wrong = {}
+    for region, offset in regions(right).items():
+        for bit in (0, 3, 6):
+            content = bytearray(right)
+            content[offset] ^= 1 << bit
+            (cache / name).write_bytes(content)
+            tables._memory.clear()
+            try:
+                assert same(tables.eigen_table(LAZY, 3), table)
+                if files(cache) != {name: right}:
+                    wrong[region, bit] = "not replaced"
+            except Exception as error:
+                wrong[region, bit] = f"{type(error).__name__}: {error}"
+    assert not wrong
+
+
+@pytest.mark.parametrize("length", [0, 1, 21, 22, 100, 500, 5000, 0.5, 0.9, -1000, -100, -22, -1])
+def test_truncated_file_is_replaced(cache, good, length):
+    content = good[2]
+    if isinstance(length, float):
+        length = int(length * len(content))
+    check_replaced(cache, good, content[:length])
+
+
+def test_lengthened_file_is_replaced(cache, good):
+    check_replaced(cache, good, good[2] + b"more")
+
+
+@pytest.mark.parametrize(
+    "foreign",
+    [
+        pytest.param(lambda right: b"not a table\n" * 100, id="text"),
+        pytest.param(lambda right: bytes(len(right)), id="zeros"),
+        pytest.param(lambda right: b"#!/bin/sh\n" + right, id="something before"),
+        pytest.param(lambda right: zipped({}), id="empty archive"),
+        pytest.param(lambda right: zipped({"a.txt": "b"}), id="other members"),
+        pytest.param(lambda right: zipped({"key.json": b"[1, 2]"}), id="key is a list"),
+        pytest.param(lambda right: zipped({"key.json": b"\xff\xfe{"}), id="key is not UTF-8"),
+        pytest.param(lambda right: zipped({"key.json": b"[" * 100_000}), id="key is deep"),
+        pytest.param(lambda right: zipped({"key.json": b"9" * 9_000}), id="key is long"),
+        pytest.param(
+            lambda right: zipped(unzipped(right) | {"outer.npy": b"\x93NUMPY"}),
+            id="member cut short",
+        ),
+        pytest.param(
+            lambda right: zipped({k: v for k, v in unzipped(right).items() if k != "outer.npy"}),
+            id="member missing",
+        ),
+        pytest.param(lambda right: zipped(unzipped(right), zipfile.ZIP_DEFLATED), id="compressed"),
+        pytest.param(lambda right: damaged(right, zipfile.ZIP_DEFLATED), id="bad deflate"),
+        pytest.param(lambda right: damaged(right, zipfile.ZIP_LZMA), id="bad lzma"),
+        pytest.param(lambda right: damaged(right, zipfile.ZIP_BZIP2), id="bad bzip2"),
+        pytest.param(
+            lambda right: with_member(right, "outer.npy", npy(np.eye(6))), id="another shape"
+        ),
+        pytest.param(
+            lambda right: with_member(right, "outer.npy", npy(np.eye(7, dtype="f4"))),
+            id="another type",
+        ),
+        pytest.param(
+            lambda right: with_member(right, "outer.npy", npy(np.full((7, 7), np.nan))), id="NaN"
+        ),
+        pytest.param(
+            lambda right: with_member(right, "outer.npy", b"\x93NUMPY\x01\x00\x10\x00" + b"(" * 16),
+            id="header is nonsense",
+        ),
+        pytest.param(
+            lambda right: with_member(
+                right,
+                "outer.npy",
+                npy(np.eye(7)).replace(b"(7, 7), }    ", b"(7, 10**9), }"),
+            ),
+            id="header is an expression",
+        ),
+        pytest.param(
+            lambda right: with_member(
+                right,
+                "outer.npy",
+                npy(np.eye(7)).replace(b"(7, 7), }         ", b"(99999999999999,)}"),
+            ),
+            id="header claims more than there is",
+        ),
+    ],
+)
+def test_foreign_file_is_replaced(cache, good, foreign):
+    content = foreign(good[2])
+    assert content != good[2]
+    check_replaced(cache, good, content)
+
+
+def damaged(content, compression):
+    """A compressed archive whose compressed bytes are wrong."""
+    content = bytearray(zipped(unzipped(content), compression))
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        for member in archive.infolist():
+            begin = member.header_offset + 30 + len(member.filename)
+            for k in range(begin + 12, begin + member.compress_size):
+                content[k] ^= 0xFF
+    return bytes(content)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"valence": 5}, {"format": 0}, {"scheme": "other"}, {"kind": "crease"}, {"masks": {}}],
+    ids=str,
+)
+def test_file_of_another_key_under_this_name_is_replaced(cache, good, change):
+    members = unzipped(good[2])
+    header = json.loads(members["key.json"])
+    header["key"] |= change
+    members["key.json"] = json.dumps(header, sort_keys=True, indent=1).encode()
+    check_replaced(cache, good, zipped(members))
+
+
+def test_good_file_of_another_table_under_this_name_is_replaced(cache, good, tmp_path):
+    other = dataclasses.replace(LAZY, vertex=CATMULL_CLARK.vertex)
+    table = tables.eigen_table(other, 3)
+    content = stored(cache).read_bytes()
+    assert table.provenance["scheme"] == good[0].provenance["scheme"]
+    stored(cache).unlink()
+    cache.rmdir()
+    check_replaced(cache, good, content)
+
+
+class Bomb:
+    """Leaves a trace when it is unpickled."""
+
+    def __init__(self, trace):
+        self.trace = trace
+
+    def __reduce__(self):
+        return Path.touch, (self.trace,)
+
+
+@pytest.mark.parametrize("member", ["outer.npy", "smooth.npy", "key.json"])
+def test_pickles_are_never_loaded(cache, good, tmp_path, member):
+    trace = tmp_path / "trace"
+    objects = np.empty((7, 7), dtype=object)
+    objects[:] = Bomb(trace)
+    payload = npy(objects, allow_pickle=True)
+    np.lib.format.read_array(io.BytesIO(payload), allow_pickle=True)
+    assert trace.exists()  # it would go off
+    trace.unlink()
+    if member == "key.json":
+        content = zipped(unzipped(good[2]) | {member: pickle.dumps(Bomb(trace))})
+    else:
+        content = with_member(good[2], member, payload)
+    check_replaced(cache, good, content)
+    assert not trace.exists()
+
+
+# --- directories that cannot be written -----------------------------------------------------------
+
+
+TROUBLE = """if True:
+    import os, sys, warnings
+    from limitsurf.tables import SCHEMES, eigen_table
+    {trouble}
+    with warnings.catch_warnings(record=True) as record:
+        warnings.simplefilter("always")
+        for N in (17, 18, 19):
+            table = eigen_table(SCHEMES["catmull-clark"], N)
+            assert abs(table.pieces[:, :, 0] - 1).max() < 1e-15
+    for warning in record:
+        print(warning.category.__name__, warning.message)
+"""
+
+
+def check_one_warning(output, *words):
+    (line,) = output.splitlines()
+    assert line.startswith("RuntimeWarning ")
+    assert all(word in line for word in words)
+
+
+def test_directory_below_a_file(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    directory = tmp_path / "file" / "cache"
+    output = run(TROUBLE.format(trouble=""), LIMITSURF_CACHE_DIR=str(directory))
+    check_one_warning(output, str(directory), "Not a directory")
+    assert files(tmp_path) == {"file": b"in the way"}
+
+
+def test_read_only_directory(cache):
+    """One warning, although every attempt fails on a temporary file of another name."""
+    cache.mkdir()
+    trouble = """
+    true_open = os.open
+    def open(path, flags, *rest, **options):
+        if flags & os.O_CREAT and "cache" in str(path):
+            raise PermissionError(13, "Permission denied", path)
+        return true_open(path, flags, *rest, **options)
+    os.open = open
+    """
+    check_one_warning(run(TROUBLE.format(trouble=trouble)), str(cache), "Permission denied")
+    assert not list(cache.iterdir())
+
+
+def test_full_disk_leaves_nothing_behind(cache):
+    trouble = """
+    def replace(*_):
+        raise OSError(28, "No space left on device")
+    os.replace = replace
+    """
+    check_one_warning(run(TROUBLE.format(trouble=trouble)), str(cache), "No space left on device")
+    assert not list(cache.iterdir())
+    assert run(TROUBLE.format(trouble="")) == ""
+    assert len(list(cache.iterdir())) == 3
+
+
+def test_directories_in_the_place_of_the_files(cache):
+    assert run(TROUBLE.format(trouble="")) == ""
+    names = sorted(files(cache))
+    for name in names:
+        (cache / name).unlink()
+        (cache / name).mkdir()
+    check_one_warning(run(TROUBLE.format(trouble="")), str(cache), "directory")
+    assert sorted(path.name for path in cache.iterdir()) == names
+    assert not files(cache)
+
+
+# --- the public call ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("N", [2, 3, 4, 5, 8])
+def test_eigenbasis(N):
+    basis = ls.eigenbasis("catmull-clark", valence=N)
+    size = 2 * N + 8
+    for numbers in (basis.exact, basis.float64):
+        for name in ("A", "V", "J", "Vinv", "residual"):
+            assert getattr(numbers, name).shape == (size, size), name
+        assert len(numbers.limit_mask) == size
+        assert [len(mask) for mask in numbers.tangent_masks] == [size, size]
+    assert len(basis.exact.eigenvalues) == size
+    assert basis.float64 is tables.eigen_table(CATMULL_CLARK, N)
+    assert basis.exact.residual.is_zero_matrix
+    assert basis.exact is basis.exact
+    assert basis.valence == N
+    assert basis.scheme is CATMULL_CLARK
+    assert basis.provenance["valence"] == N
+    assert basis.provenance["scheme"] == "catmull-clark"
+    assert "Catmull and Clark 1978" in basis.provenance["paper"]
+
+
+@pytest.mark.parametrize("N", [2, 3, 4, 8])
+def test_exact_digits_are_those_of_the_fixed_point(N):
+    basis = ls.eigenbasis("catmull-clark", valence=N)
+    fixed, _ = dense_basis(spectrum(CATMULL_CLARK, N))
+    with mpmath.workdps(70):
+        got = np.array(basis.exact.V.evalf(60).tolist(), dtype=object)
+        for x, k in zip(got.ravel(), fixed.ravel(), strict=True):
+            assert abs(mpmath.mpf(str(x)) - mpmath.mpf(int(k)) / 2**BITS) < 1e-55
+
+
+def test_eigenbasis_prints_itself():
+    assert repr(ls.eigenbasis("catmull-clark", valence=3)) == (
+        "<Eigenbasis of catmull-clark at interior valence 3: 14 control points, "
+        "eigenvalues 1, 0.410097 (x2), 0.166667, 0.152403 (x2), 0.125 (x2), 0.0625 (x2), ...>"
+    )
+    for N in (2, 3, 5):
+        text = ls.eigenbasis("catmull-clark", valence=N)._repr_latex_()
+        assert text.startswith("$")
+        assert text.endswith("$")
+        assert f"N = {N}" in text
+        assert text.count("{") == text.count("}")
+    assert r"\sqrt{17}" in ls.eigenbasis("catmull-clark", valence=3)._repr_latex_()
+
+
+def test_eigenbasis_counts_a_repeated_eigenvalue_once():
+    """Equal eigenvalues are equal also where rounding made them differ."""
+    for N in range(2, 17):
+        text = repr(ls.eigenbasis("catmull-clark", valence=N))
+        shown = text.split("eigenvalues ")[1].split(", ")
+        values = [term.split(" ")[0] for term in shown]
+        assert len(set(values)) == len(values), text
+
+
+def test_eigenbasis_takes_a_scheme_and_numpy_integers():
+    basis = ls.eigenbasis(LAZY, valence=np.int64(5))
+    assert basis.scheme is LAZY
+    assert type(basis.valence) is int
+    assert basis.exact.residual.is_zero_matrix
+    assert same(basis.float64, tables.eigen_table(LAZY, 5))
+
+
+@pytest.mark.parametrize("valence", [1, 0, -3, 2.5, 5.0, True, "5", None, F(5)])
+def test_eigenbasis_refuses_other_valences(valence):
+    with pytest.raises(ValueError, match=r"an integer >= 2, got ") as caught:
+        ls.eigenbasis("catmull-clark", valence=valence)
+    assert repr(valence) in str(caught.value)
+
+
+@pytest.mark.parametrize("scheme", ["loop", "", None, 7])
+def test_eigenbasis_refuses_unknown_schemes(scheme):
+    with pytest.raises(ValueError, match=r"unknown scheme .* known: catmull-clark") as caught:
+        ls.eigenbasis(scheme, valence=5)
+    assert repr(scheme) in str(caught.value)
