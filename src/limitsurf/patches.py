@@ -22,7 +22,7 @@ from limitsurf.mesh import Mesh
 from limitsurf.refine import (
     ExactOperator,
     Rules,
-    child_faces,
+    child_mesh,
     first_limit_face,
     refinement_stages,
     sparse_operator,
@@ -234,8 +234,10 @@ class PatchTable:
         touched[mesh.indices[wanted[mesh.corner_face]]] = True
         near = np.zeros(mesh.n_faces, dtype=bool)
         near[mesh.corner_face[touched[mesh.indices]]] = True
-        used, indices = np.unique(mesh.indices[near[mesh.corner_face]], return_inverse=True)
-        part = Mesh._from_valid(used, mesh.sizes[near], indices)
+        used, part = np.arange(mesh.n_vertices), mesh
+        if not near.all():
+            used, indices = np.unique(mesh.indices[near[mesh.corner_face]], return_inverse=True)
+            part = Mesh._from_valid(used, mesh.sizes[near], indices)
         # points of the part, then its face points, then its refined points, all numbered
         stages = refinement_stages(part, rules, self._dtype)
         numbers = ids[used]
@@ -243,9 +245,7 @@ class PatchTable:
             new = self._extend(_renumbered(stage, numbers, self.n_points))
             numbers = np.concatenate([numbers, new])
         ids = new
-        children = Mesh._from_valid(
-            np.arange(len(new)), np.full(part.n_corners, 4), child_faces(part).ravel()
-        )
+        children = child_mesh(part, np.arange(len(new)))
         own = np.flatnonzero(near)
         local = np.searchsorted(own, faces)
         sizes = part.sizes[local]

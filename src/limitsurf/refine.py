@@ -174,6 +174,28 @@ def child_faces(mesh: Mesh) -> Array:
     )
 
 
+def child_mesh(mesh: Mesh, points: Array) -> Mesh:
+    """The refined mesh on given points, its twins and boundary known without sorting edges."""
+    children = Mesh._from_valid(points, np.full(mesh.n_corners, 4), child_faces(mesh).ravel())
+    after, before, twin = mesh.next_corner, mesh.previous_corner, mesh.twin
+    entering = twin[before]  # across the edge that ends at the corner
+    # half-edges of child h: corner to midpoint, to face point, to midpoint before, to corner
+    twins = np.stack(
+        [
+            np.where(twin < 0, -1, 4 * after[twin] + 3),
+            4 * after + 2,
+            4 * before + 1,
+            np.where(entering < 0, -1, 4 * entering),
+        ],
+        axis=1,
+    ).ravel()
+    rim = np.zeros(children.n_vertices, dtype=bool)
+    outer = np.flatnonzero(twins < 0)
+    rim[children.indices[outer]] = rim[children.indices[children.next_corner[outer]]] = True
+    children._connectivity.update(twin=twins, boundary_vertex=rim)
+    return children
+
+
 def refinement_stages(mesh: Mesh, rules: Rules, dtype: Any) -> tuple[Any, Any]:
     """One level of refinement as two sparse operators.
 
@@ -496,8 +518,8 @@ def refined(
             total = vertices @ stacked([total, faces @ total])
         limit_face, uv = _child_parameters(coarse, limit_face, uv)
         holes = np.repeat(holes, coarse.sizes)
-        sizes, indices = np.full(coarse.n_corners, 4), child_faces(coarse).ravel()
-        coarse = Mesh._from_valid(points, sizes, indices)
+        coarse = child_mesh(coarse, points)
+        sizes, indices = coarse.sizes, coarse.indices
     fine = RefinedMesh._from_valid(
         points.reshape(len(points), *mesh.points.shape[1:]),
         sizes,
