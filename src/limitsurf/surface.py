@@ -363,7 +363,8 @@ class LimitSurface:
                     ids = patches.controls[g.kind][g.row]
                     rows.append(np.repeat(g.query, ids.shape[1]))
                     columns.append(ids.ravel())
-                    values.append(self._control_weights(g, nu, exact).ravel())
+                    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+                        values.append(self._control_weights(g, nu, exact).ravel())
             total = sparse_operator(
                 np.concatenate(rows),
                 np.concatenate(columns),
