@@ -122,6 +122,10 @@ class EigenTable:
         """Number K of control points."""
         return 2 * self.valence + 8
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # travels to other processes as what it was made from
+        return eigen_table, (self.scheme, self.valence)
+
     @cached_property
     def _dense(self) -> tuple[Array, Array]:
         from limitsurf.exact.spectrum import dense_basis, spectrum
@@ -242,19 +246,15 @@ def write_shipped(directory: Path) -> list[Path]:
 
 def _derive(scheme: Scheme, valence: int, key: dict[str, Any]) -> EigenTable:
     """Derive a table and round it to float64."""
-    import mpmath
-
-    from limitsurf.exact.spectrum import BITS, spectrum, to_fixed
+    from limitsurf.exact.spectrum import mp, spectrum, to_fixed
 
     def split(values: list[Any]) -> Array:
-        with mpmath.workprec(BITS):
-            high = [float(x) for x in values]
-            return np.array([high, [float(x - h) for x, h in zip(values, high, strict=True)]])
+        high = [float(x) for x in values]
+        return np.array([high, [float(x - h) for x, h in zip(values, high, strict=True)]])
 
     result = spectrum(scheme, valence)
-    with mpmath.workprec(BITS):
-        turn = [mpmath.mpf(f) / valence for f in range(valence // 2 + 1)]
-        half_turn = [[float(wave(x)) for x in turn] for wave in (mpmath.cospi, mpmath.sinpi)]
+    turn = [mp.mpf(f) / valence for f in range(valence // 2 + 1)]
+    half_turn = [[float(wave(x)) for x in turn] for wave in (mp.cospi, mp.sinpi)]
     return _frozen(
         scheme,
         key,
@@ -334,18 +334,14 @@ def _encode(table: EigenTable) -> bytes:
 def _load(path: Path, scheme: Scheme, key: dict[str, Any]) -> EigenTable | None:
     """Read a table; None when the file is not there, or is not exactly what it should be."""
     try:
-        with zipfile.ZipFile(io.BytesIO(path.read_bytes())) as archive:
-            if any(x.compress_type or x.flag_bits & 1 for x in archive.infolist()):
-                return None
-            header = json.loads(archive.read("key.json"))
-            members = {name: archive.read(name + ".npy") for name in _FORMATS}
-        digest = hashlib.sha256(b"".join(members.values())).hexdigest()
-        if header != {"key": key, "sha256": digest}:
-            return None
-        arrays = {
-            name: np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
-            for name, content in members.items()
-        }
+        content = path.read_bytes()
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            arrays = {
+                name: np.lib.format.read_array(
+                    io.BytesIO(archive.read(name + ".npy")), allow_pickle=False
+                )
+                for name in _FORMATS
+            }
     except Exception:  # whatever a broken or foreign file makes the readers raise
         return None
     for name, (kind, shape) in _FORMATS.items():
@@ -354,7 +350,9 @@ def _load(path: Path, scheme: Scheme, key: dict[str, Any]) -> EigenTable | None:
             return None
         if array.shape != shape(key["valence"]) and shape(key["valence"]) != (-1,):
             return None
-    return _frozen(scheme, key, arrays)
+    table = _frozen(scheme, key, arrays)
+    # the key, the digest and all that a zip archive has room for
+    return table if _encode(table) == content else None
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -381,8 +379,8 @@ def _warn_once(directory: Path, error: OSError) -> None:
     if not _unwritable():
         _unwritable().append(directory)
         warnings.warn(
-            f"tables cannot be kept in {directory} ({error.strerror}): each process derives them "
-            "anew; LIMITSURF_CACHE_DIR names another place",
+            f"tables cannot be kept in {directory} ({error.strerror or error}): each process "
+            "derives them anew; LIMITSURF_CACHE_DIR names another place",
             RuntimeWarning,
             stacklevel=3,
         )

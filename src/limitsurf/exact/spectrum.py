@@ -34,8 +34,11 @@ from limitsurf.exact.matrices import SubdivisionMatrix, subdivision_matrix
 from limitsurf.exact.scheme import Scheme
 
 BITS = 320
+# a context of our own: the precision of mpmath.mp belongs to the user, in all threads at once
+mp = mpmath.MPContext()
+mp.prec = BITS + 64
 # Two computed eigenvalues, or a numerator and zero, that agree to this are equal: 60 of 96 digits
-EQUAL = mpmath.mpf(10) ** -60
+EQUAL = mp.mpf(10) ** -60
 
 Fixed = np.ndarray[Any, np.dtype[np.object_]]
 
@@ -218,16 +221,16 @@ def limit_mask(matrix: SubdivisionMatrix) -> tuple[Fraction, Fraction, Fraction]
 
 
 def ring_modes(matrix: SubdivisionMatrix) -> list[Mode]:
-    """All ``2 N + 1`` eigenvectors of the ring at mpmath's working precision."""
+    """All ``2 N + 1`` eigenvectors of the ring."""
     n = matrix.valence
     generators = ring_generators(matrix)
     modes = _centre_modes(matrix)
     for frequency in range(1, n // 2 + 1):
-        angle = mpmath.mpf(2 * frequency) / n  # in units of pi
+        angle = mp.mpf(2 * frequency) / n  # in units of pi
 
         def entry(name: str, offset: Fraction, angle: Any = angle) -> Any:
-            return mpmath.fsum(
-                to_mpf(w) * mpmath.cospi(angle * to_mpf(shift + offset))
+            return mp.fsum(
+                to_mpf(w) * mp.cospi(angle * to_mpf(shift + offset))
                 for shift, w in generators[name].items()
             )
 
@@ -236,14 +239,14 @@ def ring_modes(matrix: SubdivisionMatrix) -> list[Mode]:
         ef, fe = entry("ef", half), entry("fe", -half)
         if 2 * frequency == n:
             # every face corner lies on a node of the sine, every edge neighbour of the cosine
-            norm = mpmath.mpf(1) / n
+            norm = mp.mpf(1) / n
             modes.append(Mode(frequency, 0, ff, (0, 0, 1), (0, 0, norm)))
             modes.append(Mode(frequency, 1, ee, (0, 1, 0), (0, norm, 0)))
             continue
         square = (ee - ff) ** 2 + 4 * ef * fe
-        root = mpmath.sqrt(square)
+        root = mp.sqrt(square)
         high, low = (ee + ff + root) / 2, (ee + ff - root) / 2
-        right = [((x - ff) / fe, mpmath.mpf(1)) for x in (high, low)]
+        right = [((x - ff) / fe, mp.mpf(1)) for x in (high, low)]
         determinant = right[0][0] * right[1][1] - right[1][0] * right[0][1]
         norm = 2 / (n * determinant)
         left = (
@@ -265,11 +268,11 @@ def _centre_modes(matrix: SubdivisionMatrix) -> list[Mode]:
     square = trace * trace - 4 * determinant
     if square <= 0:
         raise UnsupportedSpectrum(f"frequency 0 of valence {matrix.valence} has no real eigenbasis")
-    root = mpmath.sqrt(to_mpf(square))
+    root = mp.sqrt(to_mpf(square))
     # the larger root first, the other through the product: exactly zero where it is zero
     large = (to_mpf(trace) + (root if trace >= 0 else -root)) / 2
-    values = [mpmath.mpf(1), *sorted((large, to_mpf(determinant) / large), reverse=True)]
-    right = mpmath.matrix(3, 3)
+    values = [mp.mpf(1), *sorted((large, to_mpf(determinant) / large), reverse=True)]
+    right = mp.matrix(3, 3)
     for k, value in enumerate(values):
         (a, b, c), (d, e, f) = (
             [to_mpf(x) - value * (i == j) for j, x in enumerate(block[i])] for i in (1, 2)
@@ -278,7 +281,7 @@ def _centre_modes(matrix: SubdivisionMatrix) -> list[Mode]:
         scale = vector[2] if abs(vector[2]) > EQUAL else max(vector, key=abs)
         for i in range(3):
             right[i, k] = vector[i] / scale
-    left = right**-1
+    left = _inverse(right)
     n = matrix.valence
     return [
         Mode(
@@ -290,6 +293,17 @@ def _centre_modes(matrix: SubdivisionMatrix) -> list[Mode]:
         )
         for k, value in enumerate(values)
     ]
+
+
+def _inverse(matrix: Any) -> Any:
+    """Inverse of a 3 x 3 matrix by cofactors; mpmath's own changes the precision it works in."""
+    cofactors = mp.matrix(3, 3)
+    for i in range(3):
+        for j in range(3):
+            a, b, c, d = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+            cofactors[j, i] = matrix[a, c] * matrix[b, d] - matrix[a, d] * matrix[b, c]
+    determinant = sum(matrix[0, k] * cofactors[k, 0] for k in range(3))
+    return cofactors / determinant
 
 
 def boundary_limit_mask(scheme: Scheme) -> tuple[Fraction, Fraction]:
@@ -318,48 +332,47 @@ def spectrum(scheme: Scheme, valence: int) -> Spectrum:
     """
     matrix = subdivision_matrix(scheme, valence)
     size, ring = matrix.size, 2 * valence + 1
-    with mpmath.workprec(BITS + 64):
-        modes = ring_modes(matrix)
-        values, outer, outer_inverse = outer_eigenbasis(
-            [[row.get(ring + j, Fraction(0)) for j in range(7)] for row in matrix.rows[ring:size]]
-        )
-        eigenvalues = [mode.eigenvalue for mode in modes] + [to_mpf(d) for d in values]
-        # the few ring points that outer points and pieces depend on
-        wanted = sorted({k for piece in matrix.pieces for k in piece})
-        sources = [*matrix.rows[ring:size], *(matrix.rows[k] for k in wanted if k >= size)]
-        touched = {c for row in sources for c in row if c < ring} | {k for k in wanted if k < ring}
-        R = _ring_rows(modes, valence, "right", sorted(touched))
-        # numerators of G, (7, modes): sparse rational rows times R, then the small W^-1
-        coupling = np.stack([_combine(row, R, len(modes)) for row in matrix.rows[ring:size]])
-        gaps = [[mode.eigenvalue - to_mpf(d) for mode in modes] for d in values]
-        W, Winv, heads = _chained(to_fixed(outer), to_fixed(outer_inverse), coupling, gaps)
-        numerator = _product(Winv, coupling)
-        G = np.zeros_like(numerator)
-        for m, row in enumerate(gaps):
-            for k, gap in enumerate(row):
-                if abs(gap) > EQUAL:
-                    G[m, k] = (int(numerator[m, k]) << BITS) // int(fixed_point(gap._mpf_, BITS))
-        order = sorted(range(size), key=lambda k: _rank(eigenvalues, modes, heads, k))
-        chains = sorted(order.index(k) for k in heads.values())
-        eigenvalues = [eigenvalues[k] for k in order]
-        smooth = (
-            [modes[k].frequency if k < ring else None for k in order[1:3]] == [1, 1]
-            and eigenvalues[1] == eigenvalues[2] > 0
-            and abs(eigenvalues[3]) < eigenvalues[1] - EQUAL
-        )
-        rows = {k: np.concatenate([row, np.zeros(7, dtype=object)])[order] for k, row in R.items()}
-        below = np.concatenate([_product(W, G), W], axis=1)[:, order]
-        rows |= {ring + k: row for k, row in enumerate(below)}
-        # refined control points of every eigenvector: A V = V J gives the first K rows
-        J = to_fixed(eigenvalues)
-        refined = {}
-        for k in wanted:
-            if k < size:
-                refined[k] = rows[k] * J >> BITS
-                refined[k][chains] += rows[k][[i - 1 for i in chains]]
-            else:
-                refined[k] = _combine(matrix.rows[k], rows, size)
-        pieces = np.stack([np.stack([refined[k] for k in piece]) for piece in matrix.pieces])
+    modes = ring_modes(matrix)
+    values, outer, outer_inverse = outer_eigenbasis(
+        [[row.get(ring + j, Fraction(0)) for j in range(7)] for row in matrix.rows[ring:size]]
+    )
+    eigenvalues = [mode.eigenvalue for mode in modes] + [to_mpf(d) for d in values]
+    # the few ring points that outer points and pieces depend on
+    wanted = sorted({k for piece in matrix.pieces for k in piece})
+    sources = [*matrix.rows[ring:size], *(matrix.rows[k] for k in wanted if k >= size)]
+    touched = {c for row in sources for c in row if c < ring} | {k for k in wanted if k < ring}
+    R = _ring_rows(modes, valence, "right", sorted(touched))
+    # numerators of G, (7, modes): sparse rational rows times R, then the small W^-1
+    coupling = np.stack([_combine(row, R, len(modes)) for row in matrix.rows[ring:size]])
+    gaps = [[mode.eigenvalue - to_mpf(d) for mode in modes] for d in values]
+    W, Winv, heads = _chained(to_fixed(outer), to_fixed(outer_inverse), coupling, gaps)
+    numerator = _product(Winv, coupling)
+    G = np.zeros_like(numerator)
+    for m, row in enumerate(gaps):
+        for k, gap in enumerate(row):
+            if abs(gap) > EQUAL:
+                G[m, k] = (int(numerator[m, k]) << BITS) // int(fixed_point(gap._mpf_, BITS))
+    order = sorted(range(size), key=lambda k: _rank(eigenvalues, modes, heads, k))
+    chains = sorted(order.index(k) for k in heads.values())
+    eigenvalues = [eigenvalues[k] for k in order]
+    smooth = (
+        [modes[k].frequency if k < ring else None for k in order[1:3]] == [1, 1]
+        and eigenvalues[1] == eigenvalues[2] > 0
+        and abs(eigenvalues[3]) < eigenvalues[1] - EQUAL
+    )
+    rows = {k: np.concatenate([row, np.zeros(7, dtype=object)])[order] for k, row in R.items()}
+    below = np.concatenate([_product(W, G), W], axis=1)[:, order]
+    rows |= {ring + k: row for k, row in enumerate(below)}
+    # refined control points of every eigenvector: A V = V J gives the first K rows
+    J = to_fixed(eigenvalues)
+    refined = {}
+    for k in wanted:
+        if k < size:
+            refined[k] = rows[k] * J >> BITS
+            refined[k][chains] += rows[k][[i - 1 for i in chains]]
+        else:
+            refined[k] = _combine(matrix.rows[k], rows, size)
+    pieces = np.stack([np.stack([refined[k] for k in piece]) for piece in matrix.pieces])
     return Spectrum(matrix, modes, G, W, Winv, order, eigenvalues, chains, pieces, smooth)
 
 
@@ -369,10 +382,9 @@ def dense_basis(spectrum: Spectrum) -> tuple[Fixed, Fixed]:
     ring = 2 * n + 1
     V = np.zeros((size, size), dtype=object)
     Vinv = np.zeros((size, size), dtype=object)
-    with mpmath.workprec(BITS + 64):
-        for name, target in (("right", V), ("left", Vinv.T)):
-            rows = _ring_rows(spectrum.modes, n, name, list(range(ring)))
-            target[:ring, :ring] = np.stack([rows[k] for k in range(ring)])
+    for name, target in (("right", V), ("left", Vinv.T)):
+        rows = _ring_rows(spectrum.modes, n, name, list(range(ring)))
+        target[:ring, :ring] = np.stack([rows[k] for k in range(ring)])
     V[ring:, :ring] = _product(spectrum.W, spectrum.G)
     Vinv[ring:, :ring] = -_product(spectrum.G, Vinv[:ring, :ring])
     V[ring:, ring:], Vinv[ring:, ring:] = spectrum.W, spectrum.Winv
@@ -412,7 +424,7 @@ def _rank(
 
     The end of a Jordan chain comes right before its head.
     """
-    value = mpmath.nint(eigenvalues[k] / EQUAL)
+    value = mp.nint(eigenvalues[k] / EQUAL)
     mode = heads.get(k - len(modes), k)
     outer = mode >= len(modes)
     place = (len(modes), mode) if outer else (modes[mode].frequency, modes[mode].parity)
@@ -420,7 +432,7 @@ def _rank(
 
 
 def to_mpf(x: Fraction) -> Any:
-    return mpmath.mpf(x.numerator) / x.denominator
+    return mp.mpf(x.numerator) / x.denominator
 
 
 def to_fixed(values: Any) -> Fixed:
@@ -429,7 +441,7 @@ def to_fixed(values: Any) -> Fixed:
     def one(x: Any) -> int:
         if isinstance(x, Fraction):
             return (x.numerator << BITS) // x.denominator
-        return int(fixed_point(mpmath.mpf(x)._mpf_, BITS))
+        return int(fixed_point(mp.mpf(x)._mpf_, BITS))
 
     array = np.array(values, dtype=object)
     flat = [one(x) for x in array.ravel()]
@@ -442,8 +454,8 @@ def _ring_rows(modes: list[Mode], n: int, profile: str, rows: list[int]) -> dict
     """Values of all modes at some points of the ring: {point: (modes,)}."""
     frequency = np.array([mode.frequency for mode in modes])
     parity = np.array([mode.parity for mode in modes], dtype=bool)
-    turn = [mpmath.mpf(k) / n for k in range(2 * n)]
-    cosine, sine = to_fixed([*map(mpmath.cospi, turn)]), to_fixed([*map(mpmath.sinpi, turn)])
+    turn = [mp.mpf(k) / n for k in range(2 * n)]
+    cosine, sine = to_fixed([*map(mp.cospi, turn)]), to_fixed([*map(mp.sinpi, turn)])
     profiles = to_fixed([getattr(mode, profile) for mode in modes])
     result = {}
     for row in rows:
