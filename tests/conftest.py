@@ -2,7 +2,7 @@
 
 ``pytest --wicked=KIND`` runs the tests on a Catmull-Clark scheme with one wrong mask, which must
 turn them red (test_wicked.py). ``pytest --cages=N`` judges the accuracy on N random cages.
-``pytest --hypothesis-profile=search`` looks for new examples instead of the same ones every time.
+``pytest --hypothesis-profile=search`` tries new examples instead of the same ones every time.
 """
 
 import copy
@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-settings.register_profile("search", deadline=None, max_examples=1000)
+settings.register_profile("search", deadline=None)
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.load_profile("repeatable")
 
