@@ -19,6 +19,7 @@ import zoo
 
 import limitsurf as ls
 from limitsurf import tables
+from limitsurf._kernels import reference as kernels
 
 SHARED_CAGES = Path(__file__).resolve().parents[2] / "shared" / "cages"
 
@@ -426,12 +427,30 @@ def test_beyond_the_range_of_floats(N):
     for query in ((0, 1e-300, 3e-301), (1, 5e-324, 0.0), (2, 2e-308, 1e-312)):
         for nu in LOW_ORDERS:
             values, exact = surface.evaluate(*query, nu).tolist(), oracle.evaluate(*query, nu)
+            size = max(map(abs, exact))
             for x, y in zip(values, exact, strict=True):
                 if abs(y) > limit:
                     assert x == (math.inf if y > 0 else -math.inf)
                 else:
-                    assert abs(F(x) - y) <= abs(y) / 10**9 + F(1, 10**320)
+                    assert abs(F(x) - y) <= size / 10**12 + F(1, 10**320)
         assert distance(surface.normal(*query), oracle.normal(*query)) <= 1e-12
+
+
+def test_powers_of_eigenvalues():
+    """Good to an ulp or two at any depth, because an eigenvalue is a sum of two floats."""
+    n = np.array([0, 1, 2, 39, 400, 1022, 1074])
+    for value in (mpmath.mpf(1) / 3, mpmath.sqrt(mpmath.mpf(3)) / 2, -mpmath.sqrt(2) / 4):
+        high = float(value)
+        with mpmath.workdps(40):
+            value = value + mpmath.mpf(10) ** -17 / 7
+            low = float(value - high)
+            powers = kernels.power(np.array([high]), np.array([low]), n)[:, 0]
+            mantissa, exponent = kernels.scaled_power(high, low, n)
+            for k, m in enumerate(n.tolist()):
+                exact = value**m
+                if abs(exact) > 1e-300:
+                    assert abs(powers[k] / exact - 1) < 5e-16
+                assert abs(mpmath.ldexp(mantissa[k], int(exponent[k])) / exact - 1) < 5e-16
 
 
 cases = oracles.reference_cases() or {}
