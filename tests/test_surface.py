@@ -351,11 +351,11 @@ def test_accuracy_on_the_zoo(name, mode):
     """All ways to cut a face, all boundaries.
 
     Second derivatives vanish across every boundary, and in places on cages as small as these.
-    There, rounding is measured by the largest of the ring.
+    There, the rounding of a few additions is measured by 1e-2 of the largest on the ring.
     """
     surface, oracle = both(*shaken(name), mode)
     queries = float_queries(range(len(surface.limit_faces)), 8, random.Random(name))
-    assert max(accuracy(surface, oracle, queries, LOW_ORDERS[:6], floor=F(1, 10))) <= 1
+    assert max(accuracy(surface, oracle, queries, LOW_ORDERS[:6], floor=F(1, 100))) <= 1
 
 
 @pytest.mark.parametrize("offset", [1e6, 1e9, 1e12, -123456.7])
