@@ -18,7 +18,7 @@ from sympy import QQ, Matrix, Rational, cos, expand, factor, pi, rem, simplify, 
 from sympy.polys.matrices import DomainMatrix
 
 from limitsurf.exact.catmull_clark import CATMULL_CLARK
-from limitsurf.exact.matrices import subdivision_matrix
+from limitsurf.exact.matrices import Sector, subdivision_matrix
 
 N, s = symbols("N s", positive=True)
 lam, mu = symbols("lambda mu")
@@ -262,7 +262,7 @@ assert at_8.subs({N: 2, mu: Rational(1, 8)}) == Rational(21, 16)
 # the package's own matrices: dimension of the kernels of A - 1/8 and of its square.
 
 for n, dimensions in {2: (2, 3), 3: (2, 2), 4: (4, 4), 5: (2, 2), 8: (4, 4), 12: (4, 4)}.items():
-    built = subdivision_matrix(CATMULL_CLARK, n)
+    built = subdivision_matrix(CATMULL_CLARK, Sector("interior", n))
     A = Matrix(built.size, built.size, lambda i, k, rows=built.rows: Rational(rows[i].get(k, 0)))
     shifted = DomainMatrix.from_Matrix(A - Matrix.eye(built.size) / 8).convert_to(QQ)
     assert tuple(built.size - power.rank() for power in (shifted, shifted**2)) == dimensions

@@ -27,8 +27,8 @@ from sympy import (
 )
 
 from limitsurf.exact.catmull_clark import CATMULL_CLARK
-from limitsurf.exact.matrices import subdivision_matrix
-from limitsurf.exact.spectrum import limit_mask
+from limitsurf.exact.matrices import Sector, subdivision_matrix
+from limitsurf.exact.ring import limit_mask
 
 N, s = symbols("N s", positive=True)
 
@@ -136,7 +136,7 @@ def close(x, y, tolerance):
 
 mpmath.mp.dps = 200  # lambda^300 is down to 1e-116
 for n in (3, 4, 5, 7):
-    matrix = subdivision_matrix(CATMULL_CLARK, n)
+    matrix = subdivision_matrix(CATMULL_CLARK, Sector("interior", n))
     count = 2 * n + 1
     A = mpmath.zeros(count)
     for i in range(count):

@@ -30,7 +30,7 @@ from sympy import (
 )
 
 from limitsurf.exact.catmull_clark import CATMULL_CLARK
-from limitsurf.exact.matrices import subdivision_matrix
+from limitsurf.exact.matrices import Sector, subdivision_matrix
 
 # 1. The ring
 # -----------
@@ -213,7 +213,7 @@ def extended_matrix(n):
 
 
 for n in (2, 3, 4, 5, 6, 7, 8, 12, 33):
-    built = subdivision_matrix(CATMULL_CLARK, n).rows
+    built = subdivision_matrix(CATMULL_CLARK, Sector("interior", n)).rows
     derived = [
         {k: Fraction(int(w.p), int(w.q)) for k, w in enumerate(row) if w}
         for row in extended_matrix(n).tolist()

@@ -1,7 +1,8 @@
 """What the whole suite shares: a table cache of its own, no windows, options and settings.
 
 ``pytest --wicked=KIND`` runs the tests on a Catmull-Clark scheme with one wrong mask, which must
-turn them red (test_wicked.py). ``pytest --cages=N`` judges the accuracy on N random cages.
+turn them red (test_wicked.py). ``pytest --cages=N`` judges the accuracy on N random cages,
+``pytest --tagged=N`` tries every property of creases on N random tagged ones.
 ``pytest --hypothesis-profile=search`` tries new examples instead of the same ones every time.
 """
 
@@ -12,6 +13,7 @@ from fractions import Fraction
 from typing import Any
 
 import pytest
+import zoo
 from hypothesis import settings
 
 settings.register_profile("search", deadline=None)
@@ -43,11 +45,13 @@ WICKED: dict[str, dict[str, Any]] = {
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--wicked", choices=list(WICKED), help="test a scheme with a wrong mask")
     parser.addoption("--cages", type=int, default=62, help="random cages to judge accuracy on")
+    parser.addoption("--tagged", type=int, default=zoo.EXAMPLES, help="random tagged cages")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Give all processes of the run one empty table cache; the user's own is left alone."""
     os.environ["PYVISTA_OFF_SCREEN"] = "true"
+    zoo.EXAMPLES = config.getoption("tagged")
     if not hasattr(config, "workerinput"):  # workers inherit the environment of the controller
         cache = tempfile.TemporaryDirectory(prefix="limitsurf-tests-")
         config.add_cleanup(cache.cleanup)

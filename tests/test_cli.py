@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -123,11 +124,40 @@ def test_bad_cages(command, tmp_path):
         assert name in fail(command[0], tmp_path / name, *command[1:])
 
 
-@pytest.mark.parametrize("command", [["evaluate", "--grid", 2], ["validate"]])
-def test_cages_that_are_not_supported_yet(command, tmp_path):
-    path = tmp_path / "creased.obj"
-    ls.write(path, ls.Mesh(*zoo.cube(), creases={(0, 1): 2.0}))
-    assert "crease" in fail(command[0], path, *command[1:])
+# ------------------------------------------------------------------ cages of every kind
+
+CAGES = {
+    "semi-sharp": (zoo.cube, {"creases": {(0, 1): 1.3, (0, 4): 0.2}, "corners": {7: 2.5}}),
+    "chaikin": (zoo.cube, {"creases": {(0, 1): 3, (0, 4): 0.7}, "creasing": "chaikin"}),
+    "dart": (zoo.cube, {"creases": {(0, 1): np.inf}, "holes": [2]}),
+    "loose": (lambda: zoo.grid(4, 4), {"boundary": "none"}),
+    "many_faces": (lambda: zoo.disk(7), {"boundary": "edge_only", "triangles": "smooth"}),
+    "fin": (lambda: zoo.NONMANIFOLD["fin"][:2], {}),
+    "bow_tie": (lambda: zoo.NONMANIFOLD["bow_tie"][:2], {"creases": {(0, 2): 4}}),
+}
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".usda"])
+@pytest.mark.parametrize("name", CAGES)
+def test_cages_of_every_kind(name, suffix, tmp_path):
+    make, tags = CAGES[name]
+    points, faces = make()
+    flat = np.asarray(points, dtype=float)
+    solid = np.pad(flat, ((0, 0), (0, 3 - flat.shape[1])))
+    path = tmp_path / f"cage{suffix}"
+    ls.write(path, ls.Mesh(solid, faces, **tags))
+    assert "limit faces" in succeed("info", path)
+    surface = ls.LimitSurface(ls.read(path))
+    found = table(succeed("evaluate", path, "--grid", 3, "--normals", "--order", 1))
+    where = found["face"].astype(int), found["u"], found["v"]
+    same(columns(found, "x", "y", "z"), surface.evaluate(*where))
+    same(columns(found, "x_u", "y_u", "z_u"), surface.evaluate(*where, nu=(1, 0)))
+    same(columns(found, "n_x", "n_y", "n_z"), surface.normal(*where))
+    _, *rows = succeed("validate", path, "--levels", 2).splitlines()
+    assert all(float(row.split()[-1]) < 1e-13 for row in rows)
+    picture = tmp_path / "a.png"
+    succeed("plot", path, "-o", picture, "--size", 80, 60, "--quads", 3)
+    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 # ------------------------------------------------------------------ info
@@ -146,24 +176,80 @@ def test_info(cage):
     assert found["corners of faces"] == "4 (5 times), 5 (2)"
     assert found["valences inside"] == "3 (10 times)"
     assert found["limit faces"] == "15"
-    assert any("extraordinary" in name for name in found)
+    assert found["boundary"] == "edge_and_corner, by default"
+    assert sum(int(found[name]) for name in found if name.startswith(("one ", "split"))) == 15
+    assert found["special corners of patches"] == "valence 3 (30), valence 5 (10)"
 
 
-def test_info_of_an_open_cage_with_tags_tells_what_is_not_supported(tmp_path):
+def test_info_of_an_open_cage_with_tags(tmp_path):
     path = tmp_path / "grid.obj"
     points, faces = zoo.with_unused(zoo.disjoint(zoo.grid(2, 2), zoo.grid(2, 1)), at=0)
     mesh = ls.Mesh(
         np.pad(np.asarray(points, float)[:, :2], ((0, 0), (0, 1))),
         faces,
+        creases={(faces[0][1], faces[0][2]): 0.5, (faces[0][2], faces[0][3]): np.inf},
         corners={int(faces[0][0]): 3.0},
         holes=[1],
         boundary="edge_only",
+        channels={"uv": (np.eye(2), [0, 1] * 12, "boundaries")},
     )
     ls.write(path, mesh)
-    output = succeed("info", path)
-    for text in ["2, open", "in no face", "on the boundary", "holes", "edge_only", "sharpness 3"]:
-        assert text in output
-    assert "not supported yet" in output
+    found = {name: value.strip() for name, value in facts(succeed("info", path)).items()}
+    expected = {
+        "vertices": "16, 1 of them in no face",
+        "edges": "19, 14 of them on the boundary",
+        "components": "2, open",
+        "faces at boundary vertices": "1 (8 times), 2 (6)",
+        "creases": "2, sharpness 0.5, 1 infinite",
+        "corners": "1, sharpness 3",
+        "holes": "1",
+        "channel uv": "2 values, boundaries",
+        "scheme": "catmull-clark, by default",
+        "boundary": "edge_only",
+        "creasing": "uniform, by default",
+        "no limit (holes)": "1",
+    }
+    assert expected.items() <= found.items()
+    found = facts(succeed("info", path, "--boundary", "none"))
+    assert found["boundary"].strip() == "none"
+    assert found["  no limit (holes)".strip()].strip() == "6"
+
+
+def test_info_of_strips_and_sectors(tmp_path):
+    path = tmp_path / "ridge.obj"
+    points, faces = zoo.grid(8, 8)
+    row = [int(v) for v in np.arange(81).reshape(9, 9)[4]]
+    creases = dict.fromkeys(pairwise(row), 2.5)
+    solid = np.pad(np.asarray(points, float)[:, :2], ((0, 0), (0, 1)))
+    ls.write(path, ls.Mesh(solid, faces, creases=creases))
+    found = {name: value.strip() for name, value in facts(succeed("info", path)).items()}
+    assert found["creases"] == "8, sharpness 2.5"
+    assert int(found["one strip along a semi-sharp crease"]) > 0
+    ls.write(path, ls.Mesh(solid, faces, creases=dict.fromkeys(creases, np.inf)))
+    found = {name: value.strip() for name, value in facts(succeed("info", path)).items()}
+    assert found["creases"] == "8, infinite"
+    assert found["one regular patch"] == "64"
+    assert "special corners of patches" not in found
+    ls.write(path, ls.Mesh(solid, faces, creases=dict.fromkeys(pairwise(row[:5]), 12)))
+    found = {name: value.strip() for name, value in facts(succeed("info", path)).items()}
+    assert found["special corners of patches"] == "dart of 4 faces (4)"
+
+
+def test_info_of_what_is_not_manifold(tmp_path):
+    path = tmp_path / "fin.obj"
+    ls.write(path, ls.Mesh(*zoo.NONMANIFOLD["fin"][:2]))
+    found = {name: value.strip() for name, value in facts(succeed("info", path)).items()}
+    assert found["edges"] == "17, 12 of them on the boundary, 2 of them not manifold"
+    assert found["faces at vertices that are not manifold"] == "3 (2 times), 6 (1)"
+
+
+def test_info_of_a_scheme_that_is_not_known(tmp_path):
+    path = tmp_path / "loop.obj"
+    ls.write(path, ls.Mesh(*zoo.tetrahedron(), scheme="loop"))
+    found = facts(succeed("info", path))
+    assert found["vertices"].strip() == "4"
+    assert "'loop'" in found["limit surface"]
+    assert "'loop'" in fail("evaluate", path, "--grid", 1)
 
 
 # ------------------------------------------------------------------ evaluate
@@ -198,6 +284,55 @@ def test_files_hold_the_same_in_every_format(cage, surface, tmp_path):
         where = arrays["face"], arrays["u"], arrays["v"]
         same(arrays["position"], surface.evaluate(*where))
         same(arrays["du"], surface.evaluate(*where, nu=(1, 0)))
+
+
+@pytest.fixture
+def painted(tmp_path):
+    """A cube with two channels: texture coordinates with seams, and one number."""
+    path = tmp_path / "painted.usda"
+    rng = np.random.default_rng(0)
+    channels = {
+        "st": (rng.random((14, 2)).astype(np.float32), rng.integers(14, size=24), "none"),
+        "heat": (rng.random(8).astype(np.float32), rng.integers(8, size=24), "none"),
+    }
+    ls.write(path, ls.Mesh(*zoo.cube(), channels=channels))
+    return path
+
+
+def test_channels(painted, tmp_path):
+    command = ["evaluate", painted, "--random", 9, "--order", 1]
+    for name in ["a.csv", "a.npz", "a.npy"]:
+        succeed(*command, "--channel", "st", "--channel", "heat", "-o", tmp_path / name)
+    surface = ls.LimitSurface(ls.read(painted))
+    rows = np.load(tmp_path / "a.npy")
+    names = ["face", "u", "v", "position", "du", "dv"]
+    names += ["st", "st_du", "st_dv", "heat", "heat_du", "heat_dv"]
+    with np.load(tmp_path / "a.npz") as arrays:
+        assert arrays.files == list(rows.dtype.names) == names
+        where = arrays["face"], arrays["u"], arrays["v"]
+        for name in ["st", "heat"]:
+            for nu, suffix in {(0, 0): "", (1, 0): "_du", (0, 1): "_dv"}.items():
+                expected = surface.evaluate(*where, nu=nu, channel=name)
+                same(arrays[name + suffix], expected)
+                np.testing.assert_array_equal(rows[name + suffix], arrays[name + suffix])
+        text = table((tmp_path / "a.csv").read_text())
+        np.testing.assert_array_equal(columns(text, "st_du_0", "st_du_1"), arrays["st_du"])
+        np.testing.assert_array_equal(text["heat_0"], arrays["heat"])
+    head = succeed("evaluate", painted, "--random", 0, "--channel", "st", "--channel", "st")
+    assert head == "face,u,v,x,y,z,st_0,st_1\n"
+
+
+def test_channels_that_cannot_be(painted, cage, tmp_path):
+    assert "'uv'; it has 'heat', 'st'" in fail("evaluate", painted, "--grid", 1, "--channel", "uv")
+    assert "it has none" in fail("plot", cage, "-o", tmp_path / "a.png", "--channel", "uv")
+    mesh = ls.read(painted)
+    values, rows, mode = mesh.channels["st"]
+    for names in [["du"], ["normal"], ["uv", "uv_du"]]:
+        channels = dict.fromkeys(names, (values, rows, mode))
+        ls.write(painted, ls.Mesh(mesh.points, mesh.faces, channels=channels))
+        options = [option for name in names for option in ("--channel", name)]
+        message = fail("evaluate", painted, "--grid", 1, "--order", 1, *options)
+        assert f"other answers named {names[-1]!r}" in message
 
 
 def test_a_seed_repeats_itself(cage):
@@ -434,6 +569,16 @@ def test_plot(cage, tmp_path):
     output = succeed("plot", cage, "-o", path, *options, "--up", "y", "--color", "teal")
     assert str(path) in output
     assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_plot_of_a_channel(painted, tmp_path):
+    pictures = []
+    for k, options in enumerate([[], ["--channel", "st"]]):
+        path = tmp_path / f"{k}.png"
+        succeed("plot", painted, "-o", path, "--size", 80, 60, "--quads", 4, *options)
+        pictures.append(path.read_bytes())
+    assert pictures[0] != pictures[1]
+    assert "shape" in fail("plot", painted, "-o", tmp_path / "a.png", "--channel", "heat")
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import functools
 import itertools
 import random
 from fractions import Fraction as F
-from math import lcm
+from math import comb, lcm
 from types import SimpleNamespace
 
 import mpmath
@@ -18,8 +18,10 @@ from sympy.polys.matrices import DomainMatrix
 
 import limitsurf as ls
 from limitsurf import tables
-from limitsurf.exact import matrices, spectrum
-from limitsurf.exact.spectrum import BITS, UnsupportedSpectrum
+from limitsurf.exact import spectrum
+from limitsurf.exact.fixed import BITS, UnsupportedSpectrum
+from limitsurf.exact.matrices import Sector, subdivision_matrix
+from limitsurf.exact.ring import limit_mask, ring_generators
 from limitsurf.exact.symbolic import SymbolicBasis
 
 CATMULL_CLARK = tables.SCHEMES["catmull-clark"]
@@ -47,6 +49,10 @@ def with_vertex(vertex, name="user"):
         return (F(1, 2), F(1, 16), F(1, 16)) if N == 4 else vertex(N)
 
     return dataclasses.replace(CATMULL_CLARK, name=name, vertex=mask)
+
+
+def interior_matrix(scheme, N):
+    return subdivision_matrix(scheme, Sector("interior", N))
 
 
 def with_roots(total, product, name="user"):
@@ -155,7 +161,7 @@ def test_masks_are_those_of_the_papers(N):
 
 @pytest.mark.parametrize("N", [3, 5, 6, 12])
 def test_stencils_are_those_of_the_papers(N):
-    rows = matrices.subdivision_matrix(CATMULL_CLARK, N).rows
+    rows = interior_matrix(CATMULL_CLARK, N).rows
     edges, faces = range(1, 2 * N, 2), range(2, 2 * N + 1, 2)
     vertex = {0: 1 - F(7, 4 * N)} | dict.fromkeys(edges, F(3, 2 * N * N))
     assert rows[0] == vertex | dict.fromkeys(faces, F(1, 4 * N * N))
@@ -200,17 +206,17 @@ def test_scheme_takes_lists_and_integers():
     assert scheme.edge == (F(1, 4), F(1, 4))
     assert scheme.vertex_mask(7) == (F(1), F(0), F(0))
     assert all(type(w) is F for w in scheme.vertex_mask(7))
-    assert matrices.subdivision_matrix(scheme, 7).rows[0] == {0: 1}
+    assert interior_matrix(scheme, 7).rows[0] == {0: 1}
 
 
 def test_scheme_checks_other_masks_when_they_are_needed():
     wicked = with_vertex(lambda N: (F(1, 2), F(1, N), F(1, N)), "wicked")
     assert wicked.vertex_mask(4) == (F(1, 2), F(1, 16), F(1, 16))
     with pytest.raises(ValueError, match=r"'wicked': vertex\(5\) sums to 5/2"):
-        matrices.subdivision_matrix(wicked, 5)
+        interior_matrix(wicked, 5)
     floats = with_vertex(lambda N: (0.5, 0.25 / N, 0.25 / N), "wicked")
     with pytest.raises(ValueError, match=r"'wicked': vertex\(8\) must be 3 Fractions"):
-        matrices.subdivision_matrix(floats, 8)
+        interior_matrix(floats, 8)
     triangles = dataclasses.replace(
         CATMULL_CLARK, name="wicked", face=lambda n: (F(1, 4),) * 4 if n == 4 else (F(1, 2),) * n
     )
@@ -236,9 +242,9 @@ def test_key_holds_the_masks_at_that_valence_alone():
 
 @pytest.mark.parametrize("N", BUILT)
 def test_matrix_is_one_naive_refinement(N):
-    built = matrices.subdivision_matrix(CATMULL_CLARK, N)
+    built = interior_matrix(CATMULL_CLARK, N)
     rows, pieces = naive_step(N)
-    assert built.valence == N
+    assert built.sector == Sector("interior", N)
     assert built.size == 2 * N + 8
     assert len(built.rows) == 2 * N + 17
     for k, (got, needed) in enumerate(zip(built.rows, rows, strict=True)):
@@ -249,7 +255,7 @@ def test_matrix_is_one_naive_refinement(N):
 @pytest.mark.parametrize("scheme", [CATMULL_CLARK, random_scheme(0)], ids=lambda s: s.name)
 @pytest.mark.parametrize("N", [*BUILT, 100])
 def test_rows_sum_to_one(scheme, N):
-    for row in matrices.subdivision_matrix(scheme, N).rows:
+    for row in interior_matrix(scheme, N).rows:
         assert sum(row.values()) == 1
         assert all(type(w) is F and w != 0 for w in row.values())
 
@@ -262,7 +268,7 @@ def test_regular_matrix_is_knot_insertion():
     ring = [(1, 1), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1), (0, 0), (1, 0), (2, 0)]
     columns, rows = ring + OUTER, ring + OUTER + BEYOND
     assert len(set(rows)) == 25
-    built = matrices.subdivision_matrix(CATMULL_CLARK, 4)
+    built = interior_matrix(CATMULL_CLARK, 4)
     assert dense(built.rows, built.size) == [
         [insertion[i][k] * insertion[j][m] for k, m in columns] for i, j in rows
     ]
@@ -271,7 +277,7 @@ def test_regular_matrix_is_knot_insertion():
 def test_pieces_are_neighbours():
     """Two pieces share the twelve control points that make them one smooth spline."""
     for N in BUILT:
-        pieces = np.array(matrices.subdivision_matrix(CATMULL_CLARK, N).pieces).reshape(3, 4, 4)
+        pieces = np.array(interior_matrix(CATMULL_CLARK, N).pieces).reshape(3, 4, 4)
         assert (pieces[0, 1:] == pieces[1, :-1]).all()
         assert (pieces[2, :, 1:] == pieces[1, :, :-1]).all()
 
@@ -279,15 +285,15 @@ def test_pieces_are_neighbours():
 @pytest.mark.parametrize("N", [1, 0, -3])
 def test_matrix_refuses_valences_below_two(N):
     with pytest.raises(ValueError, match=f"at least 2, got {N}"):
-        matrices.subdivision_matrix(CATMULL_CLARK, N)
+        interior_matrix(CATMULL_CLARK, N)
 
 
 def test_masks_without_the_symmetry_of_the_ring_are_refused():
-    matrix = matrices.subdivision_matrix(CATMULL_CLARK, 5)
+    matrix = interior_matrix(CATMULL_CLARK, 5)
     rows = list(matrix.rows)
     rows[3] = {3: F(1, 2), 0: F(1, 2)}  # of one edge neighbour
     with pytest.raises(UnsupportedSpectrum, match="symmetry of the ring"):
-        spectrum.ring_generators(dataclasses.replace(matrix, rows=tuple(rows)))
+        ring_generators(dataclasses.replace(matrix, rows=tuple(rows)))
 
 
 # --- the spectrum in fixed point ------------------------------------------------------------------
@@ -295,7 +301,7 @@ def test_masks_without_the_symmetry_of_the_ring_are_refused():
 
 def derive(scheme, N):
     """A spectrum, with V and V^-1."""
-    s = spectrum.spectrum(scheme, N)
+    s = spectrum.spectrum(scheme, Sector("interior", N))
     V, Vinv = spectrum.dense_basis(s)
     return SimpleNamespace(**vars(s), V=V, Vinv=Vinv)
 
@@ -355,7 +361,7 @@ def test_basis_and_eigenvalues(N):
                 assert a > b - mpmath.mpf(10) ** -60
     assert s.eigenvalues[0] == 1
     assert s.chains == ([5] if N == 2 else [])
-    assert s.smooth == (N > 2)
+    assert s.normal == ((1, 2) if N > 2 else ())
     assert abs(s.V[:, 0] - ONE).max() < TINY
 
 
@@ -372,7 +378,7 @@ def test_valence_two_has_one_jordan_block():
     assert sorted(s.eigenvalues[:4]) == [F(-1, 4), F(1, 4), F(1, 4), 1]
     assert s.chains == [5]
     assert s.eigenvalues[4] == s.eigenvalues[5] == F(1, 8)
-    assert not s.smooth
+    assert s.normal == ()
     A = naive_matrix(2)
     assert rank(shifted(A, F(1, 8))) == (10, 9)
     for other in sorted({*map(F, map(float, s.eigenvalues))} - {F(1, 8)}):
@@ -412,8 +418,8 @@ def test_the_tie_at_one_eighth_is_not_defective(N):
 @pytest.mark.parametrize("N", [*range(2, 13), 33, 64])
 def test_limit_mask(N):
     vertex, edge, diagonal = oracles.limit_mask(N)
-    matrix = matrices.subdivision_matrix(CATMULL_CLARK, N)
-    assert spectrum.limit_mask(matrix) == (vertex, edge, diagonal)
+    matrix = interior_matrix(CATMULL_CLARK, N)
+    assert limit_mask(matrix) == (vertex, edge, diagonal)
     needed = [vertex, *[edge, diagonal] * N, *[0] * 7]
     for got, w in zip(derived(CATMULL_CLARK, N).Vinv[0], needed, strict=True):
         assert abs(F(int(got), ONE) - w) < F(1, 10**80)
@@ -454,35 +460,34 @@ def test_deriving_leaves_the_precision_of_others_alone():
 # --- eigenfunctions -------------------------------------------------------------------------------
 
 
-def cubic(x):
-    """The four uniform cubic B-splines on [0, 1]."""
-    y = 1 - x
-    middle = [(3 * z**3 - 6 * z**2 + 4) / 6 for z in (x, y)]
-    return [y**3 / 6, *middle, x**3 / 6]
-
-
 @pytest.mark.parametrize("N", [2, 3, 4, 5, 8, 33])
 def test_eigenfunctions_scale_smoothly(N):
     """Continuous second derivatives between the pieces and those at half the size, lambda x."""
     s = derived(CATMULL_CLARK, N)
-    near = s.pieces.reshape(3, 4, 4, -1)  # (piece, v, u, K)
+    near = s.pieces.reshape(3, 4, 4, -1)  # (piece, power of T, power of S, K)
     far = times_jordan(near, s)
-    # value and derivatives at the beginning of a cubic span, times 6
-    at_start = np.array([[1, 4, 1], [-3, 0, 3], [6, -12, 6]], dtype=object)
-    # a span's control points to those of its halves, times 8
-    halves = np.array(
-        [[[4, 4, 0, 0], [1, 6, 1, 0], [0, 4, 4, 0], [0, 1, 6, 1]]], dtype=object
-    ).repeat(2, axis=0)
-    halves[1] = [[1, 6, 1, 0], [0, 4, 4, 0], [0, 1, 6, 1], [0, 0, 4, 4]]
+    # value and derivatives of a polynomial at 1 and at 0; from T to (T + half) / 2, times 8
+    at_one = np.array([[1, 1, 1, 1], [0, 1, 2, 3], [0, 0, 2, 6]], dtype=object)
+    at_zero = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 2, 0]], dtype=object)
+    halves = [
+        np.array([[comb(j, m) * half ** (j - m) * 2 ** (3 - j) if m <= j else 0 for j in range(4)]
+                  for m in range(4)], dtype=object)
+        for half in (0, 1)
+    ]  # fmt: skip
     for side, ends in ((0, (0, 1)), (2, (2, 1))):
         # bring the direction across the edge to the front: (across, along, K)
         turn = (lambda x: x.transpose(1, 0, 2)) if side == 0 else (lambda x: x)
-        edge = np.tensordot(at_start, turn(near[side])[:3], 1)  # (order, along, K)
+        edge = np.tensordot(at_zero, turn(near[side]), 1)  # (order, along, K)
         for half, end in enumerate(ends):
             needed = np.tensordot(halves[half], edge, (1, 1)).transpose(1, 0, 2)
-            got = np.tensordot(at_start, turn(far[end])[1:], 1)
+            got = np.tensordot(at_one, turn(far[end]), 1)
             got *= np.array([8, 16, 32], dtype=object)[:, None, None]
             assert abs(got - needed).max() < 1000 * TINY
+    # and between the pieces
+    for side, turn in ((0, lambda x: x), (2, lambda x: x.transpose(1, 0, 2))):
+        before = np.tensordot(at_one, turn(near[side]), 1)
+        after = np.tensordot(at_zero, turn(near[1]), 1)
+        assert abs(before - after).max() < 1000 * TINY
 
 
 @pytest.mark.parametrize("N", [2, 3, 4, 5, 6, 8, 33])
@@ -502,8 +507,9 @@ def test_eigenexpansion_is_the_limit_by_refinement(N):
             for k, more in ends.items():
                 coefficients[:, k] += more
         for piece, (u, v) in samples.items():
-            spline = np.array([b * a for b in cubic(2 * v % 1) for a in cubic(2 * u % 1)])
-            got = coefficients.dot(spline.dot(s.pieces[piece])) / ONE**2
+            S, T = 2 * u % 1, 2 * v % 1
+            powers = np.array([S**i * T**j for j in range(4) for i in range(4)])
+            got = coefficients.dot(powers.dot(s.pieces[piece])) / ONE**2
             needed = surface.evaluate(0, u / 2**level, v / 2**level)
             assert abs(got - np.array(needed)).max() < F(1, 10**78)
 
@@ -515,7 +521,7 @@ def test_eigenexpansion_is_the_limit_by_refinement(N):
 def test_random_schemes(seed):
     scheme = random_scheme(seed)
     for N in (2, 3, 5, 6, 8, 11):
-        matrix = matrices.subdivision_matrix(scheme, N)
+        matrix = interior_matrix(scheme, N)
         s = derived(scheme, N)
         check_basis(s)
         with mpmath.workdps(DIGITS):
@@ -531,7 +537,7 @@ def test_random_schemes(seed):
             for a, b in zip(sorted(s.eigenvalues), sorted(needed), strict=True):
                 assert abs(a - b) < mpmath.mpf(10) ** -80
         # the limit mask is a left eigenvector of eigenvalue 1
-        vertex, edge, diagonal = spectrum.limit_mask(matrix)
+        vertex, edge, diagonal = limit_mask(matrix)
         left = [vertex, *[edge, diagonal] * N, *[F(0)] * 7]
         assert sum(left) == 1
         product = [F(0)] * matrix.size
@@ -571,7 +577,7 @@ def test_a_slow_even_mode_leaves_no_tangent_plane(roots):
     s = derived(scheme, 5)
     check_basis(s)
     assert abs(fixed(s.eigenvalues[1]) - int(roots[0] * ONE)) < TINY
-    assert not s.smooth
+    assert s.normal == ()
 
 
 @pytest.mark.parametrize(
@@ -593,8 +599,8 @@ def test_unsupported_spectra_are_refused(total, product, N):
     scheme = with_roots(total, product)
     assert issubclass(UnsupportedSpectrum, ValueError)
     with pytest.raises(UnsupportedSpectrum, match=f"valence {N}"):
-        spectrum.spectrum(scheme, N)
-    spectrum.spectrum(scheme, 4)  # regular, like every scheme
+        spectrum.spectrum(scheme, Sector("interior", N))
+    spectrum.spectrum(scheme, Sector("interior", 4))  # regular, like every scheme
 
 
 # --- the symbolic basis ---------------------------------------------------------------------------
@@ -663,11 +669,13 @@ def test_symbolic_basis_is_the_fixed_point_one(scheme, N):
         assert distance(V.dot(Vinv), identity) < bound
         assert distance(numbers(exact.A).dot(V), V.dot(J)) < bound
         assert distance(numbers(exact.limit_mask)[:, 0], Vinv[0]) < bound
-        assert distance(numbers(exact.tangent_masks), Vinv[1:3]) < bound
+        assert len(exact.tangent_masks) == len(s.normal)
+        for mask, k in zip(exact.tangent_masks, s.normal, strict=True):
+            assert distance(numbers(mask)[:, 0], Vinv[k]) < bound
     above = exact.J - sympy.diag(*exact.eigenvalues)
     assert [k for k in range(1, size) if above[k - 1, k] == 1] == s.chains
     assert sum(x != 0 for x in above) == len(s.chains)
-    assert exact.limit_mask[:3] == spectrum.limit_mask(s.matrix)
+    assert exact.limit_mask[:3] == limit_mask(s.matrix)
 
 
 @cases

@@ -95,6 +95,27 @@ def test_every_option_changes_the_picture(draw):
         assert (draw(surface, **{**bare, **option}) != plain).any(), option
 
 
+def test_creases_are_thick_edges_of_the_cage():
+    surface = ls.LimitSurface(cube(creases={(0, 1): 2, (0, 2): 0}))
+    options = {"cage": True, "curves": False, "poles": False, "normals": False}
+    scene = room._scene(surface, 1, *options.values(), (1.0, 0.5, 0.3), "z", 1.0)
+    cage, creases = scene.lines
+    assert len(cage.ends) == 12
+    (edge,) = creases.ends
+    assert sorted(map(tuple, edge)) == sorted(map(tuple, surface.mesh.points[:2] - 0.5))
+    assert creases.width > cage.width
+
+
+def test_a_channel_is_drawn_in_its_own_space(draw):
+    square = [[0, 0], [1, 0], [1, 1], [0, 1]]
+    flat = ls.Mesh(np.pad(square, ((0, 0), (0, 1))), [[0, 1, 2, 3]])
+    uv = (np.array(square) * 0.1 + 7, [0, 1, 2, 3], "corners_only")
+    painted = ls.Mesh(cube().points[[0, 1, 3, 2]], [[0, 1, 2, 3]], channels={"uv": uv})
+    assert alike(draw(ls.LimitSurface(painted), channel="uv"), draw(ls.LimitSurface(flat)), 0.1)
+    with pytest.raises(ValueError, match="no channel 'st'; it has 'uv'"):
+        ls.plot(ls.LimitSurface(painted), channel="st", off_screen=True)
+
+
 def test_size_and_place_do_not_matter(draw):
     mesh = cube()
     expected = draw(ls.LimitSurface(mesh))
@@ -151,11 +172,21 @@ def test_holes_are_left_out(draw):
         lambda: zoo.disjoint(zoo.cube(), zoo.torus(4, 5)),
         lambda: zoo.sphere(12, 4),
         lambda: zoo.single_face(4),
+        *(lambda name=name: zoo.NONMANIFOLD[name][:2] for name in ("fin", "bow_tie", "moebius")),
     ],
 )
-def test_all_sorts_of_cages(make, draw):
+@pytest.mark.parametrize(
+    "tags",
+    [
+        {},
+        {"boundary": "edge_only"},
+        {"corners": dict.fromkeys(range(4), np.inf)},  # no limit normals there
+    ],
+    ids=str,
+)
+def test_all_sorts_of_cages(make, tags, draw):
     points, faces = make()
-    assert colored(draw(surface_of(points, faces))) > 0.005
+    assert colored(draw(surface_of(points, faces, **tags))) > 0.005
 
 
 def test_poles_of_the_demo():
@@ -169,6 +200,12 @@ def test_poles_of_the_demo():
         "valence 8": 1,
         "valence 9 to 16": 1,
     }
+
+
+def test_poles_are_where_the_surface_is_smooth_and_closed():
+    points, faces = zoo.disjoint(zoo.NONMANIFOLD["fin"][:2], zoo.cube())
+    (dots,) = room._poles(ls.LimitSurface(ls.Mesh(points, faces)))
+    assert (dots.name, len(dots.places)) == ("valence 3", 8)
 
 
 def test_poles_sit_where_all_their_faces_meet():

@@ -19,11 +19,13 @@ SURFACES = [
     (name, mode)
     for name, (_, faces) in CAGES.items()
     for mode in oracles.MODES[: 2 if zoo.boundary_vertices(faces) else 1]
-    if zoo.evaluable(faces, mode)
+    if zoo.has_regular_boundary(faces, mode)
 ]
 on_the_zoo = pytest.mark.parametrize(("name", "mode"), SURFACES)
 
-evaluable_cages = zoo.cages(keep=zoo.evaluable, operations=[*zoo.OPERATIONS, zoo.insert_vertex])
+regular_cages = zoo.cages(
+    keep=zoo.has_regular_boundary, operations=[*zoo.OPERATIONS, zoo.insert_vertex]
+)
 any_cages = zoo.cages(operations=[*zoo.OPERATIONS, zoo.insert_vertex])
 seeds = st.integers(0, 2**32 - 1)
 parameters = st.one_of(
@@ -69,7 +71,7 @@ def same(a, b):
 
 
 @settings(max_examples=60)
-@given(evaluable_cages, st.lists(st.tuples(seeds, parameters, parameters), min_size=1, max_size=4))
+@given(regular_cages, st.lists(st.tuples(seeds, parameters, parameters), min_size=1, max_size=4))
 def test_exact_on_random_cages(cage, queries):
     """Positions and derivatives are the oracle's, float points counting as rationals."""
     points, faces = cage
@@ -81,7 +83,7 @@ def test_exact_on_random_cages(cage, queries):
 
 
 @settings(max_examples=30)
-@given(evaluable_cages, seeds, floats, floats)
+@given(regular_cages, seeds, floats, floats)
 def test_floats_are_near_the_exact_value(cage, seed, u, v):
     points, faces = cage
     surface, oracle = ls.LimitSurface(ls.Mesh(points, faces)), oracles.ExactSurface(points, faces)
@@ -106,7 +108,7 @@ def test_refined_is_naively_refined(cage, levels, mode):
 
 
 @settings(max_examples=25)
-@given(evaluable_cages, st.integers(0, 2), seeds)
+@given(regular_cages, st.integers(0, 2), seeds)
 def test_refined_vertices_lie_on_the_surface(cage, levels, seed):
     """Moved to their limits, at their parents' parameters, exactly; with their normals."""
     points, faces = cage
@@ -121,7 +123,7 @@ def test_refined_vertices_lie_on_the_surface(cage, levels, seed):
 
 
 @settings(max_examples=30)
-@given(evaluable_cages, seeds, st.sampled_from(ORDERS))
+@given(regular_cages, seeds, st.sampled_from(ORDERS))
 def test_weights_reproduce_affine_functions(cage, seed, nu):
     """Rows sum to one (derivatives: to zero); weights times points is the value, exactly."""
     points, faces = cage
@@ -219,7 +221,7 @@ def test_relabelled_vertices_and_rotated_faces(name, mode):
 
 
 @settings(max_examples=30)
-@given(evaluable_cages, seeds)
+@given(regular_cages, seeds)
 @example(CAGES["relabelled_sphere"], 1)
 def test_relabelling_random_cages(cage, seed):
     points, faces = cage
@@ -360,7 +362,7 @@ def test_continuity_around_every_vertex(name, mode):
 
 
 @settings(max_examples=25)
-@given(evaluable_cages, seeds, st.fractions(0, 1, max_denominator=1000))
+@given(regular_cages, seeds, st.fractions(0, 1, max_denominator=1000))
 def test_continuity_on_random_cages(cage, seed, t):
     points, faces = cage
     edges = sides(faces)

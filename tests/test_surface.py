@@ -20,6 +20,7 @@ import zoo
 import limitsurf as ls
 from limitsurf import tables
 from limitsurf._kernels import reference as kernels
+from limitsurf.patches import REGULAR
 
 SHARED_CAGES = Path(__file__).resolve().parents[2] / "shared" / "cages"
 
@@ -34,7 +35,7 @@ SURFACES = [
     (name, mode)
     for name, faces in ((name, make()[1]) for name, make in zoo.ZOO.items())
     for mode in oracles.MODES[: 2 if zoo.boundary_vertices(faces) else 1]
-    if zoo.evaluable(faces, mode)
+    if zoo.has_regular_boundary(faces, mode)
 ]
 on_the_zoo = pytest.mark.parametrize(("name", "mode"), SURFACES)
 
@@ -253,7 +254,7 @@ def test_derivatives_at_extraordinary_vertices():
 
 def test_limit_faces():
     """Numbered as in Ptex: a quad is one, an n-gon n consecutive ones."""
-    for make in zoo.EVALUABLE.values():
+    for make in zoo.ZOO.values():
         points, faces = make()
         numbering = ls.LimitSurface(ls.Mesh(points, faces)).limit_faces
         pairs = list(zip(numbering.face.tolist(), numbering.corner.tolist(), strict=True))
@@ -929,10 +930,9 @@ def test_no_limit_at_a_boundary_if_it_is_none(name):
     face = np.arange(len(surface.limit_faces))
     values = surface.evaluate(face, 0.3, 0.7)
     assert np.isnan(values).any(axis=1).tolist() == [touching[f] for f in surface.limit_faces.face]
-    if zoo.evaluable(faces):
-        smooth = ls.LimitSurface(ls.Mesh(points, faces)).evaluate(face, 0.3, 0.7)
-        defined = ~np.isnan(values)
-        assert np.abs(values - smooth)[defined].max(initial=0) <= 1e-15
+    whole = ls.LimitSurface(ls.Mesh(points, faces)).evaluate(face, 0.3, 0.7)
+    defined = ~np.isnan(values)
+    assert np.abs(values - whole)[defined].max(initial=0) <= 1e-15
 
 
 def test_with_points():
@@ -1013,49 +1013,33 @@ def cube_with(**tags):
     return ls.Mesh(*zoo.cube(), **tags)
 
 
-@pytest.mark.parametrize(
-    ("mesh", "options", "culprit"),
-    [
-        (cube_with(creases={(0, 1): 2.5, (0, 2): 1}), {}, r"edge \(0, 1\) is a crease .* 2\.5"),
-        (cube_with(corners={5: 1.5}), {}, r"vertex 5 is a corner of sharpness 1\.5"),
-        (ls.Mesh(*zoo.stairs()), {}, r"boundary vertex 4 has 3 faces"),
-        (ls.Mesh(*zoo.half_disk(5)), {}, r"boundary vertex 0 has 5 faces"),
-        (
-            ls.Mesh(*zoo.grid(2, 2)),
-            {"boundary": "edge_only"},
-            r"boundary vertex 0 has 1 face \(3 more like it\): under boundary=\"edge_only\"",
-        ),
-        (ls.Mesh(*zoo.tetrahedron()), {"triangles": "smooth"}, 'rule "smooth" on a mesh with'),
-    ],
-    ids=["crease", "corner", "stairs", "half_disk", "edge_only", "smooth"],
-)
-def test_what_has_no_limit_yet(mesh, options, culprit):
-    with pytest.raises(NotImplementedError, match=culprit):
-        ls.LimitSurface(mesh, **options)
-
-
 def test_tags_of_no_effect():
     plain = ls.LimitSurface(cube_with()).evaluate(2, 0.3, 0.7)
-    for mesh in (cube_with(creases={(0, 1): 0}, corners={3: 0.0}), cube_with(triangles="smooth")):
+    for mesh in (
+        cube_with(creases={(0, 1): 0}, corners={3: 0.0}),
+        cube_with(triangles="smooth"),
+        cube_with(boundary="edge_only"),
+    ):
         assert (ls.LimitSurface(mesh).evaluate(2, 0.3, 0.7) == plain).all()
     assert (ls.LimitSurface(cube_with(), creasing="chaikin").evaluate(2, 0.3, 0.7) == plain).all()
 
 
-def test_irregular_boundary_of_a_hole_does_not_matter():
-    """At the boundary vertex of three faces all three are holes; others have their limit."""
+def test_holes_at_an_irregular_boundary():
+    """At the boundary vertex of three faces; with or without a limit of their own, others agree."""
     points, faces = zoo.grid(4, 4)
     faces = faces[1:]  # vertex 6 loses a face
     holes = [f for f, face in enumerate(faces) if 6 in face]
     assert len(holes) == 3
-    with pytest.raises(NotImplementedError, match="boundary vertex 6 has 3 faces"):
-        ls.LimitSurface(ls.Mesh(points, faces))
+    whole = ls.LimitSurface(ls.Mesh(points, faces))
     surface = ls.LimitSurface(ls.Mesh(points, faces, holes=holes))
     values = surface.evaluate(range(len(faces)), 0.25, 0.5)
     assert np.flatnonzero(np.isnan(values[:, 0])).tolist() == holes
     oracle = oracles.ExactSurface(points, faces)
-    for f in set(range(len(faces))) - set(holes):
-        exact = [float(x) for x in oracle.evaluate(f, F(1, 4), HALF)]
-        assert np.abs(values[f] - exact).max() < 1e-14
+    for f in range(len(faces)):
+        exact = oracle.evaluate(f, F(1, 4), HALF)
+        assert same([whole.evaluate(f, F(1, 4), HALF)], [exact])
+        if f not in holes:
+            assert np.abs(values[f] - np.array(exact, dtype=float)).max() < 1e-14
 
 
 def test_options():
@@ -1118,16 +1102,19 @@ def test_a_scheme_of_ones_own(own, N):
 def test_everything_is_tried():
     """Every scheme has an oracle, and the zoo holds every kind of patch in every position."""
     assert set(ORACLES) == set(tables.SCHEMES)
-    kinds, ways, turns, reasons = set(), set(), set(), set()
+    sectors, ways, turns, reasons = set(), set(), set(), set()
     for name, mode in SURFACES:
         points, faces = zoo.ZOO[name]()
         surface = ls.LimitSurface(ls.Mesh(points, faces, holes=[0]), boundary=mode)
         patches = surface.patches
-        kinds |= set(patches.kind.tolist())
-        turns |= set(zip((patches.kind == 4).tolist(), patches.turn.tolist(), strict=True))
+        sectors |= {patches.sectors[kind] for kind in patches.kind.tolist()}
+        turns |= set(zip((patches.kind == REGULAR).tolist(), patches.turn.tolist(), strict=True))
         ways |= {depth_of(patches, f) for f in range(len(surface.limit_faces))}
         reasons |= {reason for reason, _ in patches.summary()}
-    assert kinds >= {*tables.SHIPPED_VALENCES[:6], 9, 12, 33, 64}
+    assert sectors == {
+        None,
+        *(tables.Sector("interior", N) for N in (2, 3, *range(5, 11), 12, 33, 64)),
+    }
     assert turns == {(True, 0), *((False, turn) for turn in range(4))}
     assert ways == {0, 1}
     assert len(reasons) == 4

@@ -8,6 +8,7 @@ points are lists of three integers in units of 1/256.
 import math
 import random
 from collections import Counter, defaultdict
+from fractions import Fraction
 
 import numpy as np
 from hypothesis import strategies as st
@@ -419,7 +420,9 @@ def carved(points_and_faces, seed, steps=8):
     g = random.Random(seed)
     before = len(boundary_vertices(points_and_faces[1])) > 0
     closed_operations = [inset, poke, cut_face, cut_edge, truncate]
-    changed = operated(points_and_faces, g.randrange, steps, closed_operations, keep=evaluable)
+    changed = operated(
+        points_and_faces, g.randrange, steps, closed_operations, keep=has_regular_boundary
+    )
     assert (len(boundary_vertices(changed[1])) > 0) == before
     return relabelled(changed, seed)
 
@@ -466,8 +469,8 @@ def is_manifold(faces):
     return True
 
 
-def evaluable(faces, boundary="edge_and_corner"):
-    """Whether every boundary vertex is regular: of two faces, or of one where that is a corner."""
+def has_regular_boundary(faces, boundary="edge_and_corner"):
+    """Whether every boundary vertex is of two faces, or of one where that is a corner."""
     count = Counter(v for face in faces for v in face)
     allowed = {2} | ({1} if boundary == "edge_and_corner" else set())
     return is_manifold(faces) and all(count[v] in allowed for v in boundary_vertices(faces))
@@ -506,7 +509,7 @@ ZOO = {
     "disk_3": lambda: disk(3),
     "disk_7": lambda: disk(7),
     "half_disk_2": lambda: half_disk(2),
-    "half_disk_5": lambda: half_disk(5),
+    **{f"half_disk_{n}": (lambda n=n: half_disk(n)) for n in (4, 5, 6, 7)},
     "corner_of_three": corner_of_three,
     "stairs": stairs,
     "flower_2": lambda: flower(2),
@@ -532,18 +535,7 @@ ZOO = {
     "relabelled_sphere": lambda: relabelled(sphere(5, 3), 12),
 }
 
-# Open meshes with extraordinary boundary vertices are in the zoo for the refiner alone.
-EVALUABLE = {name: make for name, make in ZOO.items() if evaluable(make()[1])}
-
 SIX = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 1], [2, 1, 1]]
-ALONG = "run along it in the same direction, so their orientations differ"
-
-
-def pinched():
-    """Two octahedra that share a vertex."""
-    points, faces = disjoint(octahedron(), octahedron())
-    return points, [[4 if v == 10 else v for v in face] for face in faces]
-
 
 # name: (points, faces, what the MeshError says)
 BAD = {
@@ -573,37 +565,258 @@ BAD = {
     "two_corners": (SIX, [[0, 1, 2], [2, 3]], "face 1 has 2 corners, need at least 3"),
     "one_corner": (SIX, [[4], [2], [0, 1, 2]], "face 0 has 1 corner, need at least 3; 1 more"),
     "empty_face": (SIX, [[0, 1, 2], []], "face 1 has 0 corners"),
-    "repeated_neighbour": (SIX, [[0, 1, 2], [0, 2, 3, 3]], "face 1 has vertex 3 more than once"),
-    "repeated_opposite": (SIX, [[0, 1, 0, 2]], "face 0 has vertex 0 more than once"),
-    "three_faces": (
-        SIX,
-        [[0, 1, 2], [1, 0, 3], [1, 0, 4]],
-        "edge (0, 1) has 3 faces (0, 1, 2), need one or two",
+}
+
+
+def pinched():
+    """Two octahedra that share a vertex."""
+    points, faces = disjoint(octahedron(), octahedron())
+    return points, [[4 if v == 10 else v for v in face] for face in faces]
+
+
+def with_random_points(faces, seed):
+    return random_points(1 + max(map(max, faces)), seed), faces
+
+
+def fins(n, height=2):
+    """n strips of quads that meet at a row of edges."""
+    faces = []
+    for i in range(n):
+        first = (height + 1) * (i + 1)
+        faces += [[j, j + 1, first + j + 1, first + j] for j in range(height)]
+    return with_random_points(faces, n)
+
+
+def crossed_grids():
+    """Two regular grids through each other along a row of edges, each of four faces."""
+    faces = grid(4, 4)[1]
+    new = {v: 25 + v - 5 * (v > 14) for v in range(25)} | {v: v for v in range(10, 15)}
+    return with_random_points(faces + [[new[v] for v in face] for face in faces], 2)
+
+
+# name: (points, faces, non-manifold edges, non-manifold vertices)
+NONMANIFOLD = {
+    "three_faces": (*with_random_points([[0, 1, 2], [1, 0, 3], [1, 0, 4]], 1), [(0, 1)], [0, 1]),
+    "eight_faces": (*with_random_points([[0, 1, k] for k in range(2, 10)], 2), [(0, 1)], [0, 1]),
+    "doubled_face": (
+        *with_random_points([[0, 1, 2, 3], [0, 1, 2, 3]], 3),
+        [(0, 1), (0, 3), (1, 2), (2, 3)],
+        [0, 1, 2, 3],
     ),
-    "eight_faces": (
-        np.eye(10),
-        [[0, 1, k] for k in range(2, 10)],
-        "edge (0, 1) has 8 faces (0, 1, 2, 3, 4, 5, ...), need one or two",
+    "torus_2x2": (
+        *with_random_points(torus(2, 2)[1], 4),
+        [(0, 1), (0, 2), (1, 3), (2, 3)],
+        [0, 1, 2, 3],
     ),
-    "torus_2x2": (SIX, torus(2, 2)[1], "edge (0, 1) has 4 faces (0, 1, 2, 3)"),
-    "doubled_face": (SIX, [[0, 1, 2, 3], [0, 1, 2, 3]], f"edge (0, 1): faces 0 and 1 {ALONG}; 3"),
     "opposite_orientation": (
-        SIX,
-        [[0, 1, 2, 3], [1, 2, 5, 4]],
-        f"edge (1, 2): faces 0 and 1 {ALONG}",
+        *with_random_points([[0, 1, 2, 3], [1, 2, 5, 4]], 5),
+        [(1, 2)],
+        [1, 2],
     ),
     "moebius": (
-        SIX,
-        [[0, 1, 3, 2], [2, 3, 5, 4], [4, 5, 0, 1]],
-        f"edge (0, 1): faces 0 and 2 {ALONG}",
+        *with_random_points([[0, 1, 3, 2], [2, 3, 5, 4], [4, 5, 0, 1]], 6),
+        [(0, 1)],
+        [0, 1],
     ),
-    "bow_tie": (SIX, [[0, 1, 2], [2, 4, 5]], "vertex 2: its 2 faces are not one fan"),
-    "pinched": (*pinched(), "vertex 4: its 8 faces are not one fan"),
+    "bow_tie": (*with_random_points([[0, 1, 2], [2, 3, 4]], 7), [], [2]),
+    "pinched": (*pinched(), [], [4]),
     "open_and_closed_fan": (
-        np.eye(8),
-        [*tetrahedron()[1], [0, 5, 6], [0, 6, 7]],
-        "vertex 0: its 5 faces are not one fan",
+        *with_random_points([*tetrahedron()[1], [0, 4, 5], [0, 5, 6]], 8),
+        [],
+        [0],
     ),
+    "fin": (*fins(3), [(0, 1), (1, 2)], [0, 1, 2]),
+    "cross": (*fins(4), [(0, 1), (1, 2)], [0, 1, 2]),
+    "crossed_grids": (*crossed_grids(), [(v, v + 1) for v in range(10, 14)], [10, 11, 12, 13, 14]),
+    "collapsed_side": (*with_random_points([[0, 1, 2, 2], [1, 0, 3]], 9), [(2, 2)], [2]),
+    "folded_face": (
+        *with_random_points([[0, 1, 0, 2], [1, 0, 3]], 10),
+        [(0, 1), (0, 1), (0, 2), (0, 2)],
+        [0, 1, 2],
+    ),
+    "vertex_twice": (*with_random_points([[0, 1, 2, 0, 3, 4], [2, 1, 5]], 11), [], [0]),
+}
+
+
+# --- Tagged cages: (points, faces, tags), the tags being keyword arguments of a mesh
+
+# how many random cages each property is tried on; see conftest.py
+EXAMPLES = 25
+
+SHARPNESSES = [0.3, 1, 2.5, 4.7, 7, math.inf]
+MODES = ["edge_and_corner", "edge_only", "none"]
+
+
+def tagged(points_and_faces, seed=0, **tags):
+    """Random points: no symmetry hides an error."""
+    points, faces = points_and_faces
+    return random_points(len(points), seed), faces, tags
+
+
+def edges_of(faces):
+    return sorted({(min(pair), max(pair)) for pair in half_edges(faces)})
+
+
+def row_of_edges(m, n, i, end=None):
+    """The edges along the i-th row of vertices of a grid of m by n quads, up to the end-th."""
+    first = i * (n + 1)
+    return [(first + j, first + j + 1) for j in range(n if end is None else end)]
+
+
+def crossed_grid(s, t):
+    """A grid with creases of two sharpnesses, one across, one that ends in the middle."""
+    creases = dict.fromkeys(row_of_edges(5, 4, 2), s)
+    creases |= {(5 * i + 2, 5 * i + 7): t for i in range(3)}
+    return tagged(grid(5, 4), creases=creases)
+
+
+def crossing_rings(s, t, **tags):
+    """A closed crease around a torus, another one that crosses it."""
+    creases = {(j, (j + 1) % 5): s for j in range(5)} | {
+        (5 * i, 5 * (i + 1) % 20): t for i in range(4)
+    }
+    return tagged(torus(4, 5), creases={(min(e), max(e)): x for e, x in creases.items()}, **tags)
+
+
+def spoke(faces, i):
+    """The edges from the centre of `flower(N, 2)` to its boundary, between sectors i - 1 and i."""
+    return [(0, faces[4 * i][1]), (faces[4 * i + 2][0], faces[4 * i + 2][1])]
+
+
+def spokes(N, sharpness, **tags):
+    """A vertex of valence N with creases {spoke: sharpness} out of it, as far as the boundary."""
+    points, faces = flower(N)
+    creases = {edge: s for i, s in sharpness.items() for edge in spoke(faces, i)}
+    return tagged((points, faces), N, creases=creases, **tags)
+
+
+def fan(k, n=None):
+    """k sectors of `flower`, of two by two quads each: a boundary vertex of k faces."""
+    points, faces = flower(n or k + 2)
+    faces = faces[: 4 * k]
+    used = sorted({v for face in faces for v in face})
+    return points[used], [[used.index(v) for v in face] for face in faces]
+
+
+def randomly_tagged(points_and_faces, seed, density=0.3, **tags):
+    """Creases of any sharpness anywhere, some corners and a hole."""
+    g = random.Random(seed)
+    points, faces = points_and_faces
+    creases = {e: g.choice(SHARPNESSES) for e in edges_of(faces) if g.random() < density}
+    corners = {v: g.choice(SHARPNESSES) for v in range(len(points)) if g.random() < density / 3}
+    if len(faces) > 5:
+        tags |= {"holes": [g.randrange(len(faces))]}
+    return tagged((points, faces), seed, **{"creases": creases, "corners": corners} | tags)
+
+
+TAGGED = {
+    **{f"crossed_grid_{s}": (lambda s=s: crossed_grid(s, 1.5)) for s in SHARPNESSES},
+    **{f"crossing_rings_{s}": (lambda s=s: crossing_rings(s, 2.5)) for s in SHARPNESSES},
+    "ring_2.5": lambda: crossing_rings(2.5, 0),
+    "ring_sharp": lambda: crossing_rings(10, 0),
+    "unequal_ring": lambda: tagged(torus(3, 4), creases={(0, 1): 0.5, (1, 2): 3, (2, 3): 0.3}),
+    # darts
+    **{f"dart_{N}": (lambda N=N: spokes(N, {0: math.inf})) for N in range(2, 10)},
+    **{f"dart_{N}_2.5": (lambda N=N: spokes(N, {0: 2.5})) for N in (3, 4, 5)},
+    # sectors of k and N - k faces between sharp edges
+    **{
+        f"crease_{k}_{N - k}": (lambda k=k, N=N: spokes(N, {0: math.inf, k: math.inf}))
+        for k, N in (
+            (1, 2),
+            (1, 3),
+            (1, 4),
+            (2, 4),
+            (2, 5),
+            (3, 6),
+            (4, 8),
+            (5, 10),
+            (6, 12),
+            (7, 14),
+        )
+    },
+    **{
+        f"corner_{k}": (lambda k=k: spokes(k + 2, dict.fromkeys((0, 1, 2), math.inf)))
+        for k in (1, 2, 3, 4, 5, 6)
+    },
+    "corner_of_one_crease": lambda: spokes(4, {0: math.inf}, corners={0: math.inf}),
+    "corner_of_two_creases": lambda: spokes(5, {0: math.inf, 2: 12}, corners={0: 12}),
+    "sharp_and_semi_sharp": lambda: spokes(5, {0: math.inf, 2: math.inf, 3: 1.5}),
+    "semi_sharp_corner": lambda: spokes(5, {0: 0.3, 1: 1, 3: 2.5}),
+    "semi_sharp_crossing": lambda: spokes(6, {0: 4.7, 3: 4.7, 1: 0.3, 4: 2.5}),
+    "semi_sharp_beside_sharp": lambda: spokes(4, {0: math.inf, 1: 0.3, 2: math.inf}),
+    # cones
+    **{f"cone_{N}": (lambda N=N: spokes(N, {}, corners={0: math.inf})) for N in range(2, 8)},
+    "cone_5_0.3": lambda: spokes(5, {}, corners={0: 0.3}),
+    "cone_4_2.5": lambda: spokes(4, {}, corners={0: 2.5}),
+    "corner_on_a_crease": lambda: spokes(4, {0: 2.5, 2: 2.5}, corners={0: 1.3}),
+    # boundaries
+    **{
+        f"boundary_{k}_{mode}": (lambda k=k, mode=mode: tagged(fan(k), k, boundary=mode))
+        for k in range(1, 8)
+        for mode in MODES[:2]
+    },
+    **{f"boundary_{k}_none": (lambda k=k: tagged(fan(k, 8), boundary="none")) for k in (2, 6)},
+    "sharp_corners_of_the_boundary": lambda: tagged(
+        fan(3), corners={0: math.inf, 1: 2.5, 5: 0.3}, boundary="edge_only"
+    ),
+    "tagged_boundary": lambda: tagged(
+        grid(3, 3),
+        creases={(0, 1): math.inf, (1, 2): 2, (0, 4): 10, (3, 7): 12},
+        boundary="none",
+    ),
+    "boundary_sharp_all_around": lambda: tagged(
+        grid(2, 2),
+        creases={e: math.inf for e in edges_of(grid(2, 2)[1]) if 4 not in e},
+        boundary="none",
+    ),
+    # n-gons and triangles
+    "sharp_prism": lambda: tagged(prism(5), creases=dict.fromkeys([(0, 1), (1, 2), (2, 7)], 12)),
+    "semi_sharp_prism": lambda: tagged(prism(6), creases={(0, 1): 2.5, (1, 2): 0.3, (2, 8): 4.7}),
+    "sharp_tetrahedron": lambda: tagged(tetrahedron(), creases={(0, 1): math.inf, (1, 2): 1.5}),
+    "smooth_triangles": lambda: tagged(bipyramid(5), triangles="smooth"),
+    "smooth_triangles_and_quads": lambda: randomly_tagged(sphere(5, 2), 1, triangles="smooth"),
+    "smooth_open_triangles": lambda: tagged(disk(4), creases={(0, 1): 1.5}, triangles="smooth"),
+    "smooth_truncated": lambda: randomly_tagged(truncated(tetrahedron()), 3, triangles="smooth"),
+    # creasing
+    **{
+        f"chaikin_{k}": (lambda k=k, s=s: spokes(N=5, sharpness=s, creasing="chaikin"))
+        for k, s in enumerate([{0: 2.5, 2: 1}, {0: 3, 1: 0.3, 3: math.inf}, {0: 1.5}])
+    },
+    "chaikin_ring": lambda: crossing_rings(2.5, 4.7, creasing="chaikin"),
+    "chaikin_row": lambda: tagged(
+        grid(4, 4),
+        creases=dict(zip(row_of_edges(4, 4, 2), [3, 0.5, 5, 1.3], strict=True)),
+        creasing="chaikin",
+    ),
+    # holes
+    "holes": lambda: tagged(flower(5), holes=[0, 4], corners={0: 1.5}),
+    "hole_beside_a_crease": lambda: tagged(
+        grid(4, 4), creases=dict.fromkeys(row_of_edges(4, 4, 2), 2.5), holes=[5, 10]
+    ),
+    # parts
+    "tagged_parts": lambda: randomly_tagged(disjoint(cube(), grid(2, 2), single_face(5)), 4),
+    "tagged_with_unused": lambda: randomly_tagged(with_unused(cube(), 3), 5),
+    # all mixed
+    **{f"mixed_cube_{k}": (lambda k=k: randomly_tagged(carved(cube(), k), k)) for k in range(3)},
+    **{
+        f"mixed_{base}_{creasing}": (
+            lambda base=base, creasing=creasing: randomly_tagged(ZOO[base](), 6, creasing=creasing)
+        )
+        for base in ("truncated_cube", "carved_grid", "flower_3", "torus_3x3")
+        for creasing in ("uniform", "chaikin")
+    },
+    "mixed_pillow": lambda: randomly_tagged(pillow_of_quads(), 7, 0.5),
+    # non-manifold and degenerate cages, and some more of them tagged
+    **{name: (lambda n=name: (*NONMANIFOLD[n][:2], {})) for name in NONMANIFOLD},
+    **{
+        f"{name}_{mode}": (lambda n=name, m=mode: (*NONMANIFOLD[n][:2], {"boundary": m}))
+        for name in ("bow_tie", "fin", "opposite_orientation", "vertex_twice")
+        for mode in MODES[1:]
+    },
+    **{
+        f"mixed_{name}": (lambda n=name: randomly_tagged(NONMANIFOLD[n][:2], 8, 0.4))
+        for name in ("cross", "crossed_grids", "pinched", "moebius", "open_and_closed_fan")
+    },
 }
 
 
@@ -631,8 +844,8 @@ SEEDLINGS = [
 def cages(draw, max_steps=6, keep=is_manifold, operations=OPERATIONS):
     """Random cages, open and closed: any faces, valences from 3 to a dozen and more, any labels.
 
-    Pass ``keep=evaluable`` for those with regular boundaries only, and other operations, such as
-    ``[*OPERATIONS, insert_vertex]``, for interior vertices of valence 2 as well.
+    Pass ``keep=has_regular_boundary`` for those with regular boundaries only, and other operations,
+    such as ``[*OPERATIONS, insert_vertex]``, for interior vertices of valence 2 as well.
     """
     start = draw(st.sampled_from(SEEDLINGS))
 
@@ -646,3 +859,50 @@ def cages(draw, max_steps=6, keep=is_manifold, operations=OPERATIONS):
     points, faces = relabelled(grown, seed)
     noise = random_points(len(points), seed) if seed % 2 else 0
     return points + noise, faces
+
+
+def glued(faces, v, w):
+    """One vertex in place of two; faces may come to hold it twice."""
+    return [[v if x == w else x for x in face] for face in faces]
+
+
+@st.composite
+def tagged_cages(draw, max_steps=3):
+    """Random cages with all kinds of tags and options; some are non-manifold."""
+    points, faces = draw(cages(max_steps, operations=[*OPERATIONS, insert_vertex]))
+    if draw(st.integers(0, 9)) == 0:
+        points, faces, *_ = draw(st.sampled_from(list(NONMANIFOLD.values())))
+    faces = [list(face) for face in faces]
+    vertices, numbers = st.integers(0, len(points) - 1), st.integers(0, len(faces) - 1)
+    if draw(st.integers(0, 7)) == 0:
+        faces = glued(faces, draw(vertices), draw(vertices))
+    if draw(st.integers(0, 7)) == 0:
+        faces[draw(numbers)].reverse()
+    creasing = draw(st.sampled_from(["uniform", "uniform", "chaikin"]))
+    sharpness = st.one_of(
+        st.sampled_from([0, *SHARPNESSES, 10, 12]),
+        st.floats(0, 4),
+        st.builds(
+            Fraction, st.integers(0, 40), st.sampled_from([8] + [3] * (creasing == "uniform"))
+        ),
+    )
+    edges = edges_of(faces)
+    some = draw(st.lists(st.tuples(st.sampled_from(edges), sharpness), max_size=12))
+    creases = dict(some)
+    if draw(st.booleans()):  # a path of one sharpness
+        path, s = [draw(st.sampled_from(edges))], draw(sharpness)
+        for _ in range(draw(st.integers(1, 4))):
+            path.append(draw(st.sampled_from([e for e in edges if path[-1][1] in e])))
+        creases |= dict.fromkeys(path, s)
+    return (
+        points,
+        faces,
+        {
+            "creases": creases,
+            "corners": dict(draw(st.lists(st.tuples(vertices, sharpness), max_size=3))),
+            "holes": sorted(draw(st.sets(numbers, max_size=2))) if draw(st.booleans()) else [],
+            "boundary": draw(st.sampled_from(MODES)),
+            "creasing": creasing,
+            "triangles": draw(st.sampled_from(["catmull-clark", "catmull-clark", "smooth"])),
+        },
+    )

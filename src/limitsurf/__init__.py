@@ -38,22 +38,22 @@ if TYPE_CHECKING:
         write as write,
     )
     from limitsurf.shell.plot import plot as plot
+    from limitsurf.spectra import Eigenbasis as Eigenbasis
+    from limitsurf.spectra import eigenbasis as eigenbasis
     from limitsurf.surface import LimitSurface as LimitSurface
-    from limitsurf.tables import Eigenbasis as Eigenbasis
-    from limitsurf.tables import eigenbasis as eigenbasis
 
 __version__ = "0.1.0"
 
 # what is public, and the module that defines it; imported on first use
 _HOME = {
-    "Eigenbasis": "tables",
+    "Eigenbasis": "spectra",
     "ExactOperator": "refine",
     "LimitSurface": "surface",
     "Mesh": "mesh",
     "MeshError": "mesh",
     "RefinedMesh": "refine",
     "Scheme": "exact.scheme",
-    "eigenbasis": "tables",
+    "eigenbasis": "spectra",
     "from_pyvista": "shell.io",
     "plot": "shell.plot",
     "read": "shell.io",

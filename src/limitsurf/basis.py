@@ -1,15 +1,17 @@
 """Basis functions of a patch: (patch kind, s, t, derivative) to weights of its control points.
 
-A regular patch is a bicubic B-spline. Around an extraordinary corner at (0, 0) the limit is
+A regular patch is a bicubic B-spline; along a semi-sharp crease it is one in s and, in t, a spline
+of the crease's own. Around a special corner at (0, 0) the limit is
 
     x(s, t) = b(S, T) P A' A^n C,    A^n = V J^n V^-1,
 
 where (S, T) are the parameters within the regular piece P that holds (s, t) after n halvings
 towards the corner, b are the bicubic B-spline weights, A' is one more step of refinement and C are
-the control points (Stam 1998, section 4; ``derivations/eigenstructure.py``). In float64 the powers
-of the eigenvalues are taken relative to the subdominant one and the common scale is kept apart, so
-that every n costs the same and nothing overflows before the result does. Rationals, whose field
-does not hold the eigenvalues, take n steps of A instead.
+the control points (Stam 1998, section 4; ``derivations/eigenstructure.py``). In float64
+``b P A' V`` is a polynomial in S and T with tabulated coefficients, exactly 0 where they should be;
+the powers of the eigenvalues are taken relative to the largest that matters and the common scale is
+kept apart, so that every n costs the same and nothing overflows before the result does. Rationals,
+whose field does not hold the eigenvalues, take n steps of A instead.
 """
 
 from __future__ import annotations
@@ -17,16 +19,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from math import lcm
+from math import factorial, lcm
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf._kernels import reference as kernels
-from limitsurf.tables import EigenTable, RationalTable
+from limitsurf.tables import EigenTable, RationalTable, StripTables
 
 Array = NDArray[Any]
+
+NOISE = 16 * np.finfo(float).eps  # of sums of products of rounded numbers, relative
 
 
 @dataclass(frozen=True)
@@ -83,12 +87,15 @@ class EigenPowers:
         Powers of the ratios of the eigenvalues after the first.
     chained : (Q, chains)
         The entries beside the diagonal, ``n ratio^(n - 1) / eigenvalue[lead]``.
+    turned : (2, Q, pairs)
+        Cosines and sines by which complex pairs are turned.
     """
 
     lead: int
     level: Array
     diagonal: Array
     chained: Array
+    turned: Array
 
     @classmethod
     def of(cls, table: EigenTable, place: CornerPlace, lead: int = 1) -> EigenPowers:
@@ -98,7 +105,15 @@ class EigenPowers:
         heads = table.chains - 1
         before = kernels.power(high[heads], low[heads], np.maximum(levels - 1, 0))
         chained = levels[:, None] * before / table.eigenvalues[0, lead]
-        return cls(lead, levels[which], kernels.power(high, low, levels)[which], chained[which])
+        angle = levels[:, None] * table.angles
+        turned = np.stack([np.cos(angle), np.sin(angle)])[:, which]
+        diagonal = kernels.power(high, low, levels)
+        return cls(lead, levels[which], diagonal[which], chained[which], turned)
+
+    def __getitem__(self, here: Array) -> EigenPowers:
+        """The powers at some queries, by mask or index."""
+        chosen = self.level[here], self.diagonal[here], self.chained[here], self.turned[:, here]
+        return EigenPowers(self.lead, *chosen)
 
 
 @lru_cache(maxsize=1024)
@@ -114,16 +129,74 @@ def _ratios(table: EigenTable, lead: int) -> Array:
 
 
 @lru_cache(maxsize=1024)
-def _piece_differences(table: EigenTable, nu: tuple[int, int]) -> Array:
-    """B-spline control points of the `nu`-th derivatives of the eigenfunctions on their pieces.
+def _piece_derivatives(table: EigenTable, nu: tuple[int, int]) -> Array:
+    """Polynomials in S, T of the `nu`-th derivatives of the eigenfunctions on their pieces.
 
-    (3, (4 - j) (4 - i), K - 1) for nu = (i, j), each piece without the constant eigenfunction.
-    Differences that are 0 but for rounding are made 0: powers of 2 would amplify them.
+    (3, (4 - j) (4 - i), K - 1) for nu = (i, j), without the constant eigenfunction.
     """
     pieces = table.pieces[:, :, 1:].reshape(3, 4, 4, -1)
-    noise = 32 * np.finfo(float).eps * np.abs(pieces).max(axis=(0, 1, 2))
-    differences = np.diff(np.diff(pieces, n=nu[0], axis=2), n=nu[1], axis=1)
-    return np.where(np.abs(differences) > noise, differences, 0).reshape(3, -1, pieces.shape[-1])
+    for axis, order in ((2, nu[0]), (1, nu[1])):
+        for _ in range(order):
+            pieces = np.moveaxis(pieces, axis, 0)[1:]
+            degree = np.arange(1, len(pieces) + 1).reshape(-1, *[1] * (pieces.ndim - 1))
+            pieces = np.moveaxis(pieces * degree, 0, axis)
+    return pieces.reshape(3, -1, pieces.shape[-1])
+
+
+@lru_cache(maxsize=1024)
+def _along_sides(table: EigenTable, nu: tuple[int, int]) -> Array:
+    """Those polynomials on the side t = 0 if nu = (i, 0), on s = 0 if (0, j): (4 - i, K - 1)."""
+    i, j = nu
+    polynomials = _piece_derivatives(table, nu).reshape(3, 4 - j, 4 - i, -1)
+    return polynomials[0, 0] if j == 0 else polynomials[2, :, 0]
+
+
+@lru_cache(maxsize=1024)
+def corner_derivative(table: EigenTable, nu: tuple[int, int]) -> Array:
+    """Weights (K - 1,) of the eigencoefficients in a derivative at the corner; NaN if it has none.
+
+    It is 0 where it tends to 0 from everywhere; else one along a side exists if the limit does, as
+    on sharp creases, which are splines.
+    """
+    nothing = np.zeros(table.size - 1)
+    order = sum(nu)
+    growth = 2.0**order * np.abs(table.eigenvalues[0, 1:])
+    if max(nu) > 3 or (growth < 1).all():
+        return nothing
+    if min(nu) > 0:
+        return np.full_like(nothing, np.nan)
+    side = _along_sides(table, nu)
+    seen = (side != 0).any(axis=0)
+    heads = table.chains - 1
+    grows = seen & (growth > 1)
+    grows[heads] |= seen[heads - 1] & (growth[heads] >= 1)
+    varies = (side[1:] != 0).any(axis=0) & (growth == 1)
+    if (grows | varies).any():
+        return np.full_like(nothing, np.nan)
+    return np.where(growth == 1, 2.0**order * side[0], 0)
+
+
+@lru_cache(maxsize=1024)
+def corner_directions(table: EigenTable, axis: int) -> Array:
+    """Weights whose sums point along the limit of a side's tangent, (2, K - 1); NaN if none does.
+
+    Those of the eigenfunctions that fall most slowly along the side, the first (t = 0) or second;
+    where that sum is 0 since the head of a Jordan chain has no part in the points, the other row.
+    """
+    side = _along_sides(table, ((1, 0), (0, 1))[axis])
+    heads, values = table.chains - 1, table.eigenvalues[0, 1:]
+    seen = (side != 0).any(axis=0)
+    falling = np.abs(values) == np.abs(values[seen]).max(initial=0)
+    if not seen.any() or (values[falling & seen] < 0).any():
+        return np.full((2, len(values)), np.nan)
+    far = side.sum(axis=0)  # derivatives at the far end of the side
+    plain = np.where(falling, far, 0)
+    chained = heads[falling[heads] & seen[heads - 1]]
+    if not len(chained):
+        return np.array([plain, plain])
+    first = np.zeros_like(far)
+    first[chained] = far[chained - 1]
+    return np.array([first, plain])
 
 
 def eigen_weights(
@@ -140,97 +213,164 @@ def eigen_weights(
     mantissa, exponent = kernels.scaled_power(high, low, powers.level)
     rows *= mantissa[:, None]
     exponent = exponent + order * (powers.level + 1)
-    rows[place.level < 0] = 0.0 if order == 0 or vanishes_at_corner(table, nu) else np.nan
+    rows[place.level < 0] = corner_derivative(table, nu) if order else 0.0
+    exponent[place.level < 0] = 0
     return EigenWeights(rows, exponent, order == 0)
 
 
-def eigen_tangents(
-    table: EigenTable, place: CornerPlace, powers: EigenPowers
-) -> tuple[EigenWeights, EigenWeights]:
-    """First derivatives in s and t up to a common positive factor: their directions.
+def eigen_directions(
+    table: EigenTable,
+    place: CornerPlace,
+    powers: EigenPowers,
+    modes: Array,
+    size: Array,
+    which: Array,
+) -> tuple[Array, Array]:
+    """Vectors (2, Q, d) along d/ds and d/dt of points with eigencoefficients `modes`, (P, K, d).
 
-    At the corner itself they are the limits along the edges t = 0 and s = 0, which are those of
-    the subdominant eigenfunctions; NaN where there is no tangent plane.
+    Both up to a common positive factor; also what their rounding errors are of the order of,
+    (2, Q, 1), from the sizes (P, 1, 1) of the points. At the corner itself they are the limits
+    along the sides t = 0 and s = 0.
     """
-    corner = place.level < 0
+    points = modes[which, 1:]
+    # a coefficient is a sum over all control points: its error is of their size
+    sizes = (np.abs(modes[:, 1:]).max(axis=2, initial=0, keepdims=True) + size)[which]
     # the common factor, a power of the leading eigenvalue, is positive but for odd powers of a
     # negative one
     negative = (powers.level % 2 == 1) & (table.eigenvalues[0, powers.lead] < 0)
-    result = []
-    for nu, end in (((1, 0), CornerPlace.at(0, 1.0, 0.0)), ((0, 1), CornerPlace.at(2, 0.0, 1.0))):
+    found, error = np.empty((2, *points[:, 0].shape)), np.empty((2, len(which), 1))
+    for axis, nu in enumerate(((1, 0), (0, 1))):
         rows = _eigen_rows(table, place, powers, nu)
         rows[negative] *= -1
-        rows[corner] = 0.0 if table.smooth else np.nan
-        if table.smooth:
-            rows[corner, :2] = _eigen_rows(table, end, EigenPowers.of(table, end), nu)[:, :2]
-        result.append(EigenWeights(rows, np.zeros(len(rows), dtype=np.int64), False))
-    return result[0], result[1]
+        corner = np.flatnonzero(place.level < 0)
+        for limit in corner_directions(table, axis):
+            rows[corner] = limit
+            found[axis], error[axis] = _total(rows, points), _total(np.abs(rows), sizes)
+            lost = (
+                np.abs(found[axis, corner]).max(axis=1, initial=0) <= NOISE * error[axis, corner, 0]
+            )
+            corner = corner[lost]
+            if not len(corner):
+                break
+    return found, error
+
+
+def _total(rows: Array, values: Array) -> Array:
+    """Sums over k of rows (Q, K) times values (Q, K, d)."""
+    return np.asarray(np.matmul(rows[:, None], values)[:, 0])
 
 
 def _eigen_rows(
     table: EigenTable, place: CornerPlace, powers: EigenPowers, nu: tuple[int, int]
 ) -> Array:
     """Derivatives in (S, T) of the eigenfunctions after the first, times `powers`, (Q, K - 1)."""
+    return _powered(table, _eigenfunctions(table, place, nu), powers)
+
+
+def _eigenfunctions(table: EigenTable, place: CornerPlace, nu: tuple[int, int]) -> Array:
+    """Derivatives in (S, T) of the eigenfunctions after the first on their pieces, (Q, K - 1)."""
+    rows = np.zeros((len(place.level), table.size - 1))
     if max(nu) > 3:
-        return np.zeros_like(powers.diagonal)
-    along = kernels.spline_weights(place.S, 3 - nu[0])
-    across = kernels.spline_weights(place.T, 3 - nu[1])
+        return rows
+    along, across = kernels.monomials(place.S, 3 - nu[0]), kernels.monomials(place.T, 3 - nu[1])
     b = across[:, :, None] * along[:, None, :]
     b = b.reshape(len(b), b.shape[1] * b.shape[2])
-    rows = np.empty_like(powers.diagonal)
-    for piece, differences in enumerate(_piece_differences(table, nu)):
+    for piece, polynomials in enumerate(_piece_derivatives(table, nu)):
         here = place.piece == piece
-        rows[here] = b[here] @ differences
-    heads = table.chains - 1
-    linked = rows[:, heads - 1] * powers.chained
-    rows *= powers.diagonal
-    rows[:, heads] += linked
+        rows[here] = b[here] @ polynomials
     return rows
 
 
-def vanishes_at_corner(table: EigenTable, nu: tuple[int, int]) -> bool:
-    """Whether a derivative of positive order tends to 0 at the corner for all control points.
+def _powered(table: EigenTable, functions: Array, powers: EigenPowers) -> Array:
+    """Rows (Q, K - 1) of eigenfunctions times J^n."""
+    heads, first = table.chains - 1, table.pairs - 1
+    rows = functions * powers.diagonal
+    rows[:, heads] += functions[:, heads - 1] * powers.chained
+    if len(first):
+        (cosine, sine), x, y = powers.turned, rows[:, first], rows[:, first + 1]
+        rows[:, first], rows[:, first + 1] = x * cosine - y * sine, x * sine + y * cosine
+    return rows
 
-    It scales as (2^order lambda)^n; beyond order 3 in one parameter it is 0 everywhere.
+
+def eigen_normals(
+    table: EigenTable, place: CornerPlace, powers: EigenPowers, modes: Array, which: Array
+) -> tuple[Array, Array]:
+    """Vectors (Q, 3) along d/ds x d/dt of points with eigencoefficients `modes`, (P, K, 3).
+
+    Also what their rounding errors are of the order of, (Q, 3). With c the coefficient of the
+    leading eigenfunction, and a and b its derivatives, ``(a c + p) x (b c + q)`` is
+    ``c x (a q - b p) + p x q``: the product ``c x c``, which would swamp the rest near the corner,
+    never arises. At the corner itself the vector is that of the limit normal; 0 where there is
+    none.
     """
-    return max(nu) > 3 or bool(2 ** sum(nu) * np.abs(table.eigenvalues[0, 1:]).max() < 1)
+    largest = np.abs(modes[:, 1:]).max(axis=(1, 2), initial=0)[:, None, None]
+    modes = modes / np.where(largest > 0, largest, 1)  # neither overflow nor underflow below
+    lead, size = powers.lead - 1, np.abs(modes).max(axis=2)
+    found, error = np.zeros((2, len(which), 3))
+    corner = place.level < 0
+    patch = which[corner]
+    for pair in table.normal_pairs[::-1]:
+        product = np.cross(modes[patch, pair[0]], modes[patch, pair[1]])
+        bound = (size[patch, pair[0]] * size[patch, pair[1]])[:, None]
+        seen = np.abs(product).max(axis=1, keepdims=True) > NOISE * bound
+        found[corner] = np.where(seen, product, found[corner])
+        error[corner] = np.where(seen, bound, error[corner])
+    # what follows the leading eigenfunction relative to the next one: neither underflows
+    away = np.flatnonzero(~corner)
+    there, patch = place[away], which[away]
+    rest = EigenPowers.of(table, there, min(powers.lead + 1, table.size - 1))
+    high, low = _ratios(table, powers.lead)[:, rest.lead - 1, None]
+    ratio = kernels.power(high, low, rest.level)
+    functions = [_eigenfunctions(table, there, nu) for nu in ((1, 0), (0, 1))]
+    a, b = (_powered(table, f, powers[away])[:, lead, None] for f in functions)
+    ds, dt = (_powered(table, f, rest) for f in functions)
+    ds[:, lead] = dt[:, lead] = 0
+
+    points, sizes = modes[patch, 1:], size[patch, 1:, None]
+    found[away] = np.cross(points[:, lead], _total(a * dt - b * ds, points))
+    found[away] += np.cross(_total(ds, points), _total(dt, points)) * ratio
+    # the common factor, a product of powers of these eigenvalues, can be negative
+    if table.eigenvalues[0, [powers.lead, rest.lead]].prod() < 0:
+        found[away[rest.level % 2 == 1]] *= -1
+    ds, dt = np.abs(ds), np.abs(dt)
+    error[away] = sizes[:, lead] * _total(np.abs(a) * dt + np.abs(b) * ds, sizes)
+    error[away] += _total(ds, sizes) * _total(dt, sizes) * ratio
+    return found, error
 
 
 def eigen_coefficients(table: EigenTable, points: Array) -> Array:
     """Coefficients V^-1 C of control points (P, K, d) in the eigenbasis, (P, K, d)."""
-    ring = 2 * table.valence + 1
-    waves = table.frequency, table.parity, table.left, table.half_turn
-    modes = kernels.ring_coefficients(points[:, :ring], *waves)
+    ring = table.sector.ring
+    modes = table.ring.coefficients(points[:, :ring])
     outer = np.matmul(table.outer, points[:, ring:]) - np.matmul(table.links, modes)
     return np.asarray(np.concatenate([modes, outer], axis=1)[:, table.order])
 
 
 def control_weights(table: EigenTable, weights: EigenWeights) -> Array:
     """Weights of the eigencoefficients in terms of the control points, (Q, K)."""
-    ring = 2 * table.valence + 1
+    ring = table.sector.ring
     rows = np.zeros((len(weights.rows), table.size))
     rows[:, table.order[1:]] = weights.rows
     modes, outer = rows[:, :ring], rows[:, ring:]
-    waves = table.frequency, table.parity, table.left, table.half_turn, table.valence
-    around = kernels.ring_weights(modes - outer @ table.links, *waves)
+    around = table.ring.weights(modes - outer @ table.links)
     result = np.concatenate([around, outer @ table.outer], axis=1)
     result = kernels.scale_by_two(result, weights.exponent[:, None])
     return np.asarray(result + table.limit_mask if weights.with_limit else result)
 
 
 def rational_weights(
-    table: RationalTable, place: CornerPlace, nu: tuple[int, int], at_corner: Any
+    table: RationalTable, place: CornerPlace, nu: tuple[int, int], at_corner: Array
 ) -> Array:
-    """Weights (Q, K) of control points around an extraordinary corner, as Fractions.
+    """Weights (Q, K) of control points around a special corner, as Fractions.
 
-    Every level costs one sparse integer row-vector product. `at_corner` is the value that a
-    derivative takes at the corner itself.
+    Every level costs one sparse integer row-vector product. Whether a derivative has a value at the
+    corner itself `corner_derivative` tells, whose weights `at_corner` are.
     """
-    size = 2 * table.valence + 8
+    size = table.sector.size
     b = kernels.bicubic_weights(place.S, place.T, nu)
     # integers over one denominator per query: far faster than Fractions
     unit = np.array([lcm(*(w.denominator for w in row)) for row in b], dtype=object)
-    rows = np.zeros((len(b), size + 9), dtype=object)
+    rows = np.zeros((len(b), table.n_rows), dtype=object)
     for piece in range(3):
         here = np.flatnonzero(place.piece == piece)
         for k, row in enumerate(table.pieces[piece]):
@@ -247,11 +387,65 @@ def rational_weights(
     step = Fraction(2 ** sum(nu), table.denominator)
     scale = np.array([step ** (max(n, 0) + 1) for n in place.level.tolist()], dtype=object)
     weights = rows * (scale / unit)[:, None]
-    own, neighbour, across = table.limit_mask
-    mask = [own, *[neighbour, across] * table.valence, *[Fraction(0)] * 7]
-    weights[place.level < 0] = at_corner if sum(nu) else np.array(mask, dtype=object)
+    corner = place.level < 0
+    if corner.any():
+        weights[corner] = (
+            _rational_derivative(table, nu, at_corner) if sum(nu) else table.limit_mask
+        )
     return np.asarray(weights)
+
+
+def _rational_derivative(table: RationalTable, nu: tuple[int, int], at_corner: Array) -> Array:
+    """Weights (K,) of the control points in a derivative at the corner."""
+    sector = table.sector
+    row = np.full(sector.size, Fraction(0), dtype=object)
+    axis = int(nu[0] == 0)
+    if not at_corner.any():
+        return row
+    if np.isnan(at_corner).any():
+        return np.full(sector.size, np.nan, dtype=object)
+    if not (sector.open and sector.sharp_sides[axis]):
+        # by halvings along the side it tends to its part in the eigenspace of 1 / 2^order
+        S, T = (kernels.exact([int(axis == k)]) for k in (0, 1))
+        place = CornerPlace(np.array([0]), np.array([2 * axis]), S, T)
+        ahead = rational_weights(table, place, nu, at_corner)[0]
+        return table.projected(ahead, Fraction(1, 2 ** sum(nu)))
+    # the crease is a cubic spline; at a corner its first point is reflected
+    before, vertex, ahead, beyond = kernels.cubic_weights(kernels.exact([0]), sum(nu))[0]
+    ends = (1, sector.ring - 1)
+    outer = sector.ring + sector.outer.index(((3, 1), (1, 3))[axis])
+    near, far = ends[axis], ends[1 - axis]
+    row[0] += vertex
+    row[near] += ahead
+    row[outer] += beyond
+    if sector.kind == "corner":
+        row[0] += 2 * before
+        row[near] -= before
+    else:
+        row[far] += before
+    return row
 
 
 # Fractions that are whole to Python integers, which NumPy must not turn into machine ones
 _integers = np.frompyfunc(int, 1, 1)
+
+
+def strip_weights(
+    strips: StripTables, which: Array, s: Array, t: Array, nu: tuple[int, int], up: Array
+) -> Array:
+    """Weights (Q, 16) of patches with a semi-sharp crease along t = 0, control point 4 j + i.
+
+    Within ceil(sharpness) halvings of t towards the crease the pieces are polynomials in t;
+    ``derivations/creases.py``. On a line between two, that of larger t is taken where `up`.
+    """
+    along = kernels.cubic_weights(s, nu[0])
+    piece, T, level = kernels.split_strip(t, strips.depth[which], up)
+    degree = 3 - nu[1]
+    if degree < 0:
+        return np.asarray(0 * kernels.bicubic_weights(s, t, nu))
+    polynomials = strips.pieces[strips.first[which] + piece]  # (Q, 4, 4)
+    factor = [factorial(k + nu[1]) // factorial(k) for k in range(degree + 1)]
+    powers = kernels.monomials(T, degree) * np.array(factor)
+    across = (powers[:, :, None] * polynomials[:, nu[1] :]).sum(axis=1)
+    across = across * kernels.scale_by_two(np.ones_like(T), level * nu[1])[:, None]
+    return np.asarray((across[:, :, None] * along[:, None, :]).reshape(len(s), 16))

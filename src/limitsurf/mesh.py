@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from types import MappingProxyType
 from typing import Any, Generic, Self, TypeAlias, TypeVar, cast, overload
@@ -64,8 +65,71 @@ class _shared(Generic[T]):
         return cast(T, mesh._connectivity[self.name])
 
 
+@dataclass(frozen=True)
+class Fans:
+    """The corners at each vertex, parted into fans of faces that are joined along edges.
+
+    Fans are numbered by vertex, then by first corner; the first corner of an open fan is the one
+    whose own half-edge has no twin, that of a closed one the smallest.
+
+    Attributes
+    ----------
+    vertex : (n_fans,) int
+    closed : (n_fans,) bool
+        Whether the last face of the fan is joined to the first.
+    offsets : (n_fans + 1,) int
+        Start of each fan in `corners`, and the end.
+    corners : (n_corners,) int
+        The corners of each fan, counter-clockwise.
+    fan, position : (n_corners,) int
+        The fan of each corner, and its place in there.
+    """
+
+    vertex: IntArray
+    closed: BoolArray
+    offsets: IntArray
+    corners: IntArray
+    fan: IntArray
+    position: IntArray
+
+    @property
+    def sizes(self) -> IntArray:
+        """Number of faces of each fan: shape (n_fans,)."""
+        return np.diff(self.offsets)
+
+    @classmethod
+    def of(cls, mesh: Mesh, twin: IntArray) -> Fans:
+        """Fans of faces joined where a half-edge has a twin (n_corners,); it is -1 elsewhere.
+
+        Linked lists ranked by pointer doubling, in log2 of the largest valence steps.
+        """
+        corner = np.arange(mesh.n_corners)
+        clockwise = np.where(twin < 0, corner, mesh.next_corner[twin])
+        steps = int(mesh.vertex_faces.max()).bit_length()
+        least, back = corner, clockwise
+        for _ in range(steps):
+            least = np.minimum(least, least[back])
+            back = back[back]
+        cyclic = twin[back] >= 0
+        first = np.where(cyclic, least, back)
+        back = np.where(corner == first, corner, clockwise)
+        position = (back != corner).astype(np.int64)
+        for _ in range(steps):
+            position += position[back]
+            back = back[back]
+        start = np.flatnonzero(first == corner)
+        start = start[np.argsort(mesh.indices[start], kind="stable")]
+        fan = np.empty_like(corner)
+        fan[start] = np.arange(len(start))
+        fan = fan[first]
+        offsets = _offsets(np.bincount(fan))
+        corners = np.empty_like(corner)
+        corners[offsets[fan] + position] = corner
+        return cls(mesh.indices[start], cyclic[start], offsets, corners, fan, position)
+
+
 class Mesh:
-    """A polygonal control cage: an oriented manifold, open or closed, of faces of any size.
+    """A polygonal control cage: faces of any size, open or closed, manifold or not.
 
     A *corner* ``h`` (0 to ``n_corners`` - 1) is a vertex in a face; it also stands for the
     half-edge from its vertex to that of the next corner of the face. The corners of face ``f`` are
@@ -118,10 +182,8 @@ class Mesh:
     ------
     MeshError
         No vertex or face; a coordinate that is NaN or infinite; a vertex index that is negative or
-        out of range; a face with fewer than three corners or with a repeated vertex; an edge with
-        more than two faces; neighbouring faces of opposite orientation; a vertex whose faces are
-        not one fan; a tag on an edge, vertex or face that does not exist, a tag given twice, or
-        one with a sharpness outside [0, inf].
+        out of range; a face with fewer than three corners; a tag on an edge, vertex or face that
+        does not exist, a tag given twice, or one with a sharpness outside [0, inf].
     TypeError
         Points that are no numbers, indices that are no integers.
     ValueError
@@ -168,16 +230,20 @@ class Mesh:
         sizes, indices = _face_arrays(faces)
         self.sizes, self.indices = _frozen(sizes), _frozen(indices)
         _check_faces(self)
-        _check_manifold(self)
         self._set_tags(creases, corners, holes, scheme, boundary, creasing, triangles, channels)
 
     @classmethod
     def _from_valid(
-        cls, points: NDArray[Any], sizes: IntArray, indices: IntArray, **tags: Any
+        cls,
+        points: NDArray[Any],
+        sizes: IntArray,
+        indices: IntArray,
+        connectivity: dict[str, Any] | None = None,
+        **tags: Any,
     ) -> Self:
         """A mesh of arrays known to be valid, taken without a copy; tags are as in ``Mesh``."""
         mesh = object.__new__(cls)
-        mesh._connectivity = {}
+        mesh._connectivity = {} if connectivity is None else connectivity
         mesh.points, mesh.sizes, mesh.indices = _frozen(points), _frozen(sizes), _frozen(indices)
         mesh._set_tags(**tags)
         return mesh
@@ -278,27 +344,64 @@ class Mesh:
         return preceding
 
     @_shared
+    def separate(self) -> BoolArray:
+        """Half-edges with an edge of their own, whatever others join their vertices: (n_corners,).
+
+        Those from a vertex to itself, and those whose face has run along their edge before.
+        """
+        start, end = self.indices, self.indices[self.next_corner]
+        result: BoolArray = np.asarray(start == end)
+        if not self._repeats:
+            return result
+        key = np.minimum(start, end) * self.n_vertices + np.maximum(start, end)
+        order = np.lexsort((key, self.corner_face))
+        key, face = key[order], self.corner_face[order]
+        result[order[1:]] |= (key[1:] == key[:-1]) & (face[1:] == face[:-1])
+        return result
+
+    @_shared
+    def _repeats(self) -> bool:
+        """Whether a face has a vertex more than once."""
+        size = int(self.sizes[0])
+        if size <= 4 and (self.sizes == size).all():
+            corners = self.indices.reshape(-1, size).T
+            return any(
+                bool((corners[i] == corners[j]).any()) for i in range(size) for j in range(i)
+            )
+        key = np.sort(self.corner_face * self.n_vertices + self.indices)
+        return bool((key[1:] == key[:-1]).any())
+
+    @_shared
     def _edge_table(self) -> tuple[IntArray, IntArray, IntArray]:
-        """``edges``, ``corner_edge`` and ``edge_corners``: half-edges sorted by their vertices."""
+        """``edges``, ``corner_edge``, ``edge_corners``: half-edges sorted by their vertices."""
         start, end = self.indices, self.indices[self.next_corner]
         key = np.minimum(start, end) * self.n_vertices + np.maximum(start, end)
-        order = np.argsort(key)
+        alone = self.separate
+        order = np.lexsort((alone, key)) if alone.any() else np.argsort(key)
         key = key[order]
-        is_first = np.append(True, key[1:] != key[:-1])
+        is_first = np.append(True, key[1:] != key[:-1]) | alone[order]
         first = np.flatnonzero(is_first)  # (E,) into order
         corner_edge = np.empty_like(order)
         corner_edge[order] = np.cumsum(is_first) - 1
-        paired = np.flatnonzero(np.diff(first, append=len(order)) > 1)
-        one = order[first]
+        counts = np.diff(first, append=len(order))
+        one = np.minimum.reduceat(order, first)
+        paired = np.flatnonzero(counts == 2)
         other = np.full_like(one, -1)
-        other[paired] = order[first[paired] + 1]
-        edge_corners = np.stack([one, other], axis=1)  # (E, 2)
-        edge_corners[paired] = np.sort(edge_corners[paired], axis=1)
-        return np.stack(np.divmod(key[first], self.n_vertices), axis=1), corner_edge, edge_corners
+        other[paired] = np.maximum(order[first[paired]], order[first[paired] + 1])
+        manifold = (other >= 0) & (start[one] != start[other])
+        if alone.any():
+            # nor is an edge manifold that one of its faces runs along again
+            again = np.isin(key[first], key[alone[order]])
+            manifold &= ~again
+        edges = np.stack(np.divmod(key[first], self.n_vertices), axis=1)
+        return edges, corner_edge, np.stack([one, np.where(manifold, other, -1)], axis=1)
 
     @_shared
     def edges(self) -> IntArray:
-        """The vertices of each edge, ascending, rows in lexicographic order: shape (n_edges, 2)."""
+        """The vertices of each edge, ascending, rows in lexicographic order: shape (n_edges, 2).
+
+        Rows are distinct unless a face has a vertex more than once, see `separate`.
+        """
         return self._edge_table[0]
 
     @_shared
@@ -308,19 +411,49 @@ class Mesh:
 
     @_shared
     def edge_corners(self) -> IntArray:
-        """The half-edges of each edge, lower first; -1 second on a boundary: shape (n_edges, 2)."""
+        """The half-edges of each edge, lower first: shape (n_edges, 2).
+
+        Second -1 on a boundary, and on a non-manifold edge, whose first is the lowest.
+        """
         return self._edge_table[2]
+
+    def edge_numbers(self, ends: IntArray) -> IntArray:
+        """Numbers (c,) of edges from their vertices (c, 2), ascending; they must exist."""
+        key = self.edges[:, 0] * self.n_vertices + self.edges[:, 1]
+        return np.searchsorted(key, ends[:, 0] * self.n_vertices + ends[:, 1])
+
+    @_shared
+    def edge_faces(self) -> IntArray:
+        """Number of faces at each edge: shape (n_edges,)."""
+        return np.bincount(self.corner_edge)
 
     @_shared
     def boundary_edge(self) -> BoolArray:
         """Whether an edge has one face only: shape (n_edges,)."""
-        return self.edge_corners[:, 1] < 0
+        return np.asarray(self.edge_faces == 1)
+
+    @_shared
+    def nonmanifold_edge(self) -> BoolArray:
+        """Whether an edge has three or more faces, or two that run along it the same way.
+
+        Or one face that does so twice. Shape (n_edges,).
+        """
+        result = (self.edge_corners[:, 1] < 0) & ~self.boundary_edge
+        if self.separate.any():
+            result |= np.isin(
+                self.edges @ [self.n_vertices, 1],
+                self.edges[self.corner_edge[self.separate]] @ [self.n_vertices, 1],
+            )
+        return result
 
     @_shared
     def twin(self) -> IntArray:
-        """The half-edge in the opposite direction, -1 on a boundary: shape (n_corners,)."""
+        """The half-edge in the opposite direction, -1 on boundary and non-manifold edges.
+
+        Shape (n_corners,).
+        """
         twin = np.full(self.n_corners, -1)
-        one, other = self.edge_corners[~self.boundary_edge].T
+        one, other = self.edge_corners[self.edge_corners[:, 1] >= 0].T
         twin[one], twin[other] = other, one
         return twin
 
@@ -332,6 +465,13 @@ class Mesh:
         return on_boundary
 
     @_shared
+    def nonmanifold_vertex(self) -> BoolArray:
+        """Whether a vertex is on a non-manifold edge or of several fans: shape (n_vertices,)."""
+        result = np.bincount(self.fans.vertex, minlength=self.n_vertices) > 1
+        result[self.edges[self.nonmanifold_edge]] = True
+        return result
+
+    @_shared
     def vertex_faces(self) -> IntArray:
         """Number of faces at each vertex, 0 if it is unused: shape (n_vertices,).
 
@@ -340,48 +480,35 @@ class Mesh:
         return np.bincount(self.indices, minlength=self.n_vertices)
 
     @_shared
+    def fans(self) -> Fans:
+        """The corners at each vertex in fans of faces joined along manifold edges."""
+        return Fans.of(self, self.twin)
+
+    @_shared
     def ring_offsets(self) -> IntArray:
         """Start of each vertex's ring in ``ring_corners``, and the end: shape (n_vertices + 1,)."""
         return _offsets(self.vertex_faces)
 
     @_shared
-    def _ring_ranks(self) -> tuple[IntArray, BoolArray]:
-        """``ring_position``, and whether a corner is in the fan of the first of its vertex.
-
-        Linked lists ranked by pointer doubling, in log2 of the largest valence steps.
-        """
-        corner = np.arange(self.n_corners)
-        first = np.empty(self.n_vertices, dtype=np.int64)
-        first[self.indices[::-1]] = corner[::-1]  # the smallest is assigned last, and holds
-        start = np.flatnonzero(self.twin < 0)[::-1]
-        first[self.indices[start]] = start
-        first = first[self.indices]  # (H,)
-        # The neighbour clockwise; the first of a ring, and of any open chain, points to itself.
-        back = np.where((self.twin < 0) | (corner == first), corner, self.next_corner[self.twin])
-        position = (back != corner).astype(np.int64)
-        for _ in range(int(self.vertex_faces.max() - 1).bit_length()):
-            position += position[back]
-            back = back[back]
-        return position, back == first
-
-    @_shared
     def ring_position(self) -> IntArray:
         """Position of each corner in the ring of its vertex: shape (n_corners,)."""
-        return self._ring_ranks[0]
+        position = np.empty(self.n_corners, dtype=np.int64)
+        position[self.ring_corners] = np.arange(self.n_corners)
+        return position - self.ring_offsets[self.indices]
 
     @_shared
     def ring_corners(self) -> IntArray:
         """The corners (outgoing half-edges) at each vertex, counter-clockwise: shape (n_corners,).
 
         After corner ``h`` comes ``twin[previous_corner[h]]``. The ring of a boundary vertex starts
-        at its outgoing boundary half-edge, that of an interior vertex at its smallest corner.
+        at its outgoing boundary half-edge, that of an interior vertex at its smallest corner; at
+        a non-manifold vertex its fans follow each other.
         """
-        ring = np.empty(self.n_corners, dtype=np.int64)
-        ring[self.ring_offsets[self.indices] + self.ring_position] = np.arange(self.n_corners)
-        return ring
+        return self.fans.corners
 
     def __repr__(self) -> str:
-        interior = self.vertex_faces[~self.boundary_vertex & (self.vertex_faces > 0)]
+        on_rim = self.boundary_vertex | self.nonmanifold_vertex
+        interior = self.vertex_faces[~on_rim & (self.vertex_faces > 0)]
         parts = [
             _count(self.n_vertices, "vertex"),
             _count(self.n_edges, "edge"),
@@ -391,6 +518,7 @@ class Mesh:
             parts.append(f"interior valences {_histogram(interior)}")
         tagged = {
             "boundary vertex": self.boundary_vertex.sum(),
+            "non-manifold vertex": self.nonmanifold_vertex.sum(),
             "unused vertex": (self.vertex_faces == 0).sum(),
             "crease": len(self.creases[0]),
             "corner": len(self.corners[0]),
@@ -558,7 +686,7 @@ def _face_arrays(faces: Faces) -> tuple[IntArray, IntArray]:
 
 
 def _check_faces(mesh: Mesh) -> None:
-    """Every face has three or more corners, at distinct vertices that exist."""
+    """Every face has three or more corners, at vertices that exist."""
     _check(
         mesh.sizes < 3,
         lambda f: (f"face {f} has {_count(mesh.sizes[f], 'corner')}, need at least 3", ("face", f)),
@@ -571,49 +699,6 @@ def _check_faces(mesh: Mesh) -> None:
         return f"face {face}: vertex index {vertex} is {reason}, {need}", ("face", face)
 
     _check((mesh.indices < 0) | (mesh.indices >= mesh.n_vertices), missing)
-    key = np.sort(mesh.corner_face * mesh.n_vertices + mesh.indices)
-
-    def repeated(i: int) -> tuple[Any, ...]:
-        face, vertex = divmod(int(key[i]), mesh.n_vertices)
-        return f"face {face} has vertex {vertex} more than once", ("face", face)
-
-    _check(key[1:] == key[:-1], repeated)
-
-
-def _check_manifold(mesh: Mesh) -> None:
-    """Every edge has one face, or two of the same orientation; every vertex has one fan."""
-
-    def crowded(e: int) -> tuple[Any, ...]:
-        a, b = mesh.edges[e]
-        faces = mesh.corner_face[mesh.corner_edge == e].tolist()
-        listed = ", ".join(map(str, faces[:6])) + (", ..." if len(faces) > 6 else "")
-        message = f"edge ({a}, {b}) has {len(faces)} faces ({listed}), need one or two"
-        return message, *(("face", f) for f in faces[:6])
-
-    def flipped(e: int) -> tuple[Any, ...]:
-        a, b = mesh.edges[e]
-        f, g = mesh.corner_face[mesh.edge_corners[e]].tolist()
-        message = (
-            f"edge ({a}, {b}): faces {f} and {g} run along it in the same direction, "
-            "so their orientations differ"
-        )
-        return message, ("face", f), ("face", g)
-
-    def split(v: int) -> tuple[Any, ...]:
-        at_vertex = mesh.indices == v
-        f = int(mesh.corner_face[at_vertex & in_first_fan][0])
-        g = int(mesh.corner_face[at_vertex & ~in_first_fan][0])
-        message = (
-            f"vertex {v}: its {at_vertex.sum()} faces are not one fan: "
-            f"no chain of faces joined along edges at it leads from face {f} to face {g}"
-        )
-        return message, ("face", f), ("face", g)
-
-    _check(np.bincount(mesh.corner_edge) > 2, crowded)
-    one, other = mesh.edge_corners.T
-    _check((other >= 0) & (mesh.indices[one] == mesh.indices[other]), flipped)
-    in_first_fan = mesh._ring_ranks[1]
-    _check(np.bincount(mesh.indices[~in_first_fan]) > 0, split)
 
 
 def _sharpness(values: Any, what: str, names: Sequence[Any]) -> NDArray[Any]:
@@ -653,9 +738,7 @@ def _crease_tags(mesh: Mesh, given: Any) -> tuple[IntArray, NDArray[Any]]:
     if len(names) == 0:
         return ends, sharpness
     ends = np.sort(ends, axis=1)
-    key = ends[:, 0] * mesh.n_vertices + ends[:, 1]
-    edge_key = mesh.edges[:, 0] * mesh.n_vertices + mesh.edges[:, 1]
-    edge = np.searchsorted(edge_key, key).clip(max=mesh.n_edges - 1)
+    edge = mesh.edge_numbers(ends).clip(max=mesh.n_edges - 1)
     _check(
         (mesh.edges[edge] != ends).any(axis=1),
         lambda i: (f"crease {names[i]}: the mesh has no such edge", ("crease", names[i])),

@@ -1,67 +1,34 @@
 """Patch table: for each limit face its exact patches and their control points.
 
-A quad is a patch as it is when all faces around its corners are quads and at most one corner is
-extraordinary, that is, interior of valence other than 4. Otherwise it is split into its four
-children, an n-gon into n, by one refinement of its neighbourhood; after two levels every child is
-a patch. Where a patch meets a boundary its missing control points are reflections of inner ones,
-which is exact at regular boundary vertices (``derivations/masks_bicubic.py``).
+A quad is a patch as it is when all faces around its corners are quads and nothing semi-sharp is at
+them, and at most one corner is special: not regular in the sense of `Sectors.regular`. It is a
+patch too where a semi-sharp crease of one sharpness runs along one of its sides and goes straight
+on at both ends: there the surface is a tensor product (``derivations/creases.py``). Otherwise it is
+split into its four children, an n-gon into n, by one refinement of its neighbourhood. Infinitely
+sharp edges part the mesh: what lies beyond one is replaced by reflections, which is exact at
+regular vertices, or has no influence.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf import tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.mesh import Mesh
-from limitsurf.refine import (
-    ExactOperator,
-    Rules,
-    child_mesh,
-    first_limit_face,
-    refinement_stages,
-    sparse_operator,
-)
+from limitsurf.refine import entries, refinement_stages, sparse_operator
+from limitsurf.rules import CREASE, Rules, Sectors, Sharpness
+from limitsurf.topology import MeshPart, child_mesh, first_limit_face
 
 Array = NDArray[Any]
 
-REGULAR = 4  # the kind of a regular patch; the kind of any other is the valence of its corner
+# kinds of patches; further ones are numbered as they occur
+REGULAR, STRIP = 0, 1
 NO_LIMIT = -1
-
-
-@dataclass(frozen=True)
-class LimitFaces:
-    """The limit faces of a mesh: one for a quad, n for an n-gon, in the order of its corners.
-
-    Attributes
-    ----------
-    face : (n_limit_faces,) int
-        Face of the mesh that each belongs to.
-    corner : (n_limit_faces,) int
-        Its corner of an n-gon; -1 for quads.
-    first : (n_faces,) int
-        First limit face of each face.
-    """
-
-    face: Array
-    corner: Array
-    first: Array
-
-    @classmethod
-    def of(cls, mesh: Mesh) -> LimitFaces:
-        """Number the limit faces of `mesh`."""
-        first = first_limit_face(mesh)
-        face = np.repeat(np.arange(mesh.n_faces), np.diff(first))
-        corner = np.where(mesh.sizes[face] == 4, -1, np.arange(len(face)) - first[face])
-        return cls(face, corner, first[:-1])
-
-    def __len__(self) -> int:
-        return len(self.face)
 
 
 class PatchTable:
@@ -75,15 +42,19 @@ class PatchTable:
     codes : (n_limit_faces + 4 n_splits,) int
         What covers each limit face, then each quadrant ``i + 2 j`` (i along u, j along v) of each
         split: a patch >= 0, `NO_LIMIT`, or ``-2 - s`` for split s.
+    sectors : list
+        By kind of patch: None for `REGULAR` and `STRIP`, the `Sector` of the special corner else.
     kind : (n_patches,) int
-        `REGULAR`, or the valence of the extraordinary corner.
     row : (n_patches,) int
         Row of the patch in ``controls[kind]``.
     turn : (n_patches,) int
-        Corner of the parameter square at which the extraordinary corner lies; 0 if regular.
-    controls : {kind: (patches, K) int}
-        Control points: 16 for regular patches, index ``4 j + i``; ``2 N + 8`` for the others in
+        Corner of the parameter square at which the special corner lies, or where the side begins
+        along which a strip's crease runs; 0 if regular.
+    controls : list of (patches, K) int arrays
+        Control points by kind: 16 for regular patches and strips, index ``4 j + i``; the others in
         the order of ``exact/matrices.py``.
+    sharpness : (strips,)
+        Sharpness of the creases of strips.
     extras : list of operators
         Sparse rows, float64 or exact, over all control points of lower number.
     """
@@ -95,16 +66,24 @@ class PatchTable:
         self._dtype = dtype
         self._codes = [np.full(self.n_limit_faces, NO_LIMIT)]
         self._n_codes = self.n_limit_faces
-        self._patches: list[tuple[Array, Array, Array]] = []
+        self._patches: list[tuple[Array, Array, Array]] = [(np.zeros(0, np.int64),) * 3]
         self._n_patches = 0
-        self._rows: Counter[int] = Counter()
-        self._controls: dict[int, list[Array]] = {}
+        self.sectors: list[tables.Sector | None] = [None, None]
+        self._controls: list[list[Array]] = [[np.zeros((0, 16), np.int32)] for _ in range(2)]
+        self._kinds: dict[tables.Sector, int] = {}
+        self._sharpness = [np.zeros(0, dtype=dtype)]
         self._build(mesh, rules)
-        self.codes = np.concatenate(self._codes)
-        kind, row, turn = (np.concatenate(x) for x in zip(*self._patches, strict=True))
-        self.kind, self.row, self.turn = kind, row, turn
-        self.controls = {k: np.concatenate(rows) for k, rows in self._controls.items()}
-        del self._codes, self._patches, self._rows, self._controls
+        self.codes = np.concatenate(self._codes).astype(np.int32)
+        self.kind, self.row, self.turn = (
+            np.concatenate(x).astype(kind)
+            for x, kind in zip(
+                zip(*self._patches, strict=True), (np.int32, np.int32, np.int8), strict=True
+            )
+        )
+        self.controls = [np.concatenate(rows) for rows in self._controls]
+        self.sharpness = np.concatenate(self._sharpness)
+        del self._codes, self._patches, self._controls, self._kinds, self._sharpness
+        self._drop_unused()
 
     def _build(self, mesh: Mesh, rules: Rules) -> None:
         """Fill the table level by level; most faces of most cages end at the first."""
@@ -112,45 +91,99 @@ class PatchTable:
         ids = np.arange(mesh.n_vertices)
         slot = first_limit_face(mesh)[faces]
         turn = np.zeros(len(faces), dtype=np.int64)
-        self._patches.append((np.zeros(0, np.int64),) * 3)
+        sharpness = Sharpness.of(mesh, rules, self._dtype)
         while len(faces):
-            simple, irregular = _classify(mesh)
-            quads = mesh.offsets[faces][:, None] + np.arange(4)
-            ready = (mesh.sizes[faces] == 4) & simple[faces]
-            at = irregular[mesh.indices[np.where(ready[:, None], quads, 0)]] & ready[:, None]
-            ready &= at.sum(axis=1) <= 1
-            special = ready & at.any(axis=1)
-            # first corner of the patch: the extraordinary one, or that at (0, 0)
-            start = np.where(special, at.argmax(axis=1), -turn % 4)
-            for kind, members in self._kinds(mesh, faces, start, ready, special):
-                grid = self._grid(mesh, ids, mesh.offsets[faces[members]], start[members])
-                if kind != REGULAR:
-                    corner = mesh.offsets[faces[members]] + start[members]
-                    grid = np.concatenate([_ring(mesh, ids, corner, kind), grid[:, _OUTER]], axis=1)
+            sectors = Sectors.of(sharpness)
+            quad = mesh.sizes[faces] == 4
+            corners = mesh.offsets[faces][:, None] + np.where(quad[:, None], np.arange(4), 0)
+            fan = sectors.fans.fan[corners]  # (F, 4)
+            beside_ngon = np.zeros(len(sectors.kind), dtype=bool)
+            beside_ngon[sectors.fans.fan[mesh.sizes[mesh.corner_face] != 4]] = True
+            simple = quad & ~beside_ngon[fan].any(axis=1)
+            regular = sectors.regular[fan]
+            settled = simple & (sectors.kind[fan] >= 0).all(axis=1)
+            special = settled & (regular.sum(axis=1) == 3)
+            plain = settled & regular.all(axis=1)
+            crease = self._crease(sharpness, sectors, corners, simple)
+            strip = crease >= 0
+            # first corner of the patch: that at (0, 0), the special one, or that before the crease
+            start = np.where(strip, crease, np.where(special, (~regular).argmax(axis=1), -turn % 4))
+            for kind, members, ring in self._kinds_of(sectors, corners, start, special):
+                grid = self._grid(mesh, sectors.twin, ids, corners[members], start[members])
+                sector = self.sectors[kind]
+                assert sector is not None
+                outer = [4 * j + i for i, j in sector.outer]
+                control = np.concatenate([ids[ring], grid[:, outer]], axis=1)
+                square = (turn[members] + start[members]) % 4
+                self._add(kind, control, slot[members], square)
+            for kind, which in ((REGULAR, plain), (STRIP, strip)):
+                members = np.flatnonzero(which)
+                grid = self._grid(mesh, sectors.twin, ids, corners[members], start[members])
                 square = (turn[members] + start[members]) % 4
                 self._add(kind, grid, slot[members], square)
-            split = ~ready
-            mesh, ids, faces, slot, turn = self._split(
-                mesh, ids, rules, faces[split], slot[split], turn[split]
+            side = corners[strip, crease[strip]]
+            self._sharpness.append(sharpness.half_edges[side])
+            split = ~(plain | special | strip)
+            sharpness, ids, faces, slot, turn = self._split(
+                sharpness, ids, rules, faces[split], slot[split], turn[split]
             )
+            mesh = sharpness.mesh
 
     @staticmethod
-    def _kinds(
-        mesh: Mesh, faces: Array, start: Array, ready: Array, special: Array
-    ) -> Iterator[tuple[int, Array]]:
-        """Group the faces that are patches by kind."""
-        kind = np.zeros(len(faces), dtype=np.int64)
-        kind[ready & ~special] = REGULAR
-        corner = mesh.indices[mesh.offsets[faces[special]] + start[special]]
-        kind[special] = mesh.vertex_faces[corner]
-        for k in np.unique(kind[ready]).tolist():
-            yield k, np.flatnonzero(kind == k)
+    def _crease(sharpness: Sharpness, sectors: Sectors, corners: Array, simple: Array) -> Array:
+        """Side of each face (F,) along which a semi-sharp crease runs straight; -1 if none does.
+
+        Both ends are in the midst of four faces with no other sharp edge, the other two corners
+        are regular.
+        """
+        mesh = sharpness.mesh
+        along = sharpness.half_edges[corners]  # (F, 4)
+        soft = (along > 0) & ~tables.is_infinite(along)
+        alone = simple & (soft.sum(axis=1) == 1)
+        side = np.where(alone, soft.argmax(axis=1), 0)
+        each = np.arange(len(corners))
+        far = [corners[each, (side + k) % 4] for k in (2, 3)]
+        fine = alone
+        for h in far:
+            fine &= sectors.regular[sectors.fans.fan[h]]
+        value = along[each, side]
+        ends = corners[each, side], corners[each, (side + 1) % 4]
+        for h in ends:
+            vertex, fan = mesh.indices[h], sectors.fans.fan[h]
+            fine &= sectors.fans.closed[fan] & (sectors.fans.sizes[fan] == 4)
+            fine &= (sharpness.rule[vertex] == CREASE) & (sharpness.straight[vertex] == value)
+        # opposite to the side: two edges on from it, three from the face's next edge
+        for h, steps in zip(ends, (2, 3), strict=True):
+            for _ in range(steps):
+                h = np.where(fine, sectors.twin[mesh.previous_corner[h]], 0)
+            fine &= sharpness.half_edges[h] > 0
+        return np.where(fine, side, -1)
+
+    def _kinds_of(
+        self, sectors: Sectors, corners: Array, start: Array, special: Array
+    ) -> Iterator[tuple[int, Array, Array]]:
+        """Special faces by kind: number of the kind, faces, rings of their corners (n, ring)."""
+        members = np.flatnonzero(special)
+        corner = corners[members, start[members]]
+        fan, position = sectors.fans.fan[corner], sectors.fans.position[corner]
+        kinds, sizes = sectors.kind[fan], sectors.fans.sizes[fan]
+        alike = np.isin(kinds, [tables.KINDS.index(name) for name in ("interior", "cone")])
+        key = np.stack([kinds, sizes, np.where(alike, 0, position)])
+        unique, which = np.unique(key, axis=1, return_inverse=True)
+        for k, (kind, faces, place) in enumerate(unique.T.tolist()):
+            sector = tables.Sector(tables.KINDS[kind], faces, place)
+            here = np.flatnonzero(which.ravel() == k)
+            begin = position[here] if alike[here[0]] else 0
+            number = self._kinds.setdefault(sector, len(self.sectors))
+            if number == len(self.sectors):
+                self.sectors.append(sector)
+                self._controls.append([])
+            yield number, members[here], sectors.ring(sector.kind, faces, fan[here], begin)
 
     def _add(self, kind: int, controls: Array, slot: Array, turn: Array) -> None:
         n = len(controls)
-        rows = self._rows[kind] + np.arange(n)
-        self._rows[kind] += n
-        self._controls.setdefault(kind, []).append(controls.astype(np.int32))
+        rows = sum(map(len, self._controls[kind])) + np.arange(n)
+        self._controls[kind].append(controls.astype(np.int32))
         self._patches.append((np.full(n, kind), rows, turn))
         self._fill(slot, self._n_patches + np.arange(n))
         self._n_patches += n
@@ -163,14 +196,15 @@ class PatchTable:
             block[slot[here] - start] = code[here]
             start += len(block)
 
-    def _grid(self, mesh: Mesh, ids: Array, first: Array, start: Array) -> Array:
+    def _grid(self, mesh: Mesh, twins: Array, ids: Array, corners: Array, start: Array) -> Array:
         """4 x 4 control points (P, 16) of quads from their corner `start` on, index 4 j + i.
 
-        The point diagonally beyond an extraordinary corner is meaningless and not used.
+        What lies beyond a special corner, or beyond a sharp edge at it, is meaningless and not
+        used.
         """
-        h = first[:, None] + (start[:, None] + np.arange(4)) % 4  # (P, 4)
+        h = np.take_along_axis(corners, (start[:, None] + np.arange(4)) % 4, axis=1)  # (P, 4)
         after, before = mesh.next_corner, mesh.previous_corner
-        tail, twin = mesh.indices, mesh.twin
+        tail, twin = mesh.indices, twins
         t, s = twin[h], twin[before[h]]
         grid = np.empty((len(h), 16), dtype=np.int64)
         grid[:, _CORNER] = ids[tail[h]]
@@ -220,34 +254,30 @@ class PatchTable:
         return numbers
 
     def _split(
-        self, mesh: Mesh, ids: Array, rules: Rules, faces: Array, slot: Array, turn: Array
-    ) -> tuple[Mesh, Array, Array, Array, Array]:
+        self, sharpness: Sharpness, ids: Array, rules: Rules, faces: Array, slot: Array, turn: Array
+    ) -> tuple[Sharpness, Array, Array, Array, Array]:
         """Refine the neighbourhood of `faces`; return it with the children of these faces.
 
         Quads become splits, and the limit faces of n-gons go straight to their children.
         """
         if len(faces) == 0:
-            return mesh, ids, faces, slot, turn
-        touched = np.zeros(mesh.n_vertices, dtype=bool)
+            return sharpness, ids, faces, slot, turn
+        mesh = sharpness.mesh
         wanted = np.zeros(mesh.n_faces, dtype=bool)
         wanted[faces] = True
-        touched[mesh.indices[wanted[mesh.corner_face]]] = True
-        near = np.zeros(mesh.n_faces, dtype=bool)
-        near[mesh.corner_face[touched[mesh.indices]]] = True
-        used, part = np.arange(mesh.n_vertices), mesh
-        if not near.all():
-            used, indices = np.unique(mesh.indices[near[mesh.corner_face]], return_inverse=True)
-            part = Mesh._from_valid(used, mesh.sizes[near], indices)
-        # points of the part, then its face points, then its refined points, all numbered
-        stages = refinement_stages(part, rules, self._dtype)
-        numbers = ids[used]
-        for stage in stages:
-            new = self._extend(_renumbered(stage, numbers, self.n_points))
-            numbers = np.concatenate([numbers, new])
-        ids = new
+        near = MeshPart.of(mesh, sharpness.neighbours(wanted[mesh.corner_face]))
+        part = near.mesh
+        inner = sharpness.part(near)
+        # points of the part, then its face points, then its vertex and edge points, all numbered
+        numbers = ids[near.vertices]
+        face_points, refined = refinement_stages(part, rules, inner, self._dtype)
+        centres = self._extend(_renumbered(face_points, numbers, self.n_points))
+        numbers = np.concatenate([numbers, centres])
+        count = refined.shape[0] - part.n_faces
+        others = self._extend(_renumbered(refined, numbers, self.n_points, count))
+        new = np.concatenate([others, centres])
         children = child_mesh(part, np.arange(len(new)))
-        own = np.flatnonzero(near)
-        local = np.searchsorted(own, faces)
+        local = np.searchsorted(near.faces, faces)
         sizes = part.sizes[local]
         corner = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
         child = np.repeat(part.offsets[local], sizes) + corner
@@ -262,7 +292,31 @@ class PatchTable:
         new_slot = np.repeat(slot, sizes) + corner
         new_slot[quad] = self._n_codes + np.repeat(4 * np.arange(n_splits), 4) + quadrant[quad]
         self._n_codes += 4 * n_splits
-        return children, ids, child, new_slot, np.where(quad, square, 0)
+        return inner.children(children), new, child, new_slot, np.where(quad, square, 0)
+
+    def _drop_unused(self) -> None:
+        """Leave out control points that no patch needs, and number the others anew."""
+        needed = np.zeros(self.n_points, dtype=bool)
+        needed[: self.n_vertices] = True
+        for control in self.controls:
+            needed[control] = True
+        starts = self.n_vertices + np.cumsum([0, *(x.shape[0] for x in self.extras)])
+        for operator, start in zip(self.extras[::-1], starts[-2::-1], strict=True):
+            rows, columns, _ = entries(operator)
+            needed[columns[needed[start + rows]]] = True
+        number = np.cumsum(needed) - 1
+        kept = []
+        for operator, start in zip(self.extras, starts, strict=False):
+            rows, columns, values = entries(operator)
+            place = np.cumsum(needed[start : start + operator.shape[0]]) - 1
+            here = needed[start + rows]
+            shape = (int(place[-1]) + 1, int(number[start - 1]) + 1)
+            if shape[0]:
+                new = place[rows[here]], number[columns[here]]
+                kept.append(sparse_operator(*new, values[here], shape))
+        self.extras = kept
+        self.controls = [number[control].astype(np.int32) for control in self.controls]
+        self.n_points = int(needed.sum())
 
     def locate(self, face: Array, u: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Patch (Q,), -1 without limit, parameters in it (Q,), and its depth in the tree (Q,).
@@ -284,31 +338,23 @@ class PatchTable:
     def summary(self) -> list[tuple[str, int]]:
         """How many limit faces are covered in which way, as (reason, number) pairs."""
         code = self.codes[: self.n_limit_faces]
-        patch = code[code >= 0]
+        kind = self.kind[code[code >= 0]]
         counts = [
-            ("one regular patch", int((self.kind[patch] == REGULAR).sum())),
-            ("one patch with an extraordinary corner", int((self.kind[patch] != REGULAR).sum())),
-            ("split around n-gons or several extraordinary corners", int((code <= -2).sum())),
+            ("one regular patch", int((kind == REGULAR).sum())),
+            ("one strip along a semi-sharp crease", int((kind == STRIP).sum())),
+            ("one patch with a special corner", int((kind > STRIP).sum())),
+            ("split around n-gons, sharpness or several special corners", int((code <= -2).sum())),
             ("no limit (holes)", int((code == NO_LIMIT).sum())),
         ]
         return [(reason, number) for reason, number in counts if number]
 
 
-def irregular_boundary(mesh: Mesh, rules: Rules) -> Array:
-    """Boundary vertices of faces with a limit that are not regular: not of two faces, nor sharp."""
-    odd = mesh.boundary_vertex & (mesh.vertex_faces != 2) & ~rules.sharp(mesh)
-    with_limit = ~rules.without_limit(mesh)[mesh.corner_face]
-    return np.unique(mesh.indices[with_limit & odd[mesh.indices]])
-
-
-def _renumbered(operator: Any, numbers: Array, n_columns: int) -> Any:
-    """The operator on columns `numbers` of `n_columns`."""
-    if isinstance(operator, ExactOperator):
-        rows, columns, values = operator.rows, operator.columns, operator.values
-    else:
-        entries = operator.tocoo()
-        rows, columns, values = entries.row, entries.col, entries.data
-    return sparse_operator(rows, numbers[columns], values, (operator.shape[0], n_columns))
+def _renumbered(operator: Any, numbers: Array, n_columns: int, n_rows: int | None = None) -> Any:
+    """The first rows of an operator, on columns `numbers` of `n_columns`."""
+    n_rows = operator.shape[0] if n_rows is None else n_rows
+    rows, columns, values = entries(operator)
+    kept = rows < n_rows
+    return sparse_operator(rows[kept], numbers[columns[kept]], values[kept], (n_rows, n_columns))
 
 
 # grid positions 4 j + i of the corners of the quad and of the points beyond them
@@ -316,24 +362,3 @@ _CORNER = np.array([5, 6, 10, 9])
 _ACROSS = np.array([1, 7, 14, 8])
 _BESIDE = np.array([4, 2, 11, 13])
 _BEYOND = np.array([0, 3, 15, 12])
-# the outer points of an extraordinary patch: (3, 0) ... (3, 3) ... (0, 3) as (i, j)
-_OUTER = np.array([3, 7, 11, 15, 14, 13, 12])
-
-
-def _classify(mesh: Mesh) -> tuple[Array, Array]:
-    """Faces whose corners all lie among quads (n_faces,); extraordinary vertices (n_vertices,)."""
-    beside_ngon = np.zeros(mesh.n_vertices, dtype=bool)
-    beside_ngon[mesh.indices[mesh.sizes[mesh.corner_face] != 4]] = True
-    simple = ~np.logical_or.reduceat(beside_ngon[mesh.indices], mesh.offsets[:-1])
-    return simple, ~mesh.boundary_vertex & (mesh.vertex_faces != 4)
-
-
-def _ring(mesh: Mesh, ids: Array, corner: Array, valence: int) -> Array:
-    """Vertex at each corner (P,), then its neighbours and opposite corners, (P, 2 N + 1)."""
-    vertex = mesh.indices[corner]
-    turns = (mesh.ring_position[corner][:, None] + np.arange(valence)) % valence
-    h = mesh.ring_corners[mesh.ring_offsets[vertex][:, None] + turns]
-    neighbour = mesh.next_corner[h]
-    pairs = np.stack([mesh.indices[neighbour], mesh.indices[mesh.next_corner[neighbour]]], axis=-1)
-    ring = np.concatenate([vertex[:, None], pairs.reshape(len(corner), -1)], axis=1)
-    return np.asarray(ids[ring])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Self, overload
@@ -12,7 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import tables
 from limitsurf._kernels import reference as kernels
+from limitsurf.channels import ChannelMesh
 from limitsurf.mesh import Mesh
+from limitsurf.rules import Rules, Sectors, Sharpness
+from limitsurf.topology import MeshPart, child_mesh, first_limit_face
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -103,100 +105,9 @@ def sparse_operator(rows: Array, columns: Array, values: Array, shape: tuple[int
     return coo_array((values, (rows, columns)), shape=shape).tocsr()
 
 
-@dataclass(frozen=True)
-class Rules:
-    """Which scheme applies to a mesh, and how at its boundary."""
-
-    scheme: Scheme
-    boundary: str
-    creasing: str
-    triangles: str
-
-    @classmethod
-    def resolve(
-        cls,
-        mesh: Mesh,
-        scheme: str | Scheme | None = None,
-        boundary: str | None = None,
-        creasing: str | None = None,
-        triangles: str | None = None,
-    ) -> Rules:
-        """Options from the arguments, else from the mesh, else the defaults; all are checked."""
-        given = {"boundary": boundary, "creasing": creasing, "triangles": triangles}
-        allowed = {
-            "boundary": ("edge_and_corner", "edge_only", "none"),
-            "creasing": ("uniform", "chaikin"),
-            "triangles": ("catmull-clark", "smooth"),
-        }
-        chosen = {}
-        for option, values in allowed.items():
-            value = next(
-                x for x in (given[option], getattr(mesh, option), values[0]) if x is not None
-            )
-            if value not in values:
-                raise ValueError(f"{option} must be one of {', '.join(values)}, got {value!r}")
-            chosen[option] = value
-        named = scheme if scheme is not None else mesh.scheme
-        rules = cls(tables.find_scheme("catmull-clark" if named is None else named), **chosen)
-        for what, (tagged, sharpness) in (
-            ("edge {} is a crease", mesh.creases),
-            ("vertex {} is a corner", mesh.corners),
-        ):
-            for k in np.flatnonzero(sharpness > 0)[:1]:
-                place = tagged[k].tolist()
-                name = tuple(place) if isinstance(place, list) else place
-                raise NotImplementedError(f"{what.format(name)} of sharpness {sharpness[k]}")
-        if chosen["triangles"] == "smooth" and (mesh.sizes == 3).any():
-            raise NotImplementedError('the triangle rule "smooth" on a mesh with triangles')
-        return rules
-
-    def sharp(self, mesh: Mesh) -> Array:
-        """Boundary vertices that stay where they are, (n_vertices,) bool."""
-        if self.boundary != "edge_and_corner":
-            return np.zeros(mesh.n_vertices, dtype=bool)
-        return np.asarray(mesh.boundary_vertex & (mesh.vertex_faces == 1))
-
-    def without_limit(self, mesh: Mesh) -> Array:
-        """Faces that are holes, tagged or by boundary "none", (n_faces,) bool."""
-        result = np.zeros(mesh.n_faces, dtype=bool)
-        result[mesh.holes] = True
-        if self.boundary == "none":
-            result[mesh.corner_face[mesh.boundary_vertex[mesh.indices]]] = True
-        return result
-
-
-def child_faces(mesh: Mesh) -> Array:
-    """Quads of the refined mesh by corner of `mesh`, (n_corners, 4); see `refined`."""
-    V, E = mesh.n_vertices, mesh.n_edges
-    edge = V + mesh.corner_edge
-    return np.stack(
-        [mesh.indices, edge, V + E + mesh.corner_face, edge[mesh.previous_corner]], axis=1
-    )
-
-
-def child_mesh(mesh: Mesh, points: Array) -> Mesh:
-    """The refined mesh on given points, its twins and boundary known without sorting edges."""
-    children = Mesh._from_valid(points, np.full(mesh.n_corners, 4), child_faces(mesh).ravel())
-    after, before, twin = mesh.next_corner, mesh.previous_corner, mesh.twin
-    entering = twin[before]  # across the edge that ends at the corner
-    # half-edges of child h: corner to midpoint, to face point, to midpoint before, to corner
-    twins = np.stack(
-        [
-            np.where(twin < 0, -1, 4 * after[twin] + 3),
-            4 * after + 2,
-            4 * before + 1,
-            np.where(entering < 0, -1, 4 * entering),
-        ],
-        axis=1,
-    ).ravel()
-    rim = np.zeros(children.n_vertices, dtype=bool)
-    outer = np.flatnonzero(twins < 0)
-    rim[children.indices[outer]] = rim[children.indices[children.next_corner[outer]]] = True
-    children._connectivity.update(twin=twins, boundary_vertex=rim)
-    return children
-
-
-def refinement_stages(mesh: Mesh, rules: Rules, dtype: Any) -> tuple[Any, Any]:
+def refinement_stages(
+    mesh: Mesh, rules: Rules, sharpness: Sharpness, dtype: Any
+) -> tuple[Any, Any]:
     """One level of refinement as two sparse operators.
 
     The first gives the face points from the vertices, (F, V); the second the refined points from
@@ -210,127 +121,108 @@ def refinement_stages(mesh: Mesh, rules: Rules, dtype: Any) -> tuple[Any, Any]:
         tables.corner_weights(rules.scheme, mesh.sizes, dtype),
         (F, V),
     )
-    edge, boundary_edge, boundary_vertex = tables.rule_weights(rules.scheme, dtype)
+    edge, crease_edge, crease_vertex = tables.rule_weights(rules.scheme, dtype)
     entries: list[tuple[Array, Array, Array]] = []
 
     def add(rows: Array, columns: Array, weight: Array) -> None:
         entries.append((rows, columns, np.broadcast_to(weight, rows.shape)))
 
     tail, head = mesh.indices, mesh.indices[mesh.next_corner]
-    outer = mesh.twin < 0
     one = tables.one(dtype)
-    # vertex points
-    smooth_boundary = mesh.boundary_vertex & ~rules.sharp(mesh)
-    interior = ~mesh.boundary_vertex & (mesh.vertex_faces > 0)
-    kept = np.flatnonzero(~interior & ~smooth_boundary)
-    add(kept, kept, one)
-    inner = np.flatnonzero(interior)
+    # vertex points: shares of the smooth, crease and corner masks; unused vertices stay
+    smooth, corner, along = sharpness.vertex_masks
+    used = mesh.vertex_faces > 0
+    smooth_vertices = np.flatnonzero(used & (smooth != 0))
+    share = np.where(used, corner, one)
     weights = np.zeros((V, 3), dtype=dtype)
-    weights[inner] = tables.vertex_weights(rules.scheme, mesh.vertex_faces[inner], dtype)
-    add(inner, inner, weights[inner, 0])
-    h = np.flatnonzero(interior[tail])
+    weights[smooth_vertices] = tables.vertex_weights(
+        rules.scheme, mesh.vertex_faces[smooth_vertices], dtype
+    )
+    weights *= smooth[:, None]
+    h = np.flatnonzero((smooth != 0)[tail])
     add(tail[h], head[h], weights[tail[h], 1])
     add(tail[h], V + mesh.corner_face[h], weights[tail[h], 2])
-    rim = np.flatnonzero(smooth_boundary)
-    add(rim, rim, boundary_vertex[:1])
-    h = np.flatnonzero(outer & smooth_boundary[tail])
-    add(tail[h], head[h], boundary_vertex[1:])
-    h = np.flatnonzero(outer & smooth_boundary[head])
-    add(head[h], tail[h], boundary_vertex[1:])
+    number, end = sharpness.sharp_ends
+    other = mesh.edges[number].sum(axis=1) - end
+    on = np.flatnonzero(along != 0)
+    add(end[on], other[on], along[on] * crease_vertex[1])
+    own = weights[:, 0] + share
+    # each of the two ends of a crease brings half of its mask
+    np.add.at(own, end[on], along[on] * (crease_vertex[0] / 2))
+    rows = np.flatnonzero(own != 0)
+    add(rows, rows, own[rows])
     # edge points
-    a, b = mesh.edges.T
+    middle = sharpness.edge_masks
+    contribution = tables.edge_face_weights(rules.scheme, rules.triangles == "smooth", dtype)
+    inner = np.flatnonzero((mesh.twin >= 0) & (middle != 1)[mesh.corner_edge])
+    triangle = (mesh.sizes != 3).astype(np.int64)[mesh.corner_face]
+    towards = contribution[triangle[inner]] / 2 + contribution[triangle[mesh.twin[inner]]] / 2
     rows = V + np.arange(E)
-    ends = np.where(mesh.boundary_edge, boundary_edge, edge[:1])
-    add(rows, a, ends)
-    add(rows, b, ends)
-    h = np.flatnonzero(~outer)
-    add(V + mesh.corner_edge[h], V + mesh.corner_face[h], edge[1:])
+    ends = np.full(E, edge[0], dtype=dtype)
+    ends[mesh.corner_edge[inner]] += edge[1] - towards
+    ends = (1 - middle) * ends + middle * crease_edge[0]
+    towards = towards * (1 - middle[mesh.corner_edge[inner]])
+    add(V + mesh.corner_edge[inner], V + mesh.corner_face[inner], towards)
+    add(rows, mesh.edges[:, 0], ends)
+    add(rows, mesh.edges[:, 1], ends)
     # face points
     add(V + E + np.arange(F), V + np.arange(F), one)
     rows, columns, values = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     return faces, sparse_operator(rows, columns, values, (V + E + F, V + F))
 
 
-def limit_operator(mesh: Mesh, rules: Rules, dtype: Any) -> Any:
-    """Limit positions of the vertices of an all-quad mesh, (V, V), by limit masks.
+def limit_operators(
+    sharpness: Sharpness, rules: Rules, dtype: Any, tangents: bool, wanted: Array | None = None
+) -> list[Any]:
+    """Limits at the vertices of an all-quad mesh by masks, a row for each fan of its `Sectors`.
 
-    Vertices without a limit (unused, or on the boundary where that is "none") have no entries.
+    One operator (n_fans, n_vertices) gives limit positions; or, with `tangents`, four give two
+    pairs of vectors, from differences from the vertex: the cross product of the first pair points
+    along the limit normal, or that of the second if it is 0. A fan without such a limit has no
+    entries, nor have others than those `wanted` (n_fans,) bool.
     """
-    V = mesh.n_vertices
-    tail, head = mesh.indices, mesh.indices[mesh.next_corner]
-    across = head[mesh.next_corner]
-    sharp = rules.sharp(mesh)
-    interior = ~mesh.boundary_vertex & (mesh.vertex_faces > 0)
-    rim = mesh.boundary_vertex & ~sharp & (rules.boundary != "none")
-    weights = np.zeros((V, 3), dtype=dtype)
-    for valence in np.unique(mesh.vertex_faces[interior]).tolist():
-        group = interior & (mesh.vertex_faces == valence)
-        weights[group] = tables.limit_weights(rules.scheme, valence, dtype)
-    weights[rim, :2] = tables.boundary_limit_weights(rules.scheme, dtype)
-    weights[sharp, 0] = tables.one(dtype)
-    own = np.flatnonzero(interior | rim | sharp)
-    inside = np.flatnonzero(interior[tail])
-    leaving = np.flatnonzero((mesh.twin < 0) & rim[tail])
-    arriving = np.flatnonzero((mesh.twin < 0) & rim[head])
-    rows = [own, tail[inside], tail[inside], tail[leaving], head[arriving]]
-    columns = [own, head[inside], across[inside], head[leaving], tail[arriving]]
-    kind = np.repeat([0, 1, 2, 1, 1], [len(r) for r in rows])
-    row = np.concatenate(rows)
-    return sparse_operator(row, np.concatenate(columns), weights[row, kind], (V, V))
-
-
-def tangent_operators(mesh: Mesh, rules: Rules) -> tuple[Any, Any, Array]:
-    """Two independent limit tangents of the vertices of an all-quad mesh, by tangent masks.
-
-    Returns two (V, V) operators, to be applied to differences from the vertex itself, whose cross
-    product points along the normal, and where they hold, (V,) bool: not at unused vertices,
-    interior vertices without a tangent plane (valence 2), and boundary vertices other than of two
-    faces or, if sharp, of one.
-    """
-    V = mesh.n_vertices
-    tail, head = mesh.indices, mesh.indices[mesh.next_corner]
-    across, before = head[mesh.next_corner], mesh.indices[mesh.previous_corner]
-    valence, position = mesh.vertex_faces, mesh.ring_position
-    interior = ~mesh.boundary_vertex & (valence > 0)
-    known = interior.copy()
-    entries: list[list[tuple[Array, Array, Array]]] = [[], []]
-
-    def add(k: int, rows: Array, columns: Array, values: Array | float) -> None:
-        entries[k].append((rows, columns, np.broadcast_to(values, rows.shape)))
-
-    for n in np.unique(valence[interior]).tolist():
-        table = tables.eigen_table(rules.scheme, n)
-        if not table.smooth:
-            known &= ~(interior & (valence == n))
-            continue
-        h = np.flatnonzero(interior[tail] & (valence[tail] == n))
-        for k, mask in enumerate(table.tangent_masks):
-            add(k, tail[h], head[h], mask[1 + 2 * position[h]])
-            add(k, tail[h], across[h], mask[2 + 2 * position[h]])
-    # two faces, ring e0 f0 e1 f1 e2 with the boundary through e0 and e2: the B-spline with points
-    # reflected at the boundary has derivatives e0 - e2 along it and, across it, inner minus
-    # boundary row, each averaged by the limit mask of the boundary curve
-    smooth = mesh.boundary_vertex & (valence == 2) & ~rules.sharp(mesh)
-    known |= smooth
-    own, side = tables.boundary_limit_weights(rules.scheme, float)
-    first = np.flatnonzero(smooth[tail] & (position == 0))
-    last = np.flatnonzero(smooth[tail] & (position == 1))
-    for h, column, sign in ((first, head, 1.0), (last, before, -1.0)):
-        add(0, tail[h], column[h], sign)
-        add(1, tail[h], column[h], -side)
-        add(1, tail[h], across[h], side)
-    add(1, tail[last], head[last], own)
-    # one face: the two boundary edges
-    sharp = rules.sharp(mesh)
-    known |= sharp
-    h = np.flatnonzero(sharp[tail])
-    add(0, tail[h], head[h], 1.0)
-    add(1, tail[h], before[h], 1.0)
+    mesh, sectors = sharpness.mesh, Sectors.of(sharpness)
+    if wanted is None:
+        wanted = np.ones(len(sectors.kind), dtype=bool)
+    n_fans = len(sectors.fans.vertex)
+    count = 4 if tangents else 1
+    parts: list[list[tuple[Array, Array, Array]]] = [[] for _ in range(count)]
+    for kind, faces, fans in sectors.groups(np.flatnonzero(wanted & (sectors.kind >= 0))):
+        ring = sectors.ring(kind, faces, fans)
+        if tangents:
+            masks = tables.normal_masks(rules.scheme, kind, faces).reshape(-1, ring.shape[1])
+        else:
+            masks = tables.limit_mask(rules.scheme, kind, faces, dtype)[None]
+        for part, mask in zip(parts, masks, strict=False):
+            used = np.flatnonzero(mask != 0)
+            values = np.broadcast_to(mask[used], (len(fans), len(used)))
+            part.append((np.repeat(fans, len(used)), ring[:, used].ravel(), values.ravel()))
+    # where something is semi-sharp, the limit is that after one more refinement
+    pending = np.flatnonzero(wanted & (sectors.kind < 0))
+    if len(pending):
+        corners = np.isin(sectors.fans.fan, pending)
+        near = MeshPart.of(mesh, sharpness.neighbours(corners))
+        inner = sharpness.part(near)
+        faces_stage, stage = refinement_stages(near.mesh, rules, inner, dtype)
+        child = child_mesh(near.mesh, np.zeros(stage.shape[0]))
+        later = inner.children(child)
+        first = np.searchsorted(near.corners, sectors.fans.corners[sectors.fans.offsets[pending]])
+        child_fans = Sectors.of(later).fans
+        fan = np.full(len(child_fans.vertex), -1)
+        fan[child_fans.fan[4 * first]] = pending
+        both = stacked([_identity(near.mesh.n_vertices, dtype), faces_stage])
+        for part, limit in zip(
+            parts, limit_operators(later, rules, dtype, tangents, fan >= 0), strict=True
+        ):
+            rows, columns, values = entries(limit @ (stage @ both))
+            here = fan[rows] >= 0
+            part.append((fan[rows[here]], near.vertices[columns[here]], values[here]))
     operators = []
-    for parts in entries:
-        rows, columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
-        operators.append(sparse_operator(rows, columns, values, (V, V)))
-    return operators[0], operators[1], known
+    for part in parts:
+        part.append((np.zeros(0, int), np.zeros(0, int), np.zeros(0, dtype=dtype)))
+        rows, columns, values = (np.concatenate(x) for x in zip(*part, strict=True))
+        operators.append(sparse_operator(rows, columns, values, (n_fans, mesh.n_vertices)))
+    return operators
 
 
 class RefinedMesh(Mesh):
@@ -355,32 +247,41 @@ class RefinedMesh(Mesh):
     parent_u: Array
     parent_v: Array
     _rules: Rules
+    _sharpness: Sharpness
+    _channel_meshes: dict[str, ChannelMesh]
 
     @cached_property
     def limit_points(self) -> Array:
         """Limit positions of the vertices by limit masks, the shape of `points`.
 
-        Exact rationals if the points are. NaN at vertices without a limit: unused ones, and
-        boundary vertices under boundary="none".
+        Exact rationals if the points are. NaN at vertices without a limit: unused ones, and those
+        on untagged boundaries under boundary="none".
         """
         if (self.sizes != 4).any():
             finer = refined(self, **vars(self._rules))
             return np.asarray(finer.limit_points[: self.n_vertices])
-        operator = limit_operator(self, self._rules, self.points.dtype)
+        dtype = self.points.dtype
+        sharpness = Sharpness.of(self, self._rules, dtype)
+        (operator,) = limit_operators(sharpness, self._rules, dtype, False)
+        vertex = Sectors.of(sharpness).fans.vertex
         points = self.points.reshape(self.n_vertices, -1)
-        if points.dtype == object:
-            result = operator @ points
+        if dtype == object:
+            limits = operator @ points
         else:
-            result = points + _from_own(operator, points)
-        result[np.diff(operator.indptr) == 0] = np.nan
+            limits = points[vertex] + _from_own(operator, points, vertex)
+        result = np.full_like(points, np.nan)
+        result[vertex] = limits
+        result[self._rules.loose_vertices(self)] = np.nan
         return np.asarray(result.reshape(self.points.shape))
 
     @cached_property
     def limit_normals(self) -> Array:
         """Unit limit normals by face corner, (n_corners, 3), by tangent masks.
 
-        NaN where no limit normal exists (interior valence 2; degenerate points; faces without a
-        limit) and at boundary vertices other than of two faces or, if sharp, of one.
+        At creases the faces on each side have their own. NaN where no limit normal exists: at
+        interior vertices of valence 2, boundary and crease vertices with 5 or more faces on that
+        side, sharp corners with 3 or more, sharp vertices amid smooth faces; degenerate points;
+        faces without a limit. See `LimitSurface.normal`.
 
         Raises
         ------
@@ -397,17 +298,20 @@ class RefinedMesh(Mesh):
             finer = refined(self, **vars(self._rules))
             # the first corner of child h is corner h
             return np.asarray(finer.limit_normals[::4])
-        first, second, known = tangent_operators(self, self._rules)
-        along, across = (_from_own(operator, self.points) for operator in (first, second))
+        sharpness = Sharpness.of(self, self._rules, float)
+        fans = Sectors.of(sharpness).fans
+        operators = limit_operators(sharpness, self._rules, float, True)
+        vectors = [_from_own(operator, self.points, fans.vertex) for operator in operators]
         ring = np.zeros((self.n_vertices, 1))
         edge = self.points[self.edges[:, 0]] - self.points[self.edges[:, 1]]
         length = np.abs(edge).max(axis=1, initial=0)[:, None]
         for end in self.edges.T:
             np.maximum.at(ring, end, length)
-        noise = 16 * np.finfo(float).eps * ring
-        normals = kernels.unit_normals(along, across, (noise, noise))
-        normals[~known] = np.nan
-        by_corner = normals[self.indices]
+        noise = 16 * np.finfo(float).eps * ring[fans.vertex]
+        first, second = (
+            kernels.unit_normals(vectors[k], vectors[k + 1], (noise, noise)) for k in (0, 2)
+        )
+        by_corner = np.where(np.isnan(first), second, first)[fans.fan]
         by_corner[self._rules.without_limit(self)[self.corner_face]] = np.nan
         return np.asarray(by_corner)
 
@@ -473,21 +377,20 @@ def refined(
         then the face points; unused vertices are kept. Its faces are the children of each face in
         the order of its corners, with corner 0 at that corner, corner 1 the midpoint of the edge
         to the next one and corner 2 the face point. Children of holes are holes, and so are those
-        of boundary faces under boundary="none"; channels are not refined.
+        of boundary faces under boundary="none". Creases and corners carry their sharpness on, and
+        channels are refined with their seams.
         It also has `parent_face`, `parent_u`, `parent_v`, `limit_points` and `limit_normals`.
 
     Raises
     ------
     ValueError
         For levels that are not an integer >= 0, or an unknown option.
-    NotImplementedError
-        For creases, corner tags, and triangles under triangles="smooth".
-
     Notes
     -----
-    Rules: Catmull and Clark 1978; boundaries after DeRose, Kass and Truong 1998. Boundary vertices
-    follow the boundary curve, a cubic B-spline; under "edge_and_corner" those of a single face
-    stay fixed.
+    Rules: Catmull and Clark 1978; boundaries, creases and corners after DeRose, Kass and Truong
+    1998. Boundary vertices follow the boundary curve, a cubic B-spline; under "edge_and_corner"
+    those of a single face stay fixed. ``exact/creases.py`` has the table of all rules, also of
+    non-manifold cages.
 
     Examples
     --------
@@ -506,32 +409,40 @@ def refined(
     points = mesh.points.reshape(mesh.n_vertices, -1)
     if dtype == object:
         points = kernels.exact(points)
-    identity = np.arange(mesh.n_vertices)
-    one = np.broadcast_to(tables.one(dtype), identity.shape)
-    total = sparse_operator(identity, identity, one, (len(identity),) * 2) if operator else None
+    total = _identity(mesh.n_vertices, dtype) if operator else None
     coarse, limit_face, uv, holes = mesh, *_cage_parameters(mesh), rules.without_limit(mesh)
-    sizes, indices = mesh.sizes, mesh.indices
+    sharpness = Sharpness.of(mesh, rules, dtype)
     for _ in range(levels):
-        faces, vertices = refinement_stages(coarse, rules, dtype)
+        faces, vertices = refinement_stages(coarse, rules, sharpness, dtype)
         points = vertices @ np.concatenate([points, faces @ points])
         if operator:
             total = vertices @ stacked([total, faces @ total])
         limit_face, uv = _child_parameters(coarse, limit_face, uv)
         holes = np.repeat(holes, coarse.sizes)
         coarse = child_mesh(coarse, points)
-        sizes, indices = coarse.sizes, coarse.indices
+        sharpness = sharpness.children(coarse)
+    channels = {
+        name: _refined_channel(ChannelMesh.of(mesh, name, rules), levels, np.flatnonzero(holes))
+        for name in mesh.channels
+    }
+    indices = coarse.indices
     fine = RefinedMesh._from_valid(
         points.reshape(len(points), *mesh.points.shape[1:]),
-        sizes,
+        coarse.sizes,
         indices,
+        coarse._connectivity,
+        **sharpness.tags(),
         holes=np.flatnonzero(holes) if levels else mesh.holes,
         scheme=rules.scheme if scheme is not None else mesh.scheme,
         boundary=boundary if boundary is not None else mesh.boundary,
         creasing=creasing if creasing is not None else mesh.creasing,
         triangles=triangles if triangles is not None else mesh.triangles,
+        channels={
+            name: (channel.points, channel.indices, mesh.channels[name][2])
+            for name, channel in channels.items()
+        },
     )
-    fine._connectivity = coarse._connectivity if levels else mesh._connectivity
-    fine._rules = rules
+    fine._rules, fine._sharpness, fine._channel_meshes = rules, sharpness, channels
     # the parent of a vertex is taken in its first face, one with a limit if there is any
     order = np.argsort(holes[fine.corner_face], kind="stable")
     vertex, place = np.unique(indices[order], return_index=True)
@@ -542,9 +453,21 @@ def refined(
     return (fine, total) if operator else fine
 
 
-def first_limit_face(mesh: Mesh) -> Array:
-    """First limit face of each face and, last, their number, (n_faces + 1,)."""
-    return np.concatenate([[0], np.cumsum(np.where(mesh.sizes == 4, 1, mesh.sizes))])
+def _refined_channel(channel: ChannelMesh, levels: int, holes: Array) -> ChannelMesh:
+    """The values of a channel, refined."""
+    dtype = channel.points.dtype
+    values = channel.points.reshape(channel.n_vertices, -1)
+    if dtype == object:
+        values = kernels.exact(values)
+    mesh: Mesh = channel
+    sharpness = Sharpness.of(channel, channel._rules, dtype)
+    for _ in range(levels):
+        faces, vertices = refinement_stages(mesh, channel._rules, sharpness, dtype)
+        values = vertices @ np.concatenate([values, faces @ values])
+        mesh = child_mesh(mesh, values)
+        sharpness = sharpness.children(mesh)
+    values = values.reshape(len(values), *channel.points.shape[1:])
+    return channel.refined(mesh, values, sharpness, holes)
 
 
 _SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -586,18 +509,46 @@ def stacked(parts: list[Any]) -> Any:
     return vstack(parts, format="csr")
 
 
-def _from_own(operator: Any, points: Array) -> Array:
-    """Each row of a square operator applied to differences from the row's own point, (V, d)."""
-    result = np.zeros_like(points)
+def eliminated(total: Any, operator: Any) -> Any:
+    """Replace the last columns of `total` by the rows of `operator` that they stand for."""
+    n = operator.shape[1]
+    if isinstance(total, ExactOperator):
+        kept = total.columns < n
+        last = ExactOperator(
+            total.rows[~kept],
+            total.columns[~kept] - n,
+            total.values[~kept],
+            (total.shape[0], operator.shape[0]),
+        )
+        more = last @ operator
+        return ExactOperator(
+            np.concatenate([total.rows[kept], more.rows]),
+            np.concatenate([total.columns[kept], more.columns]),
+            np.concatenate([total.values[kept], more.values]),
+            (total.shape[0], n),
+        )
+    result = total[:, :n] + total[:, n:] @ operator
+    result.sort_indices()
+    return result
+
+
+def entries(operator: Any) -> tuple[Array, Array, Array]:
+    """Rows, columns and values of an operator."""
+    if isinstance(operator, ExactOperator):
+        return operator.rows, operator.columns, operator.values
+    found = operator.tocoo()
+    return found.row, found.col, found.data
+
+
+def _identity(n: int, dtype: Any) -> Any:
+    every = np.arange(n)
+    return sparse_operator(every, every, np.broadcast_to(tables.one(dtype), n), (n, n))
+
+
+def _from_own(operator: Any, points: Array, own: Array) -> Array:
+    """Each row of an operator applied to differences from a point of its own, (rows, d)."""
+    result = np.zeros((operator.shape[0], points.shape[1]))
     used = np.diff(operator.indptr) > 0
-    every = np.arange(len(points))
-    result[used] = kernels.differences(
-        operator.indptr[np.concatenate([used, [True]])],
-        operator.indices,
-        operator.data,
-        points,
-        every,
-        np.zeros_like(points),
-        every[used],
-    )
+    rows = operator.indptr[np.concatenate([used, [True]])], operator.indices, operator.data
+    result[used] = kernels.differences(*rows, points, np.zeros_like(points), own[used])
     return result

@@ -13,9 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import basis, tables
 from limitsurf._kernels import reference as kernels
+from limitsurf.channels import ChannelMesh
 from limitsurf.mesh import Mesh
-from limitsurf.patches import REGULAR, LimitFaces, PatchTable, irregular_boundary
-from limitsurf.refine import ExactOperator, Rules, sparse_operator, stacked
+from limitsurf.patches import REGULAR, STRIP, PatchTable
+from limitsurf.refine import ExactOperator, eliminated, sparse_operator, stacked
+from limitsurf.rules import Rules
+from limitsurf.topology import LimitFaces
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -29,6 +32,7 @@ Numbers: TypeAlias = ArrayLike | Fraction | Sequence[Fraction]
 # queries handled at once, and control values gathered at once: what stays in cache and in memory
 _CHUNK = 1 << 16
 _GATHER = 1 << 22
+_FIRST_CORNER = 5  # the control point of a bicubic patch at its corner (0, 0)
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,7 @@ class _Group:
     """Queries of a chunk that lie in patches of one kind."""
 
     kind: int
+    sector: tables.Sector | None  # what surrounds the special corner, if there is one
     query: Array  # (q,) places in the chunk
     row: Array  # (q,) rows of the patches in the control table of the kind
     s: Array  # (q,) parameters in the patch
@@ -53,6 +58,7 @@ class _Corners:
     place: basis.CornerPlace
     powers: basis.EigenPowers
     origin: Array  # (P, d) first control points of the patches concerned
+    low: Array  # (P, d) what rounding took from them
     modes: Array  # (P, K, d) their coefficients in the eigenbasis
     size: Array  # (P, 1, 1) largest distances of control points from the first
     which: Array  # (q,) patch of each query
@@ -71,7 +77,9 @@ class LimitSurface:
         Boundary vertices follow the boundary curve, those of a single face stay fixed (default);
         all follow the curve; or faces at a boundary have no limit.
     creasing : {"uniform", "chaikin"}, optional
+        Sharpness falls by 1 with each refinement (default), or is averaged along creases as well.
     triangles : {"catmull-clark", "smooth"}, optional
+        Edges of triangles are like others (default), or have a smoother mask.
 
     Attributes
     ----------
@@ -83,9 +91,6 @@ class LimitSurface:
 
     Raises
     ------
-    NotImplementedError
-        For creases, corner tags, triangles="smooth" with triangles, and boundary vertices other
-        than of two faces, or of one under "edge_and_corner".
     ValueError
         For an unknown option or scheme.
 
@@ -95,12 +100,49 @@ class LimitSurface:
     (1, 1), corner 3 at (0, 1). Limit face k of an n-gon has its corner k at (0, 0), the midpoints
     of the edges to the next and to the previous corner at (1, 0) and (0, 1), its centre at (1, 1).
 
-    **Derivatives** are with respect to (u, v) of the limit face. After n halvings towards an
-    extraordinary vertex of subdominant eigenvalue lambda, a derivative of order m scales as
-    (2^m lambda)^n. First derivatives vanish towards a vertex of valence 3 (2 lambda = 0.82),
-    and diverge for valence 5 and more (2 lambda = 1.1 to 1.31); at the vertex itself they are 0
-    and NaN. Beyond float64's range they are +-inf. Directions, `normal` and `tangents`, converge
-    nevertheless, slowly: at distance 2^-n like (mu / lambda)^n, mu being the next eigenvalue.
+    **Derivatives** are with respect to (u, v) of the limit face; beyond float64's range they are
+    +-inf. At a vertex itself they are 0 where they vanish towards it and NaN where they have no
+    limit. Along sharp edges, which are cubic B-splines, they have one, from the face's own side.
+
+    **Vertices.** Every vertex has a limit position. What else it has depends on the faces around
+    it, up to the next infinitely sharp edge on either side, and on three eigenvalues: l1 and l2 of
+    the tangent plane, l3 the next. After n halvings of the distance first derivatives are of the
+    order of (2 l1)^n, second ones of (4 l1)^n, or of (4 l3)^n if l1 = 1/2, the curvature of
+    (l3 / l2^2)^n, and normals are (l3 / l2)^n from their limit, or 1 / n if these are equal:
+
+    ====================  =====  =====  =====  =========  =========  =========  ==========
+    vertex                l1     l2     l3     first      second     curvature  normal
+    ====================  =====  =====  =====  =========  =========  =========  ==========
+    smooth, valence 2     0.250  0.250  -.250  0.50^n     bounded    4^n        none
+    smooth, valence 3     0.410  0.410  0.167  0.82^n     1.64^n     0.991^n    yes
+    smooth, valence 4     0.500  0.500  0.250  limit      limit      limit      yes
+    smooth, valence 5     0.550  0.550  0.340  1.10^n     2.20^n     1.12^n     yes
+    ... to infinity       0.655  0.655  0.655  1.31^n     2.62^n     1.53^n     yes
+    crease of 1 face      0.500  0.250  0.250  bounded    n          4^n        yes, 1 / n
+    crease of 2 faces     0.500  0.500  0.250  limit      limit      limit      yes
+    crease of 3 faces     0.580  0.500  0.410  1.16^n     2.32^n     1.64^n     yes
+    crease of 4 faces     0.611  0.500  0.500  1.22^n     2.44^n     2^n        yes, 1 / n
+    crease of 5 faces     0.626  0.550  0.500  1.25^n     2.51^n     1.65^n     none
+    ... to infinity       0.655  0.655  0.655  1.31^n     2.62^n     1.53^n     none
+    corner of 1 face      0.500  0.500  0.250  limit      limit      limit      yes
+    corner of 2 faces     0.500  0.500  0.500  n          2^n        2^n        yes, 1 / n
+    corner of 3 faces     0.580  0.500  0.500  1.16^n     2.32^n     2^n        none
+    ... to infinity       0.655  0.655  0.655  1.31^n     2.62^n     1.53^n     none
+    dart of 2 faces       0.388  -.281  0.250  0.78^n     1.55^n     3.16^n     none
+    dart of 3 faces       0.462  0.410  0.225  0.92^n     1.85^n     1.34^n     yes
+    dart of 4 faces       0.500  0.500  0.320  bounded    1.28^n     1.28^n     yes
+    dart of 5 faces       0.550  0.526  0.392  1.10^n     2.20^n     1.41^n     yes
+    ... to infinity       0.655  0.655  0.655  1.31^n     2.62^n     1.53^n     yes
+    cone of 2 faces       0.655  0.250  0.250  1.31^n     2.62^n     4^n        none
+    cone of 3 faces       0.655  0.410  0.410  1.31^n     2.62^n     2.44^n     none
+    ... to infinity       0.655  0.655  0.655  1.31^n     2.62^n     1.53^n     none
+    ====================  =====  =====  =====  =========  =========  =========  ==========
+
+    A dart is the end of one sharp edge, a cone a sharp vertex amid smooth faces. Other vertices on
+    sharp edges (so are boundaries and non-manifold edges) have several sectors, each with a normal
+    of its own: creases where there are two such edges, corners where there are more or the vertex
+    is sharp; ``exact/creases.py`` tells which are. Whatever is semi-sharp becomes one of all these
+    in ceil(sharpness) refinements. Powers of n beside others are left out.
 
     **NaN** is returned for NaN or infinite u or v, on faces without a limit, and where a value
     does not exist; nowhere else.
@@ -109,9 +151,10 @@ class LimitSurface:
     Fraction, ints and floats count as the rationals they are, and the result is exact.
 
     After Stam, "Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter
-    values", SIGGRAPH 1998. A face is cut, where it must be, until each piece has one extraordinary
-    corner (``limitsurf/patches.py``); the eigenstructure is derived in
-    ``derivations/eigenstructure.py``.
+    values", SIGGRAPH 1998; sharpness after DeRose, Kass and Truong, SIGGRAPH 1998. A face is cut,
+    where it must be, until each piece has one special corner (``limitsurf/patches.py``). The
+    eigenstructure is derived in ``derivations/eigenstructure.py`` and ``derivations/sectors.py``,
+    the table in ``derivations/limit_normals.py``.
 
     Examples
     --------
@@ -138,24 +181,14 @@ class LimitSurface:
         if not isinstance(mesh, Mesh):
             raise TypeError(f"a surface needs a Mesh, got {type(mesh).__name__}")
         rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
-        odd = irregular_boundary(mesh, rules)
-        if len(odd):
-            n, more = int(mesh.vertex_faces[odd[0]]), len(odd) - 1
-            raise NotImplementedError(
-                f"boundary vertex {odd[0]} has {n} face{'s' * (n > 1)}"
-                + (f" ({more} more like it)" if more else "")
-                + f': under boundary="{rules.boundary}" a limit is evaluated at boundary vertices '
-                + "of two faces"
-                + (" or one" if rules.boundary == "edge_and_corner" else "")
-            )
         self.limit_faces = LimitFaces.of(mesh)
         self._rules = rules
+        self._channels: dict[str, LimitSurface] = {}
+        self._strip_tables: dict[bool, tuple[tables.StripTables, Array]] = {}
         self._tables: dict[bool, PatchTable] = {False: PatchTable(mesh, rules, np.dtype(float))}
-        self._eigen = {
-            kind: tables.eigen_table(rules.scheme, kind)
-            for kind in self.patches.controls
-            if kind != REGULAR
-        }
+        # masks that do not converge are refused here, not at the first query
+        for sector in filter(None, self.patches.sectors):
+            tables.eigen_table(rules.scheme, sector)
         self._set_points(mesh)
 
     def _set_points(self, mesh: Mesh) -> None:
@@ -176,10 +209,37 @@ class LimitSurface:
         """
         other = object.__new__(type(self))
         other.__dict__.update(
-            {k: v for k, v in self.__dict__.items() if k not in ("_local", "_exact_points")}
+            {
+                k: v
+                for k, v in self.__dict__.items()
+                if k not in ("_control_points", "_exact_points")
+            }
         )
         other._set_points(self.mesh.with_points(points))
         return other
+
+    def of_channel(self, channel: str | None) -> LimitSurface:
+        """The surface of a face-varying channel over the same limit faces; this one if it is None.
+
+        Raises
+        ------
+        ValueError
+            For a channel that the mesh does not have.
+
+        Examples
+        --------
+        >>> import limitsurf as ls
+        >>> uv = [[0, 0], [1, 0], [1, 1], [0, 1]], [0, 1, 2, 3], "corners_only"
+        >>> square = ls.Mesh([[0], [1], [1], [0]], [[0, 1, 2, 3]], channels={"uv": uv})
+        >>> ls.LimitSurface(square).of_channel("uv").evaluate(0, 0.25, 0.5).round(12).tolist()
+        [0.25, 0.5]
+        """
+        if channel is None:
+            return self
+        if channel not in self._channels:
+            values = ChannelMesh.of(self.mesh, channel, self._rules)
+            self._channels[channel] = LimitSurface(values, **vars(values.rules))
+        return self._channels[channel]
 
     @property
     def mesh(self) -> Mesh:
@@ -209,7 +269,14 @@ class LimitSurface:
 
     # ------------------------------------------------------------------ public evaluation
 
-    def evaluate(self, face: ArrayLike, u: Numbers, v: Numbers, nu: Order = (0, 0)) -> Any:
+    def evaluate(
+        self,
+        face: ArrayLike,
+        u: Numbers,
+        v: Numbers,
+        nu: Order = (0, 0),
+        channel: str | None = None,
+    ) -> Any:
         """Positions on the limit surface, or derivatives of any order.
 
         Parameters
@@ -220,19 +287,24 @@ class LimitSurface:
             Parameters in [0, 1].
         nu : (int, int)
             Order of the derivative in u and in v.
+        channel : str, optional
+            A face-varying channel of the mesh, to evaluate instead of the points: each face gets
+            the values of its own side of a seam.
 
         Returns
         -------
         ndarray
-            Shape ``broadcast(face, u, v).shape + points.shape[1:]``. See the class for the
-            scaling of derivatives, and for NaN and infinity.
+            Shape ``broadcast(face, u, v).shape + points.shape[1:]``; with `channel`, of its values
+            instead of the points. See the class for the scaling of derivatives, and for NaN and
+            infinity.
 
         Raises
         ------
         IndexError
             For a face out of range.
         ValueError
-            For finite u or v outside [0, 1], or an order that is not two integers >= 0.
+            For finite u or v outside [0, 1], an order that is not two integers >= 0, or a channel
+            that the mesh does not have.
 
         Examples
         --------
@@ -240,12 +312,19 @@ class LimitSurface:
         >>> surface = ls.LimitSurface(ls.Mesh([[0, 0], [1, 0], [1, 2], [0, 2]], [[0, 1, 2, 3]]))
         >>> surface.evaluate(0, 0.5, [0.25, 0.75]).tolist()
         [[0.5, 0.5], [0.5, 1.5]]
-        >>> surface.evaluate(0, 0.5, 0.5, nu=(0, 1)).tolist()
+        >>> surface.evaluate(0, 0.5, 0.5, nu=(0, 1)).round(12).tolist()
         [0.0, 2.0]
         """
-        return self._derivatives(face, u, v, [_order(nu)])[0]
+        return self.of_channel(channel)._derivatives(face, u, v, [_order(nu)])[0]
 
-    def jet(self, face: ArrayLike, u: Numbers, v: Numbers, order: int = 2) -> dict[Order, Any]:
+    def jet(
+        self,
+        face: ArrayLike,
+        u: Numbers,
+        v: Numbers,
+        order: int = 2,
+        channel: str | None = None,
+    ) -> dict[Order, Any]:
         """All derivatives up to a total order in one pass, as {(i, j): array}.
 
         Arguments, shapes and errors are those of `evaluate`; (0, 0) is the position.
@@ -260,14 +339,16 @@ class LimitSurface:
         if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 0:
             raise ValueError(f"order must be an integer >= 0, got {order!r}")
         orders = [(m - j, j) for m in range(int(order) + 1) for j in range(m + 1)]
-        return dict(zip(orders, self._derivatives(face, u, v, orders), strict=True))
+        derivatives = self.of_channel(channel)._derivatives(face, u, v, orders)
+        return dict(zip(orders, derivatives, strict=True))
 
     def tangents(self, face: ArrayLike, u: Numbers, v: Numbers) -> tuple[Any, Any]:
         """Unit directions of d/du and d/dv, along the last axis of the points.
 
-        At an extraordinary vertex they are the limits along the face's own two edges. NaN where a
-        derivative vanishes otherwise, up to rounding (degenerate points), and at interior vertices
-        of valence 2, where in general no tangent plane exists.
+        At a special vertex they are the limits along the face's own two edges, also where there is
+        no limit normal; on a sharp edge those of its curve. At a boundary or crease vertex of one
+        face they are opposite. NaN where a derivative vanishes otherwise, up to rounding
+        (degenerate points), and at smooth vertices of valence 2, where in general they oscillate.
 
         Arguments, shapes and errors are those of `evaluate`.
 
@@ -280,7 +361,7 @@ class LimitSurface:
         --------
         >>> import limitsurf as ls
         >>> surface = ls.LimitSurface(ls.Mesh([[0, 0], [1, 0], [1, 2], [0, 2]], [[0, 1, 2, 3]]))
-        >>> [t.tolist() for t in surface.tangents(0, 0.5, 0.5)]
+        >>> [t.round(12).tolist() for t in surface.tangents(0, 0.5, 0.5)]
         [[1.0, 0.0], [0.0, 1.0]]
         """
         *directions, shape = self._directions(face, u, v, "tangents")
@@ -297,9 +378,12 @@ class LimitSurface:
     def normal(self, face: ArrayLike, u: Numbers, v: Numbers) -> Any:
         """Unit normals, along d/du x d/dv: outwards where faces are counter-clockwise from outside.
 
-        The normal is that of its own (u, v) at every distance from an extraordinary vertex, and
-        the limit at the vertex itself. NaN where the derivatives are dependent up to rounding, and
-        at interior vertices of valence 2, where in general no limit normal exists.
+        The normal is that of its own (u, v) at every distance from a special vertex, and the limit
+        at the vertex itself. On sharp edges each side has its own, that of the face asked. NaN
+        where the derivatives are dependent up to rounding, and where no limit normal exists, as it
+        depends on the direction of approach: at boundary and crease vertices with 5 or more faces
+        on that side, at corners with 3 or more between two sharp edges, at cones, and where there
+        are but 2 faces around a smooth vertex or a dart. `LimitSurface` has the table.
 
         Arguments and errors are those of `evaluate`; the points must have shape (n, 3).
 
@@ -318,8 +402,9 @@ class LimitSurface:
         """
         if self.points.shape[1:] != (3,):
             raise ValueError(f"a normal needs points of shape (n, 3), got {self.points.shape}")
-        (along, noise), (across, other), shape = self._directions(face, u, v, "normal")
-        return kernels.unit_normals(along, across, (noise, other)).reshape(*shape, 3)
+        face, u, v = self._inexact_queries(face, u, v, "normal")
+        (normals,) = self._over_chunks(face, u, v, False, [3], self._float_normals)
+        return normals.reshape(*face.shape, 3)
 
     def weights(
         self, face: ArrayLike, u: Numbers, v: Numbers, nu: Order = (0, 0)
@@ -373,7 +458,7 @@ class LimitSurface:
             )
             # back through the extra control points, last ones first
             for operator in reversed(patches.extras):
-                total = _eliminated(total, operator)
+                total = eliminated(total, operator)
             parts.append(total)
         return stacked(parts)
 
@@ -441,6 +526,7 @@ class LimitSurface:
                 sides = [s[here], t[here], 1 - s[here], 1 - t[here]]
                 yield _Group(
                     kind,
+                    patches.sectors[kind],
                     defined[here],
                     patches.row[patch[here]],
                     np.choose(turn, sides),
@@ -452,30 +538,23 @@ class LimitSurface:
         return undefined, groups()
 
     @cached_property
-    def _local(self) -> tuple[Array, Array]:
-        """A vertex near each control point (n_points, d) and its offset from there (n_points, d).
+    def _control_points(self) -> tuple[Array, Array]:
+        """All control points as unevaluated sums high + low, both (n_points, d).
 
-        Offsets are sums of differences of nearby points: cages far from the origin keep digits.
+        Those of deep patches are close to each other, and their differences have all digits.
         """
-        patches = self.patches
-        anchor = np.zeros(patches.n_points, dtype=np.int64)
-        anchor[: self.mesh.n_vertices] = np.arange(self.mesh.n_vertices)
-        offset = np.zeros((patches.n_points, self._flat.shape[1]))
-        done = self.mesh.n_vertices
+        patches, done = self.patches, self.mesh.n_vertices
+        high, low = np.zeros((2, patches.n_points, self._flat.shape[1]))
+        high[:done] = self._flat
         for operator in patches.extras:
+            first = operator.indices[operator.indptr[:-1]]
+            rows = operator.indptr, operator.indices, operator.data
+            step = kernels.differences(*rows, high, low, first)
             new = slice(done, done + operator.shape[0])
-            anchor[new] = anchor[operator.indices[operator.indptr[:-1]]]
-            offset[new] = kernels.differences(
-                operator.indptr,
-                operator.indices,
-                operator.data,
-                self._flat,
-                anchor,
-                offset,
-                anchor[new],
-            )
+            high[new], error = kernels.two_sum(high[first], step)
+            low[new] = low[first] + error
             done = new.stop
-        return self._flat[anchor], offset
+        return high, low
 
     @cached_property
     def _exact_points(self) -> Array:
@@ -499,17 +578,24 @@ class LimitSurface:
 
     def _directions(self, face: ArrayLike, u: Numbers, v: Numbers, what: str) -> tuple[Any, ...]:
         """d/du and d/dv up to positive factors, each (Q, d) with its noise (Q, 1); query shape."""
+        face, u, v = self._inexact_queries(face, u, v, what)
+        d = self._flat.shape[1]
+        along, across, noise, other = self._over_chunks(
+            face, u, v, False, [d, d, 1, 1], self._float_directions
+        )
+        return (along, noise), (across, other), face.shape
+
+    def _inexact_queries(
+        self, face: ArrayLike, u: Numbers, v: Numbers, what: str
+    ) -> tuple[Array, Array, Array]:
+        """Broadcast and check a query whose answer needs square roots."""
         face, u, v, exact = self._queries(face, u, v)
         if exact:
             raise TypeError(
                 f"{what} needs square roots, which Fractions do not have: give float64 numbers "
                 "(or mpf or sympy ones, where these are supported)"
             )
-        d = self._flat.shape[1]
-        along, across, noise, other = self._over_chunks(
-            face, u, v, False, [d, d, 1, 1], self._float_directions
-        )
-        return (along, noise), (across, other), face.shape
+        return face, u, v
 
     def _over_chunks(
         self,
@@ -540,25 +626,26 @@ class LimitSurface:
                         result[start + g.query] = value
         return results
 
-    def _differences(self, ids: Array) -> tuple[Array, Array]:
-        """First control point of patches, (P, d), and all of them relative to it, (P, K, d)."""
-        near, offset = self._local
-        origin = near[ids[:, 0]]
-        points = near[ids]
-        points -= origin[:, None]
-        extra = ids >= self.mesh.n_vertices
+    def _differences(self, ids: Array, base: int) -> tuple[Array, Array, Array]:
+        """A control point of each patch, high and low (P, d), and all relative to it (P, K, d)."""
+        high, low = self._control_points
+        first = ids[:, base]
+        points = high[ids]
+        points -= high[first, None]
+        extra = (ids >= self.mesh.n_vertices).any(axis=1)
         if extra.any():
-            points[extra] += offset[ids[extra]]
-        return origin, points
+            points[extra] += low[ids[extra]] - low[first[extra], None]
+        return high[first], low[first], points
 
     def _float_values(self, g: _Group, ids: Array, orders: Sequence[Order]) -> list[Array]:
         """Derivatives (q, d) of the queries of a group, in float64."""
         values = []
-        if g.kind == REGULAR:
-            origin, points = self._differences(ids[g.row])
+        if g.kind in (REGULAR, STRIP):
+            high, low, points = self._differences(ids[g.row], _FIRST_CORNER)
             for nu in orders:
-                value = _contract(kernels.bicubic_weights(g.s, g.t, nu), points)
-                values.append(value + origin if nu == (0, 0) else _scaled(value, g.depth * sum(nu)))
+                value = _contract(self._spline_weights(g, nu, False), points)
+                at = nu == (0, 0)
+                values.append(value + low + high if at else _scaled(value, g.depth * sum(nu)))
             return values
         # in patch parameters first: all orders at once, then each query picks by its turn
         turned = [_turned(nu) for nu in orders]
@@ -572,6 +659,7 @@ class LimitSurface:
                 found[:, k] = _scaled(found[:, k], x.exponent + g.depth[c.query] * sum(order))
                 if x.with_limit:
                     found[:, k] += c.modes[c.which, 0]
+                    found[:, k] += c.low[c.which]
                     found[:, k] += c.origin[c.which]
             parts[c.query] = found
         for choices, sign in turned:
@@ -581,27 +669,37 @@ class LimitSurface:
 
     def _float_directions(self, g: _Group, ids: Array) -> list[Array]:
         """Directions of d/du and d/dv (q, d) of a group, and their rounding errors (q, 1)."""
-        noise = 16 * np.finfo(float).eps
-        if g.kind == REGULAR:
-            _, points = self._differences(ids[g.row])
+        noise = basis.NOISE
+        if g.kind in (REGULAR, STRIP):
+            *_, points = self._differences(ids[g.row], _FIRST_CORNER)
             size = np.abs(points).max(axis=2, initial=0, keepdims=True)  # (q, 16, 1)
-            weights = [kernels.bicubic_weights(g.s, g.t, nu) for nu in ((1, 0), (0, 1))]
+            weights = [self._spline_weights(g, nu, False) for nu in ((1, 0), (0, 1))]
             return [_contract(w, points) for w in weights] + [
                 noise * _contract(np.abs(w), size) for w in weights
             ]
-        found = np.empty((4, len(g.query), self._flat.shape[1]))
+        found = np.empty((2, len(g.query), self._flat.shape[1]))
+        errors = np.empty((2, len(g.query), 1))
         for c in self._corners(g, ids):
-            # a coefficient is a sum over all control points: its error is of their size
-            size = np.abs(c.modes[:, 1:]).max(axis=2, initial=0, keepdims=True) + c.size
-            for k, x in enumerate(basis.eigen_tangents(c.table, c.place, c.powers)):
-                found[k, c.query] = _contract(x.rows, c.modes[c.which, 1:])
-                found[k + 2, c.query] = noise * _contract(np.abs(x.rows), size[c.which])
-        ds, dt, noise_s, noise_t = found
+            found[:, c.query], errors[:, c.query] = basis.eigen_directions(
+                c.table, c.place, c.powers, c.modes, c.size, c.which
+            )
+        (ds, dt), (noise_s, noise_t) = found, noise * errors
         odd, turn = (g.turn % 2 == 1)[:, None], g.turn[:, None]
         along = np.where(odd, dt, ds) * np.where((turn == 1) | (turn == 2), -1, 1)
         across = np.where(odd, ds, dt) * np.where((turn == 2) | (turn == 3), -1, 1)
-        errors = np.where(odd, noise_t, noise_s), np.where(odd, noise_s, noise_t)
-        return [along, across, errors[0][:, :1], errors[1][:, :1]]
+        return [along, across, np.where(odd, noise_t, noise_s), np.where(odd, noise_s, noise_t)]
+
+    def _float_normals(self, g: _Group, ids: Array) -> list[Array]:
+        """Unit normals (q, 3) of a group."""
+        if g.kind in (REGULAR, STRIP):
+            along, across, noise, other = self._float_directions(g, ids)
+            return [kernels.unit_normals(along, across, (noise, other))]
+        result = np.empty((len(g.query), 3))
+        for c in self._corners(g, ids):
+            found, error = basis.eigen_normals(c.table, c.place, c.powers, c.modes, c.which)
+            scale = basis.NOISE * error.max(axis=1, keepdims=True)
+            result[c.query] = kernels.unit(found, scale)
+        return [result]
 
     def _corners(self, g: _Group, ids: Array) -> Iterator[_Corners]:
         """What evaluation around an extraordinary corner needs, for queries of a group.
@@ -609,9 +707,9 @@ class LimitSurface:
         Queries are parted by the first eigenfunction that occurs in their patch at all: the
         second, but for degenerate points.
         """
-        table = self._eigen[g.kind]
+        table = self._table(g)
         patch, which = np.unique(g.row, return_inverse=True)
-        origin, points = self._differences(ids[patch])
+        origin, low, points = self._differences(ids[patch], 0)
         modes = basis.eigen_coefficients(table, points)
         size = np.abs(points).max(axis=(1, 2), initial=0)[:, None, None]
         occurs = (modes[:, 1:] != 0).any(axis=2)
@@ -621,7 +719,7 @@ class LimitSurface:
             query = np.flatnonzero(leads[which] == lead)
             here = place[query]
             powers = basis.EigenPowers.of(table, here, lead)
-            yield _Corners(query, table, here, powers, origin, modes, size, which[query])
+            yield _Corners(query, table, here, powers, origin, low, modes, size, which[query])
 
     def _exact_values(self, g: _Group, ids: Array, orders: Sequence[Order]) -> list[Array]:
         """Derivatives (q, d) of the queries of a group, as Fractions."""
@@ -630,29 +728,56 @@ class LimitSurface:
             (self._control_weights(g, nu, True)[:, :, None] * points).sum(axis=1) for nu in orders
         ]
 
+    def _table(self, g: _Group) -> tables.EigenTable:
+        assert g.sector is not None
+        return tables.eigen_table(self._rules.scheme, g.sector)
+
     def _control_weights(self, g: _Group, nu: Order, exact: bool) -> Array:
         """Weights (q, K) of the control points for a derivative in (u, v) of the limit face."""
-        turned, sign = _turned(nu)
         dtype = np.dtype(object if exact else float)
+        if g.sector is None:
+            scale = kernels.scale_by_two(np.ones(len(g.s), dtype=dtype), g.depth * sum(nu))
+            return np.asarray(self._spline_weights(g, nu, exact) * scale[:, None])
+        turned, sign = _turned(nu)
         scale = kernels.scale_by_two(sign[g.turn].astype(dtype), g.depth * sum(nu))[:, None]
-        if g.kind == REGULAR:
-            return np.asarray(kernels.bicubic_weights(g.s, g.t, nu) * scale)
-        table = self._eigen[g.kind]
+        table = self._table(g)
         place = basis.CornerPlace.of(g.s, g.t, g.turn)
         result = np.empty((len(g.s), table.size), dtype=dtype)
         for order in set(turned):
             here = np.array([o == order for o in turned])[g.turn]
             sub = place[here]
             if exact:
-                zero = basis.vanishes_at_corner(table, order)
-                rational = tables.rational_table(self._rules.scheme, g.kind)
-                at_corner = Fraction(0) if zero else np.nan
+                at_corner = basis.corner_derivative(table, order)
+                rational = tables.rational_table(self._rules.scheme, g.sector)
                 result[here] = basis.rational_weights(rational, sub, order, at_corner)
             else:
                 powers = basis.EigenPowers.of(table, sub)
                 eigen = basis.eigen_weights(table, sub, powers, order)
                 result[here] = basis.control_weights(table, eigen)
         return np.asarray(result * scale)
+
+    def _spline_weights(self, g: _Group, nu: Order, exact: bool) -> Array:
+        """The same (q, 16) for regular patches and strips, but for the depth of the patch."""
+        if g.kind == REGULAR:
+            return kernels.bicubic_weights(g.s, g.t, nu)
+        strips, index = self._strips(exact)
+        turned, sign = _turned(nu)
+        up = (g.turn == 1) | (g.turn == 2)  # where t grows against u or v
+        result = np.empty((len(g.s), 16), dtype=object if exact else float)
+        for order in set(turned):
+            here = np.flatnonzero(np.array([o == order for o in turned])[g.turn])
+            which = index[g.row[here]]
+            result[here] = basis.strip_weights(strips, which, g.s[here], g.t[here], order, up[here])
+        return np.asarray(result * sign[g.turn].astype(result.dtype)[:, None])
+
+    def _strips(self, exact: bool) -> tuple[tables.StripTables, Array]:
+        """Splines across the creases of strips, and which of them each strip has."""
+        if exact not in self._strip_tables:
+            sharpness, index = np.unique(self._patch_table(exact).sharpness, return_inverse=True)
+            dtype = np.dtype(object if exact else float)
+            found = tables.strip_tables(self._rules.scheme, sharpness, dtype)
+            self._strip_tables[exact] = found, index
+        return self._strip_tables[exact]
 
 
 def _order(nu: Any) -> Order:
@@ -685,6 +810,7 @@ def _pieces(group: _Group, width: int) -> Iterator[_Group]:
         part = slice(start, start + step)
         yield _Group(
             group.kind,
+            group.sector,
             *(x[part] for x in (group.query, group.row, group.s, group.t, group.depth, group.turn)),
         )
 
@@ -697,29 +823,6 @@ def _contract(weights: Array, points: Array) -> Array:
 def _scaled(values: Array, exponent: Array) -> Array:
     """Values (q, d) times 2 ** exponent (q,); infinite beyond float64's range."""
     return kernels.scale_by_two(values, exponent[:, None])
-
-
-def _eliminated(total: Any, operator: Any) -> Any:
-    """Replace the last columns of `total` by the rows of `operator` that they stand for."""
-    n = operator.shape[1]
-    if isinstance(total, ExactOperator):
-        kept = total.columns < n
-        last = ExactOperator(
-            total.rows[~kept],
-            total.columns[~kept] - n,
-            total.values[~kept],
-            (total.shape[0], operator.shape[0]),
-        )
-        more = last @ operator
-        return ExactOperator(
-            np.concatenate([total.rows[kept], more.rows]),
-            np.concatenate([total.columns[kept], more.columns]),
-            np.concatenate([total.values[kept], more.values]),
-            (total.shape[0], n),
-        )
-    result = total[:, :n] + total[:, n:] @ operator
-    result.sort_indices()
-    return result
 
 
 def _first(values: Array, bad: Array) -> str:

@@ -30,22 +30,35 @@ from functools import cached_property, lru_cache
 from math import lcm
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf._kernels import reference as kernels
 from limitsurf.exact.catmull_clark import CATMULL_CLARK
+from limitsurf.exact.creases import CHAIKIN, INFINITE
+from limitsurf.exact.matrices import KINDS as KINDS
+from limitsurf.exact.matrices import Sector as Sector
 from limitsurf.exact.scheme import Scheme
 
 if TYPE_CHECKING:
     from limitsurf.exact.matrices import SubdivisionMatrix
-    from limitsurf.exact.symbolic import SymbolicBasis
+    from limitsurf.exact.ring import FourierRing as FourierModes
 
-FORMAT = 1
+FORMAT = 2
 SHIPPED = Path(__file__).parent / "_data" / "tables"
-SHIPPED_VALENCES = tuple(range(2, 17))
+SHIPPED_SECTORS = (
+    *(Sector("interior", n) for n in range(2, 17)),
+    *(Sector("cone", n) for n in range(3, 7)),
+    *(
+        Sector(kind, n, p)
+        for kind, most in (("crease", 6), ("corner", 5), ("dart", 5))
+        for n in range(3 if kind == "dart" else 1, most + 1)
+        for p in range(n)
+    ),
+)
+_FOURIER = ("interior", "cone")  # kinds whose ring is that of all its rotations
 SCHEMES = {scheme.name: scheme for scheme in (CATMULL_CLARK,)}
 
 Array = NDArray[Any]
@@ -61,28 +74,11 @@ def find_scheme(scheme: str | Scheme) -> Scheme:
 
 
 @dataclass(frozen=True, eq=False)
-class EigenTable:
-    """Jordan basis of the subdivision matrix around an interior vertex, in float64.
-
-    Arrays are read-only; ``K = 2 * valence + 8`` control points as in ``exact/matrices.py``. What
-    is stored grows with the valence, not with its square: the ring in its Fourier modes.
+class FourierRing:
+    """Coefficients of ring points in the Fourier modes around a smooth or conical vertex.
 
     Attributes
     ----------
-    scheme : Scheme
-        Whose table this is.
-    provenance : dict
-        Name, masks, kind, valence and format: everything that the numbers depend on.
-    eigenvalues : (2, K)
-        Unevaluated sums high + low. The first is 1; if `smooth`, the next two are the subdominant
-        pair, even and odd about the diagonal of the face.
-    pieces : (3, 16, K)
-        B-spline control points of the eigenfunctions on the three regular pieces of the quad.
-    chains : (c,)
-        Indices k with ``A V[:, k] = eigenvalue[k] V[:, k] + V[:, k - 1]`` (for
-        Catmull-Clark, at valence 2 only).
-    smooth : bool
-        Whether the surface has a tangent plane at the vertex for general control points.
     frequency, parity : (2 N + 1,)
         Fourier frequency of each mode of the ring; 0 for cosines, 1 for sines.
     left : (2 N + 1, 3)
@@ -90,47 +86,103 @@ class EigenTable:
         mode, but for the cosine or sine.
     half_turn : (2, N // 2 + 1)
         Cosine and sine of pi f / N.
-    links : (7, 2 N + 1)
+    """
+
+    frequency: Array
+    parity: Array
+    left: Array
+    half_turn: Array
+
+    def coefficients(self, points: Array) -> Array:
+        """Coefficients (P, ring, d) of ring points (P, ring, d)."""
+        waves = self.frequency, self.parity, self.left, self.half_turn
+        return kernels.ring_coefficients(points, *waves)
+
+    def weights(self, rows: Array) -> Array:
+        """Weights (Q, ring) of the points from those of the coefficients (Q, ring)."""
+        waves = self.frequency, self.parity, self.left, self.half_turn
+        return kernels.ring_weights(rows, *waves, len(self.frequency) // 2)
+
+
+@dataclass(frozen=True, eq=False)
+class DenseRing:
+    """The same for sectors and darts: left eigenvectors as rows, (ring, ring)."""
+
+    left: Array
+
+    def coefficients(self, points: Array) -> Array:
+        """Coefficients (P, ring, d) of ring points (P, ring, d)."""
+        return np.asarray(np.matmul(self.left, points))
+
+    def weights(self, rows: Array) -> Array:
+        """Weights (Q, ring) of the points from those of the coefficients (Q, ring)."""
+        return np.asarray(rows @ self.left)
+
+
+@dataclass(frozen=True, eq=False)
+class EigenTable:
+    """Real Jordan basis of the subdivision matrix around a special corner, in float64.
+
+    Arrays are read-only; K control points as in ``exact/matrices.py``.
+
+    Attributes
+    ----------
+    scheme : Scheme
+        Whose table this is.
+    sector : Sector
+        What surrounds the corner.
+    provenance : dict
+        Name, masks, sector and format: everything that the numbers depend on.
+    ring : FourierRing or DenseRing
+        Left eigenvectors of the ring.
+    eigenvalues : (2, K)
+        Unevaluated sums high + low; of complex pairs (at darts) the modulus. The first is 1.
+    pieces : (3, 16, K)
+        Eigenfunctions on the three regular pieces of the quad: coefficient ``4 j + i`` is that of
+        ``S^i T^j``.
+    chains : (c,)
+        Indices k with ``A V[:, k] = eigenvalue[k] V[:, k] + V[:, k - 1]``.
+    pairs, angles : (p,)
+        Indices k of complex pairs k, k + 1, and the arguments of the first of each.
+    normal : (2,) or (0,)
+        Coefficients whose cross product points along the limit normal at the corner, if general
+        control points have one there.
+    links : (outer, ring)
         What each mode of the ring takes away from the coefficients of the outer eigenvectors.
-    outer : (7, 7)
+    outer : (outer, outer)
         Left eigenvectors of the outer block.
     order : (K,)
         Modes of the ring, then outer eigenvectors, by decreasing modulus of the eigenvalue.
     """
 
     scheme: Scheme
+    sector: Sector
     provenance: Mapping[str, Any]
+    ring: FourierRing | DenseRing
     eigenvalues: Array
     pieces: Array
     chains: Array
-    smooth: bool
-    frequency: Array
-    parity: Array
-    left: Array
-    half_turn: Array
+    pairs: Array
+    angles: Array
+    normal: Array
     links: Array
     outer: Array
     order: Array
 
     @property
-    def valence(self) -> int:
-        """Number N of faces around the vertex."""
-        return int(self.provenance["valence"])
-
-    @property
     def size(self) -> int:
         """Number K of control points."""
-        return 2 * self.valence + 8
+        return self.sector.size
 
     def __reduce__(self) -> tuple[Any, ...]:
         # travels to other processes as what it was made from
-        return eigen_table, (self.scheme, self.valence)
+        return eigen_table, (self.scheme, self.sector)
 
     @cached_property
     def _dense(self) -> tuple[Array, Array]:
         from limitsurf.exact.spectrum import dense_basis, spectrum
 
-        V, Vinv = map(_rounded, dense_basis(spectrum(self.scheme, self.valence)))
+        V, Vinv = map(_rounded, dense_basis(spectrum(self.scheme, self.sector)))
         return V, Vinv
 
     @property
@@ -145,16 +197,19 @@ class EigenTable:
 
     @cached_property
     def J(self) -> Array:
-        """Jordan matrix, (K, K)."""
+        """Real Jordan matrix, (K, K): a pair a +- ib is the block [[a, b], [-b, a]]."""
         J = np.diag(self.eigenvalues[0])
         J[self.chains - 1, self.chains] = 1
+        for k, angle in zip(self.pairs.tolist(), self.angles.tolist(), strict=True):
+            turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+            J[k : k + 2, k : k + 2] = self.eigenvalues[0, k] * turn
         J.flags.writeable = False
         return J
 
     @cached_property
     def A(self) -> Array:
         """Subdivision matrix, (K, K)."""
-        table = rational_table(self.scheme, self.valence)
+        table = rational_table(self.scheme, self.sector)
         A = np.zeros((self.size, self.size))
         square = table.rows < self.size
         weights = table.numerators[square] / table.denominator
@@ -170,56 +225,93 @@ class EigenTable:
     @property
     def limit_mask(self) -> Array:
         """Weights of the control points in the limit position of the vertex, (K,)."""
-        return np.asarray(self._left_vectors(slice(0, 1))[0])
+        return np.asarray(self.left_vectors(np.zeros(1, dtype=np.int64))[0])
 
     @property
     def tangent_masks(self) -> Array:
-        """Weights of the subdominant components, even and odd about the diagonal, (2, K)."""
-        return self._left_vectors(slice(1, 3))
+        """Weights of two vectors whose cross product is along the limit normal, (2, K) or (0, K).
 
-    def _left_vectors(self, which: slice) -> Array:
-        """Left eigenvectors of modes of the ring, (n, K)."""
-        ring = 2 * self.valence + 1
+        At a smooth vertex the subdominant components, even and odd about the diagonal of the face.
+        """
+        return self.left_vectors(self.normal)
+
+    @cached_property
+    def normal_pairs(self) -> Array:
+        """Pairs of coefficients whose cross products point along the limit normal, (2 or 0, 2).
+
+        The second pair serves where the first product is 0: there the head of a Jordan chain has
+        no part in the points (as in a straight crease through a corner of two faces), and its end
+        comes in its place.
+        """
+        ends = np.where(np.isin(self.normal, self.chains), self.normal - 1, self.normal)
+        return np.array([self.normal, ends]).reshape(-1, 2)
+
+    def left_vectors(self, which: Array) -> Array:
+        """Left eigenvectors of some modes of the ring, (n, K)."""
         modes = self.order[which]
-        waves = self.frequency, self.parity, self.left, self.half_turn, self.valence
-        vectors = kernels.ring_weights(np.eye(ring)[modes], *waves)
-        return np.concatenate([vectors, np.zeros((len(modes), 7))], axis=1)
+        vectors = self.ring.weights(np.eye(self.sector.ring)[modes])
+        return np.concatenate([vectors, np.zeros((len(modes), len(self.outer)))], axis=1)
 
 
-_memory: dict[str, EigenTable] = {}
+_memory: dict[str, Any] = {}
 
 
-def eigen_table(scheme: Scheme, valence: int) -> EigenTable:
-    """Return the float64 eigenbasis of `scheme` around an interior vertex of `valence` >= 2.
+def eigen_table(scheme: Scheme, sector: Sector) -> EigenTable:
+    """Return the float64 eigenbasis of `scheme` around a special corner.
 
     Raises a ValueError, `UnsupportedSpectrum`, for masks that do not converge there.
     """
-    key = _key(scheme, valence)
+    key = _key(scheme, sector)
     text = json.dumps(key, sort_keys=True)
-    if text in _memory:
-        return _memory[text]
+    if text not in _memory:
+        arrays = _stored(key, _table_formats(sector), lambda: _derive(scheme, sector))
+        ring: FourierRing | DenseRing
+        if sector.kind in _FOURIER:
+            ring = FourierRing(**{name: arrays.pop(name) for name in _ring_formats(sector)})
+        else:
+            ring = _dense_ring(scheme, sector)
+        made = EigenTable(scheme, sector, MappingProxyType(key), ring, **arrays)
+        _memory.setdefault(text, made)
+    table: EigenTable = _memory[text]
+    return table
+
+
+def _dense_ring(scheme: Scheme, sector: Sector) -> DenseRing:
+    """The ring that all positions of a sector share."""
+    key = _key(scheme, Sector(sector.kind, sector.faces)) | {"position": "all"}
+    text = json.dumps(key, sort_keys=True)
+    if text not in _memory:
+        arrays = _stored(key, _ring_formats(sector), lambda: _derive_ring(scheme, sector))
+        _memory.setdefault(text, DenseRing(**arrays))
+    ring: DenseRing = _memory[text]
+    return ring
+
+
+def _key(scheme: Scheme, sector: Sector) -> dict[str, Any]:
+    smooth = sector.faces if sector.kind in ("interior", "dart") else None
+    place = {"kind": sector.kind, "faces": sector.faces, "position": sector.position}
+    return {"format": FORMAT, **place, **scheme.key(smooth)}
+
+
+def _stored(
+    key: dict[str, Any], formats: Formats, derive: Callable[[], dict[str, Array]]
+) -> dict[str, Array]:
+    """Arrays that belong to a key: shipped, cached, or derived and then cached; read-only."""
     name = _file_name(key)
-    table = _load(SHIPPED / name, scheme, key)
-    if table is None:
+    arrays = _load(SHIPPED / name, key, formats)
+    if arrays is None:
         directory = cache_directory()
-        table = _load(directory / name, scheme, key)
-        if table is None:
-            table = _derive(scheme, valence, key)
+        arrays = _load(directory / name, key, formats)
+        if arrays is None:
+            arrays = derive()
             try:
                 directory.mkdir(parents=True, exist_ok=True)
-                _write(directory / name, _encode(table))
+                _write(directory / name, _encode(arrays, key, formats))
             except OSError as error:
                 _warn_once(directory, error)
-    return _memory.setdefault(text, table)
-
-
-def _key(scheme: Scheme, valence: int) -> dict[str, Any]:
-    return {"format": FORMAT, "kind": "interior", "valence": valence, **scheme.key(valence)}
-
-
-def _file_name(key: dict[str, Any]) -> str:
-    text = json.dumps(key, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:32] + ".npz"
+    for array in arrays.values():
+        array.flags.writeable = False
+    return arrays
 
 
 def cache_directory() -> Path:
@@ -236,42 +328,64 @@ def write_shipped(directory: Path) -> list[Path]:
     """Write the tables that ship with the package into `directory`; return their paths."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
-    for valence in SHIPPED_VALENCES:
-        key = _key(CATMULL_CLARK, valence)
-        path = directory / _file_name(key)
-        _write(path, _encode(_derive(CATMULL_CLARK, valence, key)))
-        paths.append(path)
+    for sector in SHIPPED_SECTORS:
+        tables = [(_key(CATMULL_CLARK, sector), _table_formats(sector), _derive)]
+        if sector.kind not in _FOURIER and sector.position == 0:
+            key = {**tables[0][0], "position": "all"}
+            tables.append((key, _ring_formats(sector), _derive_ring))
+        for key, formats, derive in tables:
+            path = directory / _file_name(key)
+            _write(path, _encode(derive(CATMULL_CLARK, sector), key, formats))
+            paths.append(path)
     return paths
 
 
-def _derive(scheme: Scheme, valence: int, key: dict[str, Any]) -> EigenTable:
+def _file_name(key: dict[str, Any]) -> str:
+    text = json.dumps(key, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:32] + ".npz"
+
+
+def _derive(scheme: Scheme, sector: Sector) -> dict[str, Array]:
     """Derive a table and round it to float64."""
-    from limitsurf.exact.spectrum import mp, spectrum, to_fixed
+    from limitsurf.exact.fixed import mp
+    from limitsurf.exact.ring import FourierRing as FourierModes
+    from limitsurf.exact.spectrum import spectrum
 
-    def split(values: list[Any]) -> Array:
-        high = [float(x) for x in values]
-        return np.array([high, [float(x - h) for x, h in zip(values, high, strict=True)]])
+    result = spectrum(scheme, sector)
+    values = [mp.sign(x) * abs(x) if isinstance(x, mp.mpf) else abs(x) for x in result.eigenvalues]
+    high = [float(x) for x in values]
+    arrays = {
+        "eigenvalues": np.array([high, [float(x - h) for x, h in zip(values, high, strict=True)]]),
+        "pieces": _rounded(result.pieces),
+        "chains": np.array(result.chains, dtype=np.int64),
+        "pairs": np.array(result.pairs, dtype=np.int64),
+        "angles": np.array([float(mp.arg(result.eigenvalues[k])) for k in result.pairs]),
+        "normal": np.array(result.normal, dtype=np.int64),
+        "links": _rounded(result.G),
+        "outer": _rounded(result.Winv),
+        "order": np.array(result.order),
+    }
+    if isinstance(result.ring, FourierModes):
+        arrays |= _fourier_arrays(result.ring)
+    return arrays
 
-    result = spectrum(scheme, valence)
-    turn = [mp.mpf(f) / valence for f in range(valence // 2 + 1)]
-    half_turn = [[float(wave(x)) for x in turn] for wave in (mp.cospi, mp.sinpi)]
-    return _frozen(
-        scheme,
-        key,
-        {
-            "eigenvalues": split(result.eigenvalues),
-            "pieces": _rounded(result.pieces),
-            "chains": np.array(result.chains, dtype=np.int64),
-            "smooth": np.array(result.smooth),
-            "frequency": np.array([mode.frequency for mode in result.modes]),
-            "parity": np.array([mode.parity for mode in result.modes]),
-            "left": _rounded(to_fixed([mode.left for mode in result.modes])),
-            "half_turn": np.array(half_turn),
-            "links": _rounded(result.G),
-            "outer": _rounded(result.Winv),
-            "order": np.array(result.order),
-        },
-    )
+
+def _derive_ring(scheme: Scheme, sector: Sector) -> dict[str, Array]:
+    from limitsurf.exact.spectrum import ring_basis
+
+    return {"left": _rounded(ring_basis(scheme, sector).left())}
+
+
+def _fourier_arrays(ring: FourierModes) -> dict[str, Array]:
+    from limitsurf.exact.fixed import mp, to_fixed
+
+    turn = [mp.mpf(f) / ring.faces for f in range(ring.faces // 2 + 1)]
+    return {
+        "frequency": np.array([mode.frequency for mode in ring.modes]),
+        "parity": np.array([mode.parity for mode in ring.modes]),
+        "left": _rounded(to_fixed([mode.left for mode in ring.modes])),
+        "half_turn": np.array([[float(wave(x)) for x in turn] for wave in (mp.cospi, mp.sinpi)]),
+    }
 
 
 def _rounded(fixed: Array) -> Array:
@@ -279,7 +393,7 @@ def _rounded(fixed: Array) -> Array:
 
     What is left of an exact zero after rounding to 96 digits is zero again.
     """
-    from limitsurf.exact.spectrum import BITS
+    from limitsurf.exact.fixed import BITS
 
     unit, noise = 1 << BITS, 1 << 32
     numbers = [x / unit if abs(x) > noise else 0.0 for x in fixed.ravel()]
@@ -288,40 +402,50 @@ def _rounded(fixed: Array) -> Array:
     return array
 
 
-def _frozen(scheme: Scheme, key: dict[str, Any], arrays: dict[str, Array]) -> EigenTable:
-    for array in arrays.values():
-        array.flags.writeable = False
-    smooth = bool(arrays["smooth"])
-    rest = {name: array for name, array in arrays.items() if name != "smooth"}
-    return EigenTable(scheme, MappingProxyType(key), **rest, smooth=smooth)
+# arrays of a file: type and shape
+Formats: TypeAlias = dict[str, tuple[str, tuple[int, ...]]]
 
 
-# the arrays of a table: type and, by valence, shape
-_FORMATS: dict[str, tuple[str, Callable[[int], tuple[int, ...]]]] = {
-    "eigenvalues": ("<f8", lambda n: (2, 2 * n + 8)),
-    "pieces": ("<f8", lambda n: (3, 16, 2 * n + 8)),
-    "chains": ("<i8", lambda n: (-1,)),  # of any length
-    "smooth": ("|b1", lambda n: ()),
-    "frequency": ("<i8", lambda n: (2 * n + 1,)),
-    "parity": ("<i8", lambda n: (2 * n + 1,)),
-    "left": ("<f8", lambda n: (2 * n + 1, 3)),
-    "half_turn": ("<f8", lambda n: (2, n // 2 + 1)),
-    "links": ("<f8", lambda n: (7, 2 * n + 1)),
-    "outer": ("<f8", lambda n: (7, 7)),
-    "order": ("<i8", lambda n: (2 * n + 8,)),
-}
+def _table_formats(sector: Sector) -> Formats:
+    """The arrays of a table; -1 is any length."""
+    size, ring, outer = sector.size, sector.ring, len(sector.outer)
+    formats: Formats = {
+        "eigenvalues": ("<f8", (2, size)),
+        "pieces": ("<f8", (3, 16, size)),
+        "chains": ("<i8", (-1,)),
+        "pairs": ("<i8", (-1,)),
+        "angles": ("<f8", (-1,)),
+        "normal": ("<i8", (-1,)),
+        "links": ("<f8", (outer, ring)),
+        "outer": ("<f8", (outer, outer)),
+        "order": ("<i8", (size,)),
+    }
+    return formats | (_ring_formats(sector) if sector.kind in _FOURIER else {})
 
 
-def _encode(table: EigenTable) -> bytes:
-    """The bytes of a table's file: the same for the same table, everywhere."""
+def _ring_formats(sector: Sector) -> Formats:
+    """The arrays of a ring."""
+    ring = sector.ring
+    if sector.kind not in _FOURIER:
+        return {"left": ("<f8", (ring, ring))}
+    return {
+        "frequency": ("<i8", (ring,)),
+        "parity": ("<i8", (ring,)),
+        "left": ("<f8", (ring, 3)),
+        "half_turn": ("<f8", (2, sector.faces // 2 + 1)),
+    }
+
+
+def _encode(arrays: dict[str, Array], key: dict[str, Any], formats: Formats) -> bytes:
+    """The bytes of a file: the same for the same arrays, everywhere."""
     members = {}
-    for name, (kind, _) in _FORMATS.items():
+    for name, (kind, _) in formats.items():
         buffer = io.BytesIO()
-        array = np.asarray(getattr(table, name), dtype=kind, order="C")
+        array = np.asarray(arrays[name], dtype=kind, order="C")
         np.lib.format.write_array(buffer, array, version=(1, 0), allow_pickle=False)
         members[name + ".npy"] = buffer.getvalue()
     digest = hashlib.sha256(b"".join(members.values())).hexdigest()
-    header = json.dumps({"key": dict(table.provenance), "sha256": digest}, sort_keys=True, indent=1)
+    header = json.dumps({"key": key, "sha256": digest}, sort_keys=True, indent=1)
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
         for name, content in {"key.json": header.encode(), **members}.items():
@@ -331,8 +455,8 @@ def _encode(table: EigenTable) -> bytes:
     return buffer.getvalue()
 
 
-def _load(path: Path, scheme: Scheme, key: dict[str, Any]) -> EigenTable | None:
-    """Read a table; None when the file is not there, or is not exactly what it should be."""
+def _load(path: Path, key: dict[str, Any], formats: Formats) -> dict[str, Array] | None:
+    """Read a file; None when it is not there, or is not exactly what it should be."""
     try:
         content = path.read_bytes()
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -340,19 +464,20 @@ def _load(path: Path, scheme: Scheme, key: dict[str, Any]) -> EigenTable | None:
                 name: np.lib.format.read_array(
                     io.BytesIO(archive.read(name + ".npy")), allow_pickle=False
                 )
-                for name in _FORMATS
+                for name in formats
             }
     except Exception:  # whatever a broken or foreign file makes the readers raise
         return None
-    for name, (kind, shape) in _FORMATS.items():
+    for name, (kind, shape) in formats.items():
         array = arrays[name]
         if array.dtype.str != kind or not np.isfinite(array).all():
             return None
-        if array.shape != shape(key["valence"]) and shape(key["valence"]) != (-1,):
+        if array.ndim != len(shape) or any(
+            n not in (-1, m) for n, m in zip(shape, array.shape, strict=True)
+        ):
             return None
-    table = _frozen(scheme, key, arrays)
     # the key, the digest and all that a zip archive has room for
-    return table if _encode(table) == content else None
+    return arrays if _encode(arrays, key, formats) == content else None
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -388,49 +513,101 @@ def _warn_once(directory: Path, error: OSError) -> None:
 
 @dataclass(frozen=True, eq=False)
 class RationalTable:
-    """One refinement step around an interior vertex as sparse integers over one denominator.
+    """One refinement step around a special corner as sparse integers over one denominator.
 
     Attributes
     ----------
-    valence : int
+    sector : Sector
+    n_rows : int
+        Number of refined points: the control points, then more that the pieces take.
     rows, columns, numerators : (nnz,)
-        Refined points from control points, (2 N + 17, 2 N + 8), sorted by column; the first
-        ``2 N + 8`` rows are the matrix A. The numerators are Python integers.
+        Refined points from control points, (n_rows, K), sorted by column; the first K rows are the
+        matrix A. The numerators are Python integers.
     denominator : int
     pieces : (3, 16)
         Rows that are the control points of the three regular pieces, index ``4 j + i``.
-    limit_mask : (3,) tuple of Fraction
-        Weights of the vertex, of each edge neighbour and of each face corner in the limit.
+    limit_mask : (K,) of Fraction
+        Weights of the control points in the limit.
     """
 
-    valence: int
+    sector: Sector
+    n_rows: int
     rows: Array
     columns: Array
     numerators: Array
     denominator: int
     pieces: Array
-    limit_mask: tuple[Fraction, Fraction, Fraction]
+    limit_mask: Array
+
+    def projected(self, row: Array, eigenvalue: Fraction) -> Array:
+        """The part of a row (K,) in the space of left eigenvectors of a semisimple eigenvalue."""
+        from limitsurf.exact.fixed import null_space, reduced
+
+        size = self.sector.size
+        A = [[Fraction(0)] * size for _ in range(size)]
+        square = self.rows < size
+        for i, j, x in zip(
+            self.rows[square], self.columns[square], self.numerators[square], strict=True
+        ):
+            A[i][j] += Fraction(x, self.denominator)
+        for k in range(size):
+            A[k][k] -= eigenvalue
+        right = np.array(null_space(A), dtype=object)
+        left = np.array(null_space([list(column) for column in zip(*A, strict=True)]), dtype=object)
+        # row = x left + rest with rest . right = 0
+        gram = [[*g, h] for g, h in zip((right @ left.T).tolist(), right @ row, strict=True)]
+        part = np.array([solved[-1] for solved in reduced(gram)], dtype=object)
+        return np.asarray(part @ left)
 
 
-def rational_table(scheme: Scheme, valence: int) -> RationalTable:
-    """Return the exact refinement step of `scheme` around an interior vertex of `valence`."""
+def rational_table(scheme: Scheme, sector: Sector) -> RationalTable:
+    """Return the exact refinement step of `scheme` around a special corner."""
     from limitsurf.exact.matrices import subdivision_matrix
 
-    return _rational_table(subdivision_matrix(scheme, valence))
+    return _rational_table(subdivision_matrix(scheme, sector), scheme)
 
 
 @lru_cache(maxsize=64)
-def _rational_table(matrix: SubdivisionMatrix) -> RationalTable:
-    from limitsurf.exact.spectrum import limit_mask
-
+def _rational_table(matrix: SubdivisionMatrix, scheme: Scheme) -> RationalTable:
     entries = sorted((c, r, w) for r, row in enumerate(matrix.rows) for c, w in row.items())
     denominator = lcm(*(w.denominator for _, _, w in entries))
     numerators = np.empty(len(entries), dtype=object)
     numerators[:] = [int(w * denominator) for _, _, w in entries]
     columns, rows = np.array([(c, r) for c, r, _ in entries]).T
-    pieces = np.array(matrix.pieces)
-    mask = limit_mask(matrix)
-    return RationalTable(matrix.valence, rows, columns, numerators, denominator, pieces, mask)
+    pieces, sector = np.array(matrix.pieces), matrix.sector
+    mask = np.full(sector.size, Fraction(0), dtype=object)
+    mask[: sector.ring] = limit_mask(scheme, sector.kind, sector.faces, object)
+    count = len(matrix.rows)
+    return RationalTable(sector, count, rows, columns, numerators, denominator, pieces, mask)
+
+
+@dataclass(frozen=True, eq=False)
+class StripTables:
+    """Splines across semi-sharp creases, for several sharpnesses.
+
+    Attributes
+    ----------
+    first, depth : (n,) int
+        First piece of each sharpness, and its halvings towards the crease.
+    pieces : (sum of depth + 1, 4, 4)
+        Coefficients of the powers of the piece's parameter for the four rows of control points
+        across the crease, of which the second is on it; float64 or exact.
+    """
+
+    first: Array
+    depth: Array
+    pieces: Array
+
+
+def strip_tables(scheme: Scheme, sharpness: Array, dtype: Any) -> StripTables:
+    """Pieces of the splines across creases of the given sharpnesses, each in (0, INFINITE)."""
+    from limitsurf.exact.creases import strip_pieces
+
+    found = [strip_pieces(scheme, Fraction(s)) for s in sharpness.tolist()]
+    depth = np.array([len(pieces) - 1 for pieces in found], dtype=np.int64)
+    values = [x for pieces in found for piece in pieces for row in piece for x in row]
+    first = np.cumsum(depth + 1) - depth - 1
+    return StripTables(first, depth, _numbers(values, dtype).reshape(-1, 4, 4))
 
 
 def corner_weights(scheme: Scheme, sizes: Array, dtype: Any) -> Array:
@@ -450,16 +627,19 @@ def vertex_weights(scheme: Scheme, valences: Array, dtype: Any) -> Array:
     return np.asarray(table.reshape(-1, 3)[kind])
 
 
-def limit_weights(scheme: Scheme, valence: int, dtype: Any) -> Array:
-    """Limit position of an interior vertex among quads: vertex, neighbour, face corner, (3,)."""
-    return _numbers(list(rational_table(scheme, valence).limit_mask), dtype)
+def limit_mask(scheme: Scheme, kind: str, faces: int, dtype: Any) -> Array:
+    """Weights of the ring in the limit position of its vertex, (ring,)."""
+    from limitsurf.exact.sectors import limit_weights
+
+    return _numbers(limit_weights(scheme, Sector(kind, faces)), dtype)
 
 
-def boundary_limit_weights(scheme: Scheme, dtype: Any) -> Array:
-    """Limit position on a smooth boundary curve: the vertex and each boundary neighbour, (2,)."""
-    from limitsurf.exact.spectrum import boundary_limit_mask
-
-    return _numbers(list(boundary_limit_mask(scheme)), dtype)
+def normal_masks(scheme: Scheme, kind: str, faces: int) -> Array:
+    """Weights of the ring in the vectors of `EigenTable.normal_pairs`, (2 or 0, 2, ring)."""
+    sector = Sector(kind, faces)
+    table = eigen_table(scheme, sector)
+    masks = table.left_vectors(table.normal_pairs.ravel())[:, : sector.ring]
+    return masks.reshape(-1, 2, sector.ring)
 
 
 def one(dtype: Any) -> Array:
@@ -476,122 +656,28 @@ def rule_weights(scheme: Scheme, dtype: Any) -> tuple[Array, Array, Array]:
     )
 
 
+def edge_face_weights(scheme: Scheme, smooth_triangles: bool, dtype: Any) -> Array:
+    """What a triangle and what another face contributes to the face weight of its edges, (2,)."""
+    face = scheme.edge[1]
+    triangle = scheme.smooth_triangle if smooth_triangles else None
+    return _numbers([face if triangle is None else triangle, face], dtype)
+
+
+def chaikin_weights(dtype: Any) -> Array:
+    """Shares of an edge's own sharpness and of the others' mean, (2,)."""
+    return _numbers(list(CHAIKIN), dtype)
+
+
+def is_infinite(sharpness: Array) -> Array:
+    """Whether sharpness never falls, elementwise."""
+    return np.asarray(sharpness >= INFINITE, dtype=bool)
+
+
 def _numbers(values: list[Fraction], dtype: Any) -> Array:
     """Fractions in an object array, or float64 correctly rounded."""
     array = np.empty(len(values), dtype=object)
     array[:] = values
     return array if dtype == object else array.astype(float)
-
-
-class Eigenbasis:
-    """Eigenstructure of a scheme around an interior vertex, exactly and in float64.
-
-    Attributes
-    ----------
-    scheme, valence, provenance
-        What it belongs to, and all that its numbers depend on.
-    exact : SymbolicBasis
-        sympy expressions, made on first use.
-    float64 : EigenTable
-        The same numbers rounded from 96 digits.
-
-    Both have ``eigenvalues``, ``A``, ``V``, ``J``, ``Vinv``, ``residual`` (``A V - V J``),
-    ``limit_mask`` and ``tangent_masks``.
-
-    Examples
-    --------
-    >>> import limitsurf as ls
-    >>> basis = ls.eigenbasis("catmull-clark", valence=3)
-    >>> basis.exact.eigenvalues[1]
-    sqrt(17)/32 + 9/32
-    >>> basis.exact.residual.is_zero_matrix
-    True
-    """
-
-    def __init__(self, scheme: Scheme, valence: int) -> None:
-        self.scheme = scheme
-        self.valence = valence
-        self.float64 = eigen_table(scheme, valence)
-        self.provenance = {**self.float64.provenance, "paper": scheme.paper}
-
-    @cached_property
-    def exact(self) -> SymbolicBasis:
-        """The eigenbasis as sympy expressions."""
-        from limitsurf.exact.symbolic import SymbolicBasis
-
-        return SymbolicBasis(self.scheme, self.valence)
-
-    def _distinct(self) -> list[tuple[float, int]]:
-        values, counts = np.unique(self.float64.eigenvalues[0], return_counts=True)
-        return sorted(zip(values.tolist(), counts.tolist(), strict=True), key=lambda p: -abs(p[0]))
-
-    def __repr__(self) -> str:
-        spectrum = ", ".join(
-            f"{value:.6g}" + (f" (x{count})" if count > 1 else "")
-            for value, count in self._distinct()[:6]
-        )
-        return (
-            f"<Eigenbasis of {self.scheme.name} at interior valence {self.valence}: "
-            f"{self.float64.size} control points, eigenvalues {spectrum}, ...>"
-        )
-
-    def _repr_latex_(self) -> str:
-        import sympy
-
-        counts: dict[Any, int] = {}
-        for value in self.exact.eigenvalues:
-            counts[value] = counts.get(value, 0) + 1
-        terms = [
-            sympy.latex(value) + (rf"\;(\times {count})" if count > 1 else "")
-            for value, count in counts.items()
-        ]
-        return (
-            rf"$\displaystyle \text{{{self.scheme.name}, }} N = {self.valence}: \quad "
-            rf"\lambda \in \left\{{ {', '.join(terms)} \right\}}$"
-        )
-
-
-def eigenbasis(scheme: str | Scheme, valence: int) -> Eigenbasis:
-    """Eigenvalues, eigenvectors and limit masks of a scheme around an interior vertex.
-
-    The subdivision matrix acts on the ``K = 2 * valence + 8`` control points of a quad with one
-    extraordinary corner (Stam 1998, section 3); their order is drawn in ``exact/matrices.py``.
-
-    Parameters
-    ----------
-    scheme : str or Scheme
-        A name such as "catmull-clark", or a scheme of your own.
-    valence : int
-        Number of faces around the vertex, at least 2.
-
-    Returns
-    -------
-    Eigenbasis
-        With `.exact` (sympy) and `.float64` (numpy), each holding `eigenvalues` (K,), `A`, `V`,
-        `J`, `Vinv`, `residual` (K, K), `limit_mask` (K,) and `tangent_masks` (2, K).
-
-    Raises
-    ------
-    ValueError
-        For an unknown scheme, a valence below 2, or masks without a real Jordan basis.
-
-    Notes
-    -----
-    Derived in ``derivations/eigenstructure.py``. Valence 2 has no tangent plane in general: the
-    eigenvalue -1/4 ties with the subdominant 1/4; and its eigenvalue 1/8 has a Jordan block.
-
-    Examples
-    --------
-    >>> import limitsurf as ls
-    >>> basis = ls.eigenbasis("catmull-clark", valence=5)
-    >>> basis
-    <Eigenbasis of catmull-clark at interior valence 5: 18 control points, eigenvalues 1, ...>
-    >>> print(basis.exact.eigenvalues[1].evalf(20))
-    0.54998835451829717789
-    """
-    if not isinstance(valence, (int, np.integer)) or isinstance(valence, bool) or valence < 2:
-        raise ValueError(f"the valence of an interior vertex is an integer >= 2, got {valence!r}")
-    return Eigenbasis(find_scheme(scheme), int(valence))
 
 
 if __name__ == "__main__":

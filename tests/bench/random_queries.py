@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 import limitsurf as ls
+from limitsurf.patches import STRIP
 
 
 def cage(n: int, seed: int = 0) -> ls.Mesh:
@@ -65,7 +66,7 @@ def main() -> None:
     surface = ls.LimitSurface(mesh)
     face = rng.integers(len(surface.limit_faces), size=queries)
     u, v = rng.random((2, queries))
-    pole = np.flatnonzero(surface.patches.kind[surface.patches.codes.clip(0)] != 4)[:1]
+    pole = np.flatnonzero(surface.patches.kind[surface.patches.codes.clip(0)] > STRIP)[:1]
     some = 100_000
     figures = {
         "faces": mesh.n_faces,

@@ -20,7 +20,7 @@ def exact(values: Any) -> Array:
     array = np.asarray(values)
     if array.dtype != object:
         array = array.astype(object)
-    flat = [_rational(x) for x in array.ravel().tolist()]
+    flat = [x if type(x) is Fraction else _rational(x) for x in array.ravel().tolist()]
     result = np.empty(len(flat), dtype=object)
     result[:] = flat
     return result.reshape(array.shape)
@@ -106,31 +106,55 @@ def split_corner(s: Array, t: Array, up_s: Array, up_t: Array) -> tuple[Array, A
     S, T : (Q,)
         Parameters within the piece, in [0, 1], exact.
     """
-    far = np.int64(1 << 40)
-
-    def halvings(x: Array, up: Array) -> Array:
-        """Largest k with 2^k x <= 1 (< 1 where `up`, unless x is 1)."""
-        if x.dtype == object:
-            # -log2 from numerator and denominator, then corrected by one exactly
-            k = np.array([_floor_log2(1 / y) if y else far for y in x], dtype=np.int64)
-            whole = np.array([bool(y) and y * 2 ** int(j) == 1 for y, j in zip(x, k, strict=True)])
-            k = k - (whole & up)
-        else:
-            mantissa, exponent = np.frexp(x)
-            k = np.where((mantissa == 0.5) & ~up, 1 - exponent, -exponent).astype(np.int64)
-            k[x == 0] = far
-        return np.maximum(k, 0)
-
-    ks, kt = halvings(s, up_s), halvings(t, up_t)
+    ks, kt = _halvings(s, up_s), _halvings(t, up_t)
     level = np.minimum(ks, kt)
     high_s, high_t = ks == level, kt == level
-    corner = level == far
+    corner = level == _FAR
     level = np.where(corner, 0, level)
     S, T = scale_by_two(s, level + 1), scale_by_two(t, level + 1)
     S = np.where(high_s & ~corner, S - 1, S)
     T = np.where(high_t & ~corner, T - 1, T)
     piece = np.where(corner, 0, np.where(high_s, np.where(high_t, 1, 0), 2))
     return np.where(corner, -1, level), piece, S, T
+
+
+_FAR = np.int64(1 << 40)
+
+
+def _halvings(x: Array, up: Array) -> Array:
+    """Largest k >= 0 with 2^k x <= 1 (< 1 where `up`, unless x is 1); far for x = 0."""
+    if x.dtype == object:
+        # -log2 from numerator and denominator, then corrected by one exactly
+        k = np.array([_floor_log2(1 / y) if y else _FAR for y in x], dtype=np.int64)
+        ones = [bool(y) and y * 2 ** int(j) == 1 for y, j in zip(x, k, strict=True)]
+        whole = np.array(ones, dtype=bool)
+        k = k - (whole & up)
+    else:
+        mantissa, exponent = np.frexp(x)
+        k = np.where((mantissa == 0.5) & ~up, 1 - exponent, -exponent).astype(np.int64)
+        k[x == 0] = _FAR
+    return np.maximum(k, 0)
+
+
+def split_strip(t: Array, depth: Array, up: Array) -> tuple[Array, Array, Array]:
+    """Find the piece of a strip that holds each t: piece (Q,), parameter in it, its level.
+
+    Piece k < depth is the upper half after k halvings towards t = 0; the last piece, of number
+    `depth`, is what then is left. On a line between two the upper one is taken where `up`.
+    """
+    k = np.minimum(_halvings(t, up), depth)
+    level = np.minimum(k + 1, depth)
+    T = scale_by_two(t, level)
+    return k, np.where(k < depth, T - 1, T), level
+
+
+def monomials(x: Array, degree: int) -> Array:
+    """Powers 0 to `degree` of x (Q,), (Q, degree + 1)."""
+    powers = np.empty((len(x), degree + 1), dtype=x.dtype)
+    powers[:, 0] = Fraction(1) if x.dtype == object else 1.0
+    for k in range(degree):
+        powers[:, k + 1] = powers[:, k] * x
+    return powers
 
 
 def _floor_log2(x: Fraction) -> int:
@@ -189,23 +213,26 @@ def ring_weights(
 
 
 def differences(
-    indptr: Array,
-    columns: Array,
-    values: Array,
-    points: Array,
-    anchor: Array,
-    offset: Array,
-    row_anchor: Array,
+    indptr: Array, columns: Array, values: Array, high: Array, low: Array, own: Array
 ) -> Array:
     """Sparse rows times points, each row formed relative to a point of its own, (rows, d).
 
-    Point c is ``points[anchor[c]] + offset[c]``; the row r gives the sum of
-    ``values * (point - points[row_anchor[r]])``: no digits are lost far from the origin.
+    Points are unevaluated sums high + low; row r gives the sum of
+    ``values * (point - point[own[r]])``: no digits are lost far from the origin, nor among points
+    that are close to each other.
     """
-    counts = np.diff(indptr)
-    own = np.repeat(row_anchor, counts)
-    terms = values[:, None] * (points[anchor[columns]] - points[own] + offset[columns])
-    return np.asarray(np.add.reduceat(terms, indptr[:-1], axis=0)) if len(columns) else terms
+    if not len(columns):
+        return np.zeros((len(indptr) - 1, high.shape[1]))
+    near = np.repeat(own, np.diff(indptr))
+    terms = values[:, None] * (high[columns] - high[near] + (low[columns] - low[near]))
+    return np.asarray(np.add.reduceat(terms, indptr[:-1], axis=0))
+
+
+def two_sum(a: Array, b: Array) -> tuple[Array, Array]:
+    """The rounded sum and its rounding error, exactly (Knuth 1969)."""
+    total = a + b
+    part = total - a
+    return total, (a - (total - part)) + (b - part)
 
 
 def unit(vectors: Array, noise: Array) -> Array:

@@ -5,7 +5,8 @@ topological meshes", Computer-Aided Design 10 (1978): with ``Q`` the mean of the
 ``R`` the mean of the edge midpoints around a vertex ``S`` of valence ``N``, the vertex point is
 ``(Q + 2 R + (N - 3) S) / N``. Writing ``R = S / 2 + mean(neighbours) / 2`` gives the mask below.
 Boundary rules after DeRose, Kass and Truong, "Subdivision surfaces in character animation",
-SIGGRAPH 1998, section 3. Derived in ``derivations/masks_bicubic.py``.
+SIGGRAPH 1998, section 3. Derived in ``derivations/masks_bicubic.py``. The weight of triangles under
+the rule "smooth" is OpenSubdiv's.
 """
 
 from __future__ import annotations
@@ -32,4 +33,5 @@ CATMULL_CLARK = Scheme(
     boundary_edge=Fraction(1, 2),
     boundary_vertex=(Fraction(3, 4), Fraction(1, 8)),
     paper="Catmull and Clark 1978; DeRose, Kass and Truong 1998 (boundaries)",
+    smooth_triangle=Fraction(47, 100),
 )

@@ -8,8 +8,9 @@ A primal quadrilateral scheme computes, in this order,
 * a *vertex point* for every interior vertex of valence ``N``: ``vertex(N)[0]`` times itself, plus
   ``vertex(N)[1]`` times each of its ``N`` edge neighbours, plus ``vertex(N)[2]`` times each of the
   ``N`` face points around it;
-* on a boundary, ``boundary_edge`` times each end point, and ``boundary_vertex[0]`` times the vertex
-  plus ``boundary_vertex[1]`` times each of its two boundary neighbours.
+* on boundaries and creases, ``boundary_edge`` times each end point, and ``boundary_vertex[0]``
+  times the vertex plus ``boundary_vertex[1]`` times each of its two neighbours there (which of
+  these applies where, and how they blend, is told in ``exact/creases.py``).
 
 Everything else in the library (matrices, spectra, refinement, evaluation) is derived from these.
 """
@@ -44,6 +45,10 @@ class Scheme:
         Weight of the vertex, and of each boundary neighbour, in a smooth boundary's vertex point.
     paper : str
         Where the masks are published.
+    smooth_triangle : Fraction, optional
+        Under the triangle rule "smooth", what a triangle contributes instead of ``edge[1]`` to the
+        common weight of the two face points in an edge point, the mean of its two faces'
+        contributions; the end points share the rest. None if there is no such rule.
 
     Raises
     ------
@@ -73,6 +78,7 @@ class Scheme:
     boundary_edge: Fraction
     boundary_vertex: tuple[Fraction, Fraction]
     paper: str
+    smooth_triangle: Fraction | None = None
 
     def __post_init__(self) -> None:
         # tuples of Fractions, whatever sequences and integers were given
@@ -104,14 +110,16 @@ class Scheme:
         """Weights of an interior vertex, of each edge neighbour, of each face point, shape (3,)."""
         return self._check(f"vertex({valence})", self.vertex(valence), (1, valence, valence))
 
-    def key(self, valence: int) -> dict[str, Any]:
-        """All that the subdivision matrix around an interior vertex of `valence` depends on."""
+    def key(self, valence: int | None) -> dict[str, Any]:
+        """All that a subdivision matrix depends on; `valence` if that of a smooth vertex does."""
         masks = {
             "face(4)": self.face_mask(4),
             "edge": self.edge,
             "vertex(4)": self.vertex_mask(4),
-            f"vertex({valence})": self.vertex_mask(valence),
+            "boundary": (self.boundary_edge, *self.boundary_vertex),
         }
+        if valence is not None:
+            masks[f"vertex({valence})"] = self.vertex_mask(valence)
         return {"scheme": self.name, "masks": {k: [str(w) for w in v] for k, v in masks.items()}}
 
     def _check(

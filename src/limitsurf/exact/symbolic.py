@@ -6,33 +6,65 @@ denominators is a polynomial in s and lambda, except for the factor sin(pi f / N
 modes. So ``A v - lambda v`` is a polynomial too, and to vanish modulo the characteristic
 polynomial and the polynomial whose roots are ``cos(pi f / N)``, f odd or f even, proves all
 frequencies of that parity at once. See ``derivations/eigenstructure.py``.
+
+`SymbolicBasis` does what all kinds of corners share, with one of several rings: that of smooth and
+conical vertices is here, those of creases, corners and darts are in ``exact/symbolic_sectors.py``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
-from functools import cached_property
-from typing import Any
+from functools import cached_property, reduce
+from typing import Any, Protocol
 
 import sympy
 from sympy.polys.domains import QQ
 from sympy.polys.rings import ring as polynomial_ring
 
-from limitsurf.exact import spectrum as numeric
-from limitsurf.exact.matrices import subdivision_matrix
+from limitsurf.exact.fixed import EQUAL, to_mpf
+from limitsurf.exact.matrices import Sector, SubdivisionMatrix, subdivision_matrix
+from limitsurf.exact.ring import centre_block, centre_quadratic, ring_generators, ring_modes
 from limitsurf.exact.scheme import Scheme
+from limitsurf.exact.sectors import limit_weights
+from limitsurf.exact.spectrum import outer_eigenbasis, spectrum
 
 # polynomials in an eigenvalue l and in s; with l first, a polynomial that is monic in l and one in
 # s alone are a Groebner basis, so that remainders decide
-_RING, _l, _s = polynomial_ring("l, s", QQ)
+RING, L, S = polynomial_ring("l, s", QQ)
+
+# a column of polynomials in L and S, and the polynomials modulo which it is an eigenvector for L
+Family = tuple[list[Any], list[Any]]
 
 
-def _rational(x: Fraction) -> Any:
+def rational(x: Fraction) -> Any:
     return sympy.Rational(x.numerator, x.denominator)
 
 
-def _constant(x: Fraction) -> Any:
-    return _RING(QQ(x.numerator, x.denominator))
+def constant(x: Fraction) -> Any:
+    return RING(QQ(x.numerator, x.denominator))
+
+
+class Ring(Protocol):
+    """The eigenvectors of a ring, numbered as in `Spectrum.ring`."""
+
+    # modulus and argument of each complex pair, by its first eigenvalue
+    rotations: dict[int, tuple[Any, Any]]
+
+    def eigenvalue(self, k: int) -> Any:
+        """Eigenvalue k."""
+
+    def right(self, k: int) -> list[Any]:
+        """Right eigenvector k, (ring,)."""
+
+    def left(self, k: int) -> list[Any]:
+        """Left eigenvector k, (ring,)."""
+
+    def rational(self, k: int) -> list[Fraction] | None:
+        """Right eigenvector k, if that and its eigenvalue are rational by construction."""
+
+    def families(self) -> Iterator[Family]:
+        """All the others, as polynomials."""
 
 
 class SymbolicBasis:
@@ -41,56 +73,50 @@ class SymbolicBasis:
     Attributes are computed when first asked for; ``V`` and ``Vinv`` of a large valence N are
     ``(2 N + 8)^2`` expressions. Trigonometric values stay symbolic; ``.evalf(digits)`` or
     ``sympy.N`` turn any entry into as many digits as are wanted.
+
+    Parameters
+    ----------
+    scheme : Scheme
+    valence : int or Sector
+        Of a smooth vertex; or a sector of kind "interior" or "cone".
     """
 
-    def __init__(self, scheme: Scheme, valence: int) -> None:
-        self.valence = valence
-        self._matrix = subdivision_matrix(scheme, valence)
-        self._numeric = numeric.spectrum(scheme, valence)
-        ring, size = 2 * valence + 1, self._matrix.size
+    def __init__(self, scheme: Scheme, valence: int | Sector) -> None:
+        self.sector = valence if isinstance(valence, Sector) else Sector("interior", valence)
+        self.valence = self.sector.faces
+        self._scheme = scheme
+        self._matrix = subdivision_matrix(scheme, self.sector)
+        self._numeric = spectrum(scheme, self.sector)
+        ring, size = self.sector.ring, self.sector.size
         rows = self._matrix.rows[ring:size]
-        self._outer = [[row.get(ring + j, Fraction(0)) for j in range(7)] for row in rows]
+        block = [[row.get(j, Fraction(0)) for j in range(ring, size)] for row in rows]
         self._coupling = [{c: w for c, w in row.items() if c < ring} for row in rows]
-        self._values, self._W, self._Winv = numeric.outer_eigenbasis(self._outer)
-        self._generators = numeric.ring_generators(self._matrix)
-        self._modes = self._numeric.modes
-        # eigenvalues of the block of frequency f, as functions of s: (trace +- factor root) / 2
-        block = self._block
-        self._trace = block["ee"] + block["ff"]
-        square = (block["ee"] - block["ff"]) ** 2 + 4 * block["ef"] * block["fe"]
-        unit, factors = square.factor_list()
-        root = _square_root(Fraction(int(unit.numerator), int(unit.denominator)))
-        self._factor = _RING(1) if root is None else _constant(root)
-        self._radicand = _RING(unit if root is None else 1)
-        for factor, power in factors:
-            self._factor *= factor ** (power // 2)
-            self._radicand *= factor ** (power % 2)
+        self._values, self._W, self._Winv = outer_eigenbasis(block)
+        # the end of the Jordan chain of each ring vector that heads one
+        order, chains = self._numeric.order, self._numeric.chains
+        self._ends = {order[k]: order[k - 1] for k in chains}
 
     @cached_property
-    def _block(self) -> dict[str, Any]:
-        """Entries of the 2 x 2 block as polynomials in s: cos(k theta / 2) is T_k(s)."""
-        offset = {"ee": 0, "ff": 0, "ef": 1, "fe": -1}
-        return {
-            name: sum(
-                (_constant(w) * _chebyshev(2 * j + offset[name], 0) for j, w in row.items()),
-                _RING(0),
-            )
-            for name, row in self._generators.items()
-        }
+    def _ring(self) -> Ring:
+        return FourierRing(self._matrix)
 
     # ---------------------------------------------------------------- expressions
 
     @cached_property
     def eigenvalues(self) -> tuple[Any, ...]:
         """All eigenvalues with multiplicity, by decreasing modulus, (K,)."""
-        return tuple(self._eigenvalue(k) for k in self._numeric.order)
+        ring = self.sector.ring
+        return tuple(
+            self._ring.eigenvalue(k) if k < ring else rational(self._values[k - ring])
+            for k in self._numeric.order
+        )
 
     @cached_property
     def A(self) -> Any:
         """Subdivision matrix, rational, (K, K)."""
-        size = self._matrix.size
+        size = self.sector.size
         entries = {
-            (i, j): _rational(w)
+            (i, j): rational(w)
             for i, row in enumerate(self._matrix.rows[:size])
             for j, w in row.items()
         }
@@ -98,67 +124,68 @@ class SymbolicBasis:
 
     @cached_property
     def J(self) -> Any:
-        """Jordan matrix, (K, K); diagonal except, for Catmull-Clark, at valence 2."""
-        J = sympy.diag(*self.eigenvalues)
+        """Real Jordan matrix, (K, K): a pair a +- ib is the block [[a, b], [-b, a]]."""
+        return self.power(1)
+
+    def power(self, n: Any) -> Any:
+        """``J^n`` in closed form, (K, K), for a natural number or a symbol for one."""
+        n = sympy.sympify(n)
+        power = sympy.diag(*(value**n for value in self.eigenvalues))
         for k in self._numeric.chains:
-            J[k - 1, k] = 1
-        return J
+            power[k - 1, k] = n * self.eigenvalues[k] ** (n - 1)
+        for k in self._numeric.pairs:
+            modulus, angle = self._ring.rotations[self._numeric.order[k]]
+            cosine, sine = (modulus**n * wave(n * angle) for wave in (sympy.cos, sympy.sin))
+            power[k : k + 2, k : k + 2] = sympy.Matrix([[cosine, sine], [-sine, cosine]])
+        return power
 
     @cached_property
     def V(self) -> Any:
         """Right eigenvectors as columns, (K, K)."""
-        ring, size = 2 * self.valence + 1, self._matrix.size
+        ring, size = self.sector.ring, self.sector.size
         V = sympy.zeros(size, size)
-        W, _ = self._chained_outer
+        W, _ = self._outer
         for place, k in enumerate(self._numeric.order):
-            if k >= ring:
-                for i in range(7):
-                    V[ring + i, place] = _rational(W[i][k - ring])
-                continue
-            column = self._ring_values(k, self._right(k))
-            for i, value in enumerate(column):
+            column = self._right[k] if k < ring else [sympy.Integer(0)] * ring
+            below = _times(W, self._links(k)) if k < ring else [rational(r[k - ring]) for r in W]
+            for i, value in enumerate([*column, *below]):
                 V[i, place] = value
-            for i, value in enumerate(self._extension(k, column)):
-                V[ring + i, place] = value
         return V
 
     @cached_property
     def Vinv(self) -> Any:
         """Left eigenvectors as rows, (K, K): the inverse of V."""
-        ring, size = 2 * self.valence + 1, self._matrix.size
+        ring, size = self.sector.ring, self.sector.size
         rows = sympy.zeros(size, size)
         place = {k: i for i, k in enumerate(self._numeric.order)}
-        _, Winv = self._chained_outer
-        for m in range(7):
-            for j in range(7):
-                rows[place[ring + m], ring + j] = _rational(Winv[m][j])
-        left = {k: self._ring_values(k, self._left(k)) for k in range(ring)}
-        for k, values in left.items():
-            for i, value in enumerate(values):
-                rows[place[k], i] = value
-        # below: - G R^-1
+        _, Winv = self._outer
+        for m, row in enumerate(Winv):
+            for j, w in enumerate(row):
+                rows[place[ring + m], ring + j] = rational(w)
         for k in range(ring):
-            column = self._ring_values(k, self._right(k))
-            for m, g in enumerate(self._quotients(k, column)):
+            left = self._ring.left(k)
+            for i, value in enumerate(left):
+                rows[place[k], i] = value
+            # below: - G R^-1
+            for m, g in enumerate(self._links(k)):
                 if g != 0:
-                    for i, value in enumerate(left[k]):
+                    for i, value in enumerate(left):
                         rows[place[ring + m], i] -= g * value
         return rows
 
     @cached_property
     def limit_mask(self) -> tuple[Any, ...]:
         """Weights of the control points in the limit position, rationals, (K,)."""
-        own, neighbour, across = map(_rational, numeric.limit_mask(self._matrix))
-        return (own, *[neighbour, across] * self.valence, *[sympy.Integer(0)] * 7)
+        return self._padded(map(rational, limit_weights(self._scheme, self.sector)))
 
     @cached_property
-    def tangent_masks(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """Weights of the subdominant components, even and odd about the diagonal, (2, K)."""
-        first, second = (
-            (*self._ring_values(k, self._left(k)), *[sympy.Integer(0)] * 7)
-            for k in self._numeric.order[1:3]
-        )
-        return first, second
+    def tangent_masks(self) -> tuple[tuple[Any, ...], ...]:
+        """Weights of two vectors whose cross product is along the limit normal, (2, K) or (0, K).
+
+        At a smooth vertex the subdominant components, even and odd about the diagonal of the face.
+        """
+        order = self._numeric.order
+        return tuple(self._padded(self._ring.left(order[k])) for k in self._numeric.normal)
 
     @cached_property
     def residual(self) -> Any:
@@ -173,153 +200,85 @@ class SymbolicBasis:
             If the proof fails: then the basis is wrong.
         """
         self._prove()
-        return sympy.zeros(self._matrix.size, self._matrix.size)
+        return sympy.zeros(self.sector.size, self.sector.size)
 
     # ---------------------------------------------------------------- how they are made
 
-    def _s(self, frequency: int) -> Any:
-        return sympy.cos(sympy.pi * sympy.Rational(frequency, self.valence))
-
-    def _at(self, polynomial: Any, frequency: int) -> Any:
-        """A polynomial in s at s = cos(pi f / N), as an expression."""
-        value = self._s(frequency)
-        powers = polynomial.as_expr(sympy.Symbol("l"), value)
-        return powers if value.has(sympy.cos) else sympy.expand(powers)
-
-    def _high(self, k: int) -> bool:
-        """Whether ring mode k belongs to the larger of the two eigenvalues of its block."""
-        frequency = self._modes[k].frequency
-        if frequency == 0:
-            return k == 1
-        return (k - 3) % 4 < 2
-
-    def _eigenvalue(self, k: int) -> Any:
-        ring = 2 * self.valence + 1
-        if k >= ring:
-            return _rational(self._values[k - ring])
-        mode = self._modes[k]
-        sign = 1 if self._high(k) else -1
-        if mode.frequency == 0:
-            if k == 0:
-                return sympy.Integer(1)
-            trace, product = map(_rational, self._quadratic)
-            return (trace + sign * sympy.sqrt(trace**2 - 4 * product)) / 2
-        if 2 * mode.frequency == self.valence:
-            return self._at(self._block["ee" if mode.parity else "ff"], mode.frequency)
-        trace, factor, radicand = (
-            self._at(x, mode.frequency) for x in (self._trace, self._factor, self._radicand)
-        )
-        return sympy.expand_mul((trace + sign * factor * sympy.sqrt(radicand)) / 2)
+    def _padded(self, values: Any) -> tuple[Any, ...]:
+        return (*values, *[sympy.Integer(0)] * len(self._values))
 
     @cached_property
-    def _quadratic(self) -> tuple[Fraction, Fraction]:
-        return numeric.centre_quadratic(numeric.centre_block(self._matrix))
+    def _right(self) -> list[list[Any]]:
+        """Right eigenvectors of the ring."""
+        return [self._ring.right(k) for k in range(self.sector.ring)]
 
-    @cached_property
-    def _centre(self) -> Any:
-        """Right eigenvectors of frequency 0 as columns, (3, 3), last entries 1."""
-        block = numeric.centre_block(self._matrix)
-        columns = []
-        for k in range(3):
-            value = self._eigenvalue(k)
-            (a, b, c), (d, e, f) = (
-                [_rational(x) - value * int(i == j) for j, x in enumerate(block[i])] for i in (1, 2)
-            )
-            vector = [b * f - c * e, c * d - a * f, a * e - b * d]
-            scale = sympy.radsimp(vector[2])
-            if scale == 0:
-                scale = next(x for x in map(sympy.radsimp, vector) if x != 0)
-            columns.append([sympy.radsimp(x / scale) for x in vector])
-        return sympy.Matrix(columns).T
-
-    def _profile(self, k: int) -> tuple[Any, Any]:
-        """Right profile (edge neighbours, face corners) of a mode of frequency above 0."""
-        mode = self._modes[k]
-        if 2 * mode.frequency == self.valence:
-            return sympy.Integer(mode.parity), sympy.Integer(1 - mode.parity)
-        fe = self._at(self._block["fe"], mode.frequency)
-        ff = self._at(self._block["ff"], mode.frequency)
-        return (self._eigenvalue(k) - ff) / fe, sympy.Integer(1)
-
-    def _right(self, k: int) -> tuple[Any, Any, Any]:
-        if self._modes[k].frequency == 0:
-            return tuple(self._centre[:, k])
-        return (sympy.Integer(0), *self._profile(k))
-
-    def _left(self, k: int) -> tuple[Any, Any, Any]:
-        """Left profile, the norm included: rows of the inverse of the block of eigenvectors."""
-        n, mode = self.valence, self._modes[k]
-        if mode.frequency == 0:
-            a, b, c = self._centre_inverse[k, :]
-            return a, b / n, c / n
-        if 2 * mode.frequency == n:
-            e, f = self._profile(k)
-            return sympy.Integer(0), e / n, f / n
-        other = k + 2 if self._high(k) else k - 2
-        a, b = self._profile(k)[0], self._profile(other)[0]
-        # inverse of [[a, b], [1, 1]], and the norm N / 2 of cosines and sines
-        scale = 2 / (n * (a - b))
-        return sympy.Integer(0), scale, -b * scale
-
-    @cached_property
-    def _centre_inverse(self) -> Any:
-        inverse = self._centre.adjugate() / self._centre.det()
-        return inverse.applyfunc(sympy.radsimp)
-
-    def _ring_values(self, k: int, profile: tuple[Any, Any, Any]) -> list[Any]:
-        """A profile times its Fourier factor at the points of the ring, (2 N + 1,)."""
-        mode = self._modes[k]
-        wave = sympy.sin if mode.parity else sympy.cos
-        values = [profile[0]]
-        for step in range(-1, 2 * self.valence - 1):
-            turn = step * mode.frequency % (2 * self.valence)
-            factor = wave(sympy.pi * sympy.Rational(turn, self.valence))
-            values.append(profile[2 if (step + 1) % 2 else 1] * factor)
-        return values
-
-    def _numerators(self, k: int, column: list[Any]) -> list[Any]:
-        """W^-1 A_or times a ring vector, (7,)."""
-        coupled = [sum(_rational(w) * column[c] for c, w in row.items()) for row in self._coupling]
-        return _times(self._chained_outer[1], coupled)
-
-    def _meets(self, k: int) -> list[bool]:
-        """Which outer eigenvalues equal that of ring mode k, (7,)."""
-        value = self._modes[k].eigenvalue
-        return [abs(value - numeric.to_mpf(d)) < numeric.EQUAL for d in self._values]
-
-    def _quotients(self, k: int, column: list[Any]) -> list[Any]:
-        """Column k of G, (7,): 0 where the two eigenvalues are equal."""
-        value = self._eigenvalue(k)
-        numerators = self._numerators(k, column)
+    def _links(self, k: int) -> list[Any]:
+        """Column k of G, (outer,): 0 where the two eigenvalues are equal."""
+        if k in self._paired:
+            return self._paired[k]
+        value, end = self._ring.eigenvalue(k), self._ends.get(k, self.sector.ring)
+        numerators = self._numerators(k)
+        if end < self.sector.ring:
+            numerators = [x - y for x, y in zip(numerators, self._links(end), strict=True)]
+        meets = self._meets(k)
         return [
-            sympy.Integer(0) if meets or g == 0 else g / (value - _rational(d))
-            for g, d, meets in zip(numerators, self._values, self._meets(k), strict=True)
+            sympy.Integer(0) if meet or g == 0 else g / (value - rational(d))
+            for g, d, meet in zip(numerators, self._values, meets, strict=True)
         ]
 
-    def _extension(self, k: int, column: list[Any]) -> list[Any]:
-        """Outer values of ring mode k, (7,)."""
-        return _times(self._chained_outer[0], self._quotients(k, column))
+    @cached_property
+    def _paired(self) -> dict[int, list[Any]]:
+        """The columns of G that belong to complex pairs: real and imaginary parts of one."""
+        columns: dict[int, list[Any]] = {}
+        for k, (modulus, angle) in self._ring.rotations.items():
+            a, b = modulus * sympy.cos(angle), modulus * sympy.sin(angle)
+            real, imaginary = columns.setdefault(k, []), columns.setdefault(k + 1, [])
+            for x, y, d in zip(
+                self._numerators(k), self._numerators(k + 1), self._values, strict=True
+            ):
+                gap = a - rational(d)
+                real.append((x * gap + y * b) / (gap**2 + b**2))
+                imaginary.append((y * gap - x * b) / (gap**2 + b**2))
+        return columns
+
+    def _rational(self, k: int) -> list[Fraction]:
+        """Ring vector k of a Jordan chain; all those that are handled are rational."""
+        column = self._ring.rational(k)
+        if column is None:
+            raise ArithmeticError(f"{self.sector}: a Jordan chain of irrational vectors")
+        return column
+
+    def _numerators(self, k: int) -> list[Any]:
+        """W^-1 A_or times ring vector k, (outer,)."""
+        column = self._right[k]
+        coupled = [sum(rational(w) * column[c] for c, w in row.items()) for row in self._coupling]
+        return _times(self._outer[1], coupled)
+
+    def _meets(self, k: int) -> list[bool]:
+        """Which outer eigenvalues equal that of ring vector k, (outer,)."""
+        value = self._numeric.ring.values[k]
+        return [abs(value - to_mpf(d)) < EQUAL for d in self._values]
 
     @cached_property
-    def _chained_outer(self) -> tuple[list[list[Fraction]], list[list[Fraction]]]:
+    def _outer(self) -> tuple[list[list[Fraction]], list[list[Fraction]]]:
         """W and W^-1 with the ends of Jordan chains among the columns of W.
 
-        Chains occur only where everything is rational, at frequency 0.
+        Between ring and outer points there are chains only where everything is rational.
         """
         W, Winv = [list(row) for row in self._W], [list(row) for row in self._Winv]
-        order, ring = self._numeric.order, 2 * self.valence + 1
-        for place in self._numeric.chains:
-            k, end = order[place], order[place - 1] - ring
-            profile = [Fraction(str(sympy.nsimplify(x))) for x in self._centre[:, k]]
-            column = [profile[0], *profile[1:] * self.valence]
+        for k, end in self._ends.items():
+            end -= self.sector.ring
+            if end < 0:
+                continue
+            column = self._rational(k)
             coupled = [sum(w * column[c] for c, w in row.items()) for row in self._coupling]
             g = {
-                m: sum(x * y for x, y in zip(Winv[m], coupled, strict=True))
+                m: sum((x * y for x, y in zip(Winv[m], coupled, strict=True)), Fraction(0))
                 for m, meets in enumerate(self._meets(k))
                 if meets
             }
-            for i in range(7):
-                W[i][end] = sum((W[i][m] * x for m, x in g.items()), Fraction(0))
+            for row in W:
+                row[end] = sum((row[m] * x for m, x in g.items()), Fraction(0))
             Winv[end] = [x / g[end] for x in Winv[end]]
             for m in set(g) - {end}:
                 Winv[m] = [x - g[m] * y for x, y in zip(Winv[m], Winv[end], strict=True)]
@@ -329,165 +288,320 @@ class SymbolicBasis:
 
     def _prove(self) -> None:
         """Check ``A v = lambda v`` (+ the end of its chain) for all columns of V."""
-        n, ring = self.valence, 2 * self.valence + 1
-        # outer eigenvectors
-        W, Winv = self._chained_outer
-        for m, d in enumerate(self._values):
-            column = [_RING(0)] * ring + [_constant(row[m]) for row in W]
-            self._check(column, _constant(d), [])
-        identity = [[sum(x * W[j][c] for j, x in enumerate(r)) for c in range(7)] for r in Winv]
-        if identity != [[Fraction(i == j) for j in range(7)] for i in range(7)]:
+        ring = self.sector.ring
+        W, Winv = self._outer
+        size = range(len(W))
+        if [[sum(x * W[j][c] for j, x in enumerate(row)) for c in size] for row in Winv] != [
+            [i == j for j in size] for i in size
+        ]:
             raise ArithmeticError("W^-1 is not the inverse of W")
-        # frequency 0: rational numbers, or polynomials in l modulo the quadratic
-        trace, product = self._quadratic
-        root = _square_root(trace * trace - 4 * product)
-        if root is None:
-            quadratic = _l**2 - _constant(trace) * _l + _constant(product)
-            self._check_scaled(self._centre_column(_l), _l, [quadratic])
-        values = [Fraction(1)] + ([] if root is None else [(trace + root) / 2, (trace - root) / 2])
-        for place, value in enumerate(values):
-            head = self._numeric.order.index(place) if place < 3 else -1
-            chain = self._numeric.order[head - 1] - ring if head in self._numeric.chains else None
-            self._check_at(self._centre_column(_constant(value)), value, [], chain)
-        # frequency N / 2: s = 0
-        if n % 2 == 0:
-            for parity in (0, 1):
-                column = [_RING(0)]
-                for step in range(-1, 2 * n - 1):
-                    on = (step % 2 == 1) if parity else (step % 2 == 0)
-                    column.append(_RING((-1) ** ((step - parity) // 2 % 2) if on else 0))
-                value = self._block["ee" if parity else "ff"].coeff(1)
-                self._check_at(column, Fraction(int(value.numerator), int(value.denominator)), [])
-        # all other frequencies, odd and even ones, cosine and sine
-        block = self._block
-        quadratic = _l**2 - self._trace * _l + block["ee"] * block["ff"] - block["ef"] * block["fe"]
-        for odd in (1, 0):
-            nodes = self._nodes(odd)
-            if nodes == 1:
-                continue
-            for parity in (0, 1):
-                column = [_RING(0)]
-                for step in range(-1, 2 * n - 1):
-                    k = step if step <= n else step - 2 * n
-                    profile = block["fe"] if step % 2 == 0 else _l - block["ff"]
-                    column.append(profile * _chebyshev(k, parity))
-                self._check_scaled(column, _l, [quadratic, nodes])
-                # frequencies whose eigenvalue is one of the outer ones
-                for d in set(self._values):
-                    common = quadratic.compose(_l, _constant(d)).gcd(nodes)
-                    if common.degree(_s) > 0:
-                        special = [x.compose(_l, _constant(d)) for x in column]
-                        self._check_at(special, d, [common])
-
-    def _nodes(self, odd: int) -> Any:
-        """Product of s - cos(pi f / N) over 0 < f < N / 2 and N / 2 < f < N, f odd or even."""
-        n = self.valence
-        common = (_chebyshev(n, 0) + (1 if odd else -1)).gcd(_chebyshev(n, 1))
-        return common.quo(_s) if common.rem([_s]) == 0 else common
-
-    def _centre_column(self, value: Any) -> list[Any]:
-        """Ring part of the eigenvector of frequency 0 for an eigenvalue, as polynomials."""
-        block = numeric.centre_block(self._matrix)
-        (a, b, c), (d, e, f) = (
-            [_constant(x) - value * int(i == j) for j, x in enumerate(block[i])] for i in (1, 2)
-        )
-        vector = [b * f - c * e, c * d - a * f, a * e - b * d]
-        return [vector[0], *vector[1:] * self.valence]
+        for m, d in enumerate(self._values):
+            column = [RING(0)] * ring + [constant(row[m]) for row in W]
+            self._check(column, constant(d), [])
+        for k in range(ring):
+            known = self._ring.rational(k)
+            if known is not None:
+                value = self._ring.eigenvalue(k)
+                column = [constant(x) for x in known]
+                self._check_at(column, Fraction(int(value.p), int(value.q)), [], k)
+        for column, modulo in self._ring.families():
+            self._check_scaled(column, modulo)
+            # members whose eigenvalue is one of the outer ones
+            for d in set(self._values):
+                common = reduce(lambda p, q: p.gcd(q), (_at(p, d) for p in modulo))
+                if common.degree(S) > 0:
+                    self._check_at([_at(x, d) for x in column], d, [common])
 
     def _polynomial_numerators(self, column: list[Any]) -> list[Any]:
         coupled = [
-            sum((_constant(w) * column[c] for c, w in row.items()), _RING(0))
+            sum((constant(w) * column[c] for c, w in row.items()), RING(0))
             for row in self._coupling
         ]
-        _, Winv = self._chained_outer
-        return [
-            sum((_constant(x) * y for x, y in zip(row, coupled, strict=True)), _RING(0))
-            for row in Winv
-        ]
+        return _combined(self._outer[1], coupled)
 
-    def _check_scaled(self, column: list[Any], value: Any, modulo: list[Any]) -> None:
-        """Check the extension of a ring vector, scaled by the product of value - d over all d."""
+    def _check_scaled(self, column: list[Any], modulo: list[Any]) -> None:
+        """Check the extension of a family, scaled by the product of L - d over all d."""
         distinct = sorted(set(self._values))
-        scale = _RING(1)
+        scale = RING(1)
         for d in distinct:
-            scale *= value - _constant(d)
+            scale *= L - constant(d)
+        cofactor = {d: scale.quo(L - constant(d)) for d in distinct}
         scale = scale.rem(modulo)
-        numerators = self._polynomial_numerators(column)
-        W, _ = self._chained_outer
-        cofactor = {}
-        for d in distinct:
-            cofactor[d] = _RING(1)
-            for other in distinct:
-                if other != d:
-                    cofactor[d] *= value - _constant(other)
         terms = [
-            (g * cofactor[d]).rem(modulo) for g, d in zip(numerators, self._values, strict=True)
+            (g * cofactor[d]).rem(modulo)
+            for g, d in zip(self._polynomial_numerators(column), self._values, strict=True)
         ]
-        outer = [
-            sum((_constant(x) * t for x, t in zip(row, terms, strict=True)), _RING(0)) for row in W
-        ]
+        outer = _combined(self._outer[0], terms)
         scaled = [(x * scale).rem(modulo) for x in column]
-        self._check([*scaled, *outer], value, modulo)
+        self._check([*scaled, *outer], L, modulo)
 
     def _check_at(
-        self, column: list[Any], value: Fraction, modulo: list[Any], chain: int | None = None
+        self, column: list[Any], value: Fraction, modulo: list[Any], k: int | None = None
     ) -> None:
-        """Check the extension of a ring vector of rational eigenvalue, that of a chain included."""
-        terms, end = [], [_RING(0)] * 7
-        W, _ = self._chained_outer
-        for m, (g, d) in enumerate(
-            zip(self._polynomial_numerators(column), self._values, strict=True)
-        ):
+        """Check the extension of ring vectors of rational eigenvalue: vector k, or a family's."""
+        ring, end = self.sector.ring, None if k is None else self._ends.get(k)
+        _, below = self._extended(column, value, modulo, k)
+        link = [RING(0)] * self.sector.size
+        if end is not None and end >= ring:
+            link = [RING(0)] * ring + [constant(row[end - ring]) for row in self._outer[0]]
+        elif end is not None:
+            link = [constant(x) for x in self._rational(end)]
+            link += self._extended(link, value, [], end)[1]
+        self._check([*column, *below], constant(value), modulo, link)
+
+    def _extended(
+        self, column: list[Any], value: Fraction, modulo: list[Any], k: int | None
+    ) -> tuple[list[Any], list[Any]]:
+        """Column of G and outer values of ring vectors of rational eigenvalue."""
+        ring, end = self.sector.ring, None if k is None else self._ends.get(k)
+        numerators = self._polynomial_numerators(column)
+        if end is not None and end < ring:
+            before, _ = self._extended([constant(x) for x in self._rational(end)], value, [], end)
+            numerators = [x - y for x, y in zip(numerators, before, strict=True)]
+        terms = []
+        for m, (g, d) in enumerate(zip(numerators, self._values, strict=True)):
             if d != value:
-                terms.append(g * _constant(1 / (value - d)))
+                terms.append(g * constant(1 / (value - d)))
                 continue
-            terms.append(_RING(0))
-            if m == chain:
-                end = [_constant(row[m]) * g for row in W]
-            elif g.rem(modulo) != 0:
+            terms.append(RING(0))
+            if (g - int(end == ring + m)).rem(modulo) != 0:
                 raise ArithmeticError(f"eigenvalue {value} has a Jordan block that is not in J")
-        outer = [
-            sum((_constant(x) * t for x, t in zip(row, terms, strict=True)), _RING(0)) for row in W
-        ]
-        ring = len(column)
-        self._check([*column, *outer], _constant(value), modulo, [_RING(0)] * ring + end)
+        return terms, _combined(self._outer[0], terms)
 
     def _check(
         self, column: list[Any], value: Any, modulo: list[Any], end: list[Any] | None = None
     ) -> None:
         """Raise unless A times `column` is `value` times it plus `end`, modulo polynomials."""
-        for i, row in enumerate(self._matrix.rows[: self._matrix.size]):
+        for i, row in enumerate(self._matrix.rows[: self.sector.size]):
             total = -value * column[i]
             for c, w in row.items():
-                total += _constant(w) * column[c]
+                total += constant(w) * column[c]
             if end:
                 total -= end[i]
             if total.rem(modulo) != 0:
-                raise ArithmeticError(f"valence {self.valence}: A V - V J is not zero in row {i}")
+                raise ArithmeticError(f"{self.sector}: A V - V J is not zero in row {i}")
+
+
+class Waves:
+    """The waves around a smooth ring of N faces: all that is common to cosines and sines.
+
+    A wave is named by its frequency, 1 to N / 2, and whether it belongs to the higher of the two
+    eigenvalues of its block; at N / 2 by whether it lives on the edge neighbours.
+    """
+
+    def __init__(self, generators: dict[str, dict[int, Fraction]], faces: int) -> None:
+        self.faces = faces
+        # the 2 x 2 block as polynomials in s: cos(k theta / 2) is T_k(s)
+        offset = {"ee": 0, "ff": 0, "ef": 1, "fe": -1}
+        self.block = {
+            name: sum(
+                (constant(w) * chebyshev(2 * j + offset[name], 0) for j, w in row.items()),
+                RING(0),
+            )
+            for name, row in generators.items()
+        }
+        ee, ff, ef, fe = (self.block[name] for name in ("ee", "ff", "ef", "fe"))
+        self._trace = ee + ff
+        self.quadratic = L**2 - self._trace * L + ee * ff - ef * fe
+        # the eigenvalues are (trace +- factor root) / 2
+        square = (ee - ff) ** 2 + 4 * ef * fe
+        unit, factors = square.factor_list()
+        root = square_root(Fraction(int(unit.numerator), int(unit.denominator)))
+        self._factor = RING(1) if root is None else constant(root)
+        self._radicand = RING(unit if root is None else 1)
+        for factor, power in factors:
+            self._factor *= factor ** (power // 2)
+            self._radicand *= factor ** (power % 2)
+
+    def at(self, polynomial: Any, frequency: int) -> Any:
+        """A polynomial in s at s = cos(pi f / N), as an expression."""
+        value = sympy.cos(sympy.pi * sympy.Rational(frequency, self.faces))
+        powers = polynomial.as_expr(sympy.Symbol("l"), value)
+        return powers if value.has(sympy.cos) else sympy.expand(powers)
+
+    def eigenvalue(self, frequency: int, high: bool) -> Any:
+        if 2 * frequency == self.faces:
+            return self.at(self.block["ee" if high else "ff"], frequency)
+        trace, factor, radicand = (
+            self.at(x, frequency) for x in (self._trace, self._factor, self._radicand)
+        )
+        sign = 1 if high else -1
+        return sympy.expand_mul((trace + sign * factor * sympy.sqrt(radicand)) / 2)
+
+    def right(self, frequency: int, high: bool) -> tuple[Any, Any]:
+        """Amplitudes on edge neighbours and face corners."""
+        if 2 * frequency == self.faces:
+            return sympy.Integer(high), sympy.Integer(not high)
+        fe, ff = (self.at(self.block[name], frequency) for name in ("fe", "ff"))
+        return (self.eigenvalue(frequency, high) - ff) / fe, sympy.Integer(1)
+
+    def left(self, frequency: int, high: bool) -> tuple[Any, Any]:
+        """The same of the left eigenvector, with the norm: N / 2, and N at frequency N / 2."""
+        e, f = self.right(frequency, high)
+        if 2 * frequency == self.faces:
+            return e / self.faces, f / self.faces
+        # inverse of [[e, other], [1, 1]]
+        other = self.right(frequency, not high)[0]
+        scale = 2 / (self.faces * (e - other))
+        return scale, -other * scale
+
+    def values(
+        self, wave: Any, frequency: int, steps: Sequence[int], profile: tuple[Any, Any]
+    ) -> list[Any]:
+        """Amplitudes times a wave at e, f, e, f, ...; from each to the next angle one step."""
+        turns = (step * frequency % (2 * self.faces) for step in steps)
+        return [
+            profile[i % 2] * wave(sympy.pi * sympy.Rational(turn, self.faces))
+            for i, turn in enumerate(turns)
+        ]
+
+    def polynomials(self, steps: Sequence[int], parity: int) -> list[Any]:
+        """All right eigenvectors of positive frequency but N / 2, without their denominators.
+
+        Cosines (parity 0), or sines over sin(pi f / N) (parity 1), as polynomials in L and S.
+        """
+        profile = L - self.block["ff"], self.block["fe"]
+        return [profile[i % 2] * chebyshev(step, parity) for i, step in enumerate(steps)]
+
+
+class FourierRing:
+    """The ring of a smooth or conical vertex; angles from the diagonal of face 0."""
+
+    def __init__(self, matrix: SubdivisionMatrix) -> None:
+        self._faces = matrix.sector.faces
+        self._modes = ring_modes(matrix)
+        self._waves = Waves(ring_generators(matrix), self._faces)
+        self._block = centre_block(matrix)
+        trace, product = centre_quadratic(self._block)
+        self._trace, self._product = trace, product
+        self._root = square_root(trace * trace - 4 * product)
+        self.rotations: dict[int, tuple[Any, Any]] = {}
+
+    def _high(self, k: int) -> bool:
+        if 2 * self._modes[k].frequency == self._faces:
+            return bool(self._modes[k].parity)
+        return (k - 3) % 4 < 2
+
+    def eigenvalue(self, k: int) -> Any:
+        """Eigenvalue k."""
+        if k == 0:
+            return sympy.Integer(1)
+        if k > 2:
+            return self._waves.eigenvalue(self._modes[k].frequency, self._high(k))
+        trace, product = rational(self._trace), rational(self._product)
+        return (trace + (1 if k == 1 else -1) * sympy.sqrt(trace**2 - 4 * product)) / 2
+
+    def right(self, k: int) -> list[Any]:
+        """Right eigenvector k, (ring,)."""
+        if k < 3:
+            own, e, f = self._centre[:, k]
+            return [own, *[e, f] * self._faces]
+        return self._wave(k, self._waves.right(self._modes[k].frequency, self._high(k)))
+
+    def left(self, k: int) -> list[Any]:
+        """Left eigenvector k, (ring,)."""
+        if k < 3:
+            own, e, f = self._centre_inverse[k, :]
+            return [own, *[e / self._faces, f / self._faces] * self._faces]
+        return self._wave(k, self._waves.left(self._modes[k].frequency, self._high(k)))
+
+    def rational(self, k: int) -> list[Fraction] | None:
+        """Frequency 0, if it is rational, and frequency N / 2."""
+        half = 2 * self._modes[k].frequency == self._faces
+        if half or k == 0 or (k < 3 and self._root is not None):
+            return [Fraction(int(x.p), int(x.q)) for x in self.right(k)]
+        return None
+
+    def families(self) -> Iterator[Family]:
+        """Cosines and sines of odd and of even frequencies; frequency 0, if it is irrational."""
+        n = self._faces
+        if self._root is None:
+            quadratic = L**2 - constant(self._trace) * L + constant(self._product)
+            own, e, f = self._cross([[constant(x) for x in row] for row in self._block], L)
+            yield [own, *[e, f] * n], [quadratic]
+        for odd in (1, 0):
+            # the product of s - cos(pi f / N) over 0 < f < N / 2 and N / 2 < f < N
+            nodes = (chebyshev(n, 0) + (1 if odd else -1)).gcd(chebyshev(n, 1))
+            nodes = without_zero(nodes)
+            # the latter half of the ring clockwise: of lower degree
+            steps = [*range(-1, n + 1), *range(1 - n, -1)]
+            for parity in (0, 1) if nodes.degree(S) > 0 else ():
+                wave = self._waves.polynomials(steps, parity)
+                yield [RING(0), *wave], [self._waves.quadratic, nodes]
+
+    def _wave(self, k: int, profile: tuple[Any, Any]) -> list[Any]:
+        mode = self._modes[k]
+        wave = sympy.sin if mode.parity else sympy.cos
+        steps = range(-1, 2 * self._faces - 1)
+        return [sympy.Integer(0), *self._waves.values(wave, mode.frequency, steps, profile)]
+
+    @staticmethod
+    def _cross(block: list[list[Any]], value: Any) -> list[Any]:
+        """Eigenvector of a 3 x 3 block: the cross product of two rows of block - value."""
+        (a, b, c), (d, e, f) = (
+            [x - value if i == j else x for j, x in enumerate(block[i])] for i in (1, 2)
+        )
+        return [b * f - c * e, c * d - a * f, a * e - b * d]
+
+    @cached_property
+    def _centre(self) -> Any:
+        """Right eigenvectors of frequency 0 as columns, (3, 3), last entries 1 if they can be."""
+        block = [[rational(x) for x in row] for row in self._block]
+        columns = []
+        for k in range(3):
+            vector = self._cross(block, self.eigenvalue(k))
+            scale = sympy.radsimp(vector[2])
+            if scale == 0:
+                scale = next(x for x in map(sympy.radsimp, vector) if x != 0)
+            columns.append([sympy.radsimp(x / scale) for x in vector])
+        return sympy.Matrix(columns).T
+
+    @cached_property
+    def _centre_inverse(self) -> Any:
+        inverse = self._centre.adjugate() / self._centre.det()
+        return inverse.applyfunc(sympy.radsimp)
+
+
+def without_zero(nodes: Any) -> Any:
+    """A polynomial in S without its simple root at 0, if it has one."""
+    return nodes.quo(S) if nodes.rem([S]) == 0 else nodes
+
+
+def chebyshev(k: int, parity: int) -> Any:
+    """cos(k theta / 2), or sin(k theta / 2) / sin(theta / 2), as a polynomial in s."""
+    sign = -1 if parity and k < 0 else 1
+    k = abs(k)
+    if parity:
+        return sign * (_from_sympy(sympy.chebyshevu_poly(k - 1, polys=True)) if k else RING(0))
+    return _from_sympy(sympy.chebyshevt_poly(k, polys=True))
+
+
+def square_root(x: Fraction) -> Fraction | None:
+    """Rational square root, or None."""
+    root = sympy.sqrt(rational(x))
+    return Fraction(int(root.p), int(root.q)) if root.is_Rational else None
+
+
+def _from_sympy(polynomial: Any) -> Any:
+    return RING.from_dict({(0, p[0]): QQ(int(c)) for p, c in polynomial.terms()})
+
+
+def _at(polynomial: Any, value: Fraction) -> Any:
+    """A polynomial at a rational L."""
+    return polynomial.compose(L, constant(value))
 
 
 def _times(matrix: list[list[Fraction]], vector: list[Any]) -> list[Any]:
     """A rational matrix times expressions."""
     return [
-        sum((_rational(x) * y for x, y in zip(row, vector, strict=True) if x), sympy.Integer(0))
+        sum((rational(x) * y for x, y in zip(row, vector, strict=True) if x), sympy.Integer(0))
         for row in matrix
     ]
 
 
-def _chebyshev(k: int, parity: int) -> Any:
-    """cos(k theta / 2), or sin(k theta / 2) / sin(theta / 2), as a polynomial in s."""
-    sign = -1 if parity and k < 0 else 1
-    k = abs(k)
-    if parity:
-        return sign * (_from_sympy(sympy.chebyshevu_poly(k - 1, polys=True)) if k else _RING(0))
-    return _from_sympy(sympy.chebyshevt_poly(k, polys=True))
-
-
-def _from_sympy(polynomial: Any) -> Any:
-    return _RING.from_dict({(0, p[0]): QQ(int(c)) for p, c in polynomial.terms()})
-
-
-def _square_root(x: Fraction) -> Fraction | None:
-    """Rational square root, or None."""
-    root = sympy.sqrt(_rational(x))
-    return Fraction(int(root.p), int(root.q)) if root.is_Rational else None
+def _combined(matrix: list[list[Fraction]], vector: list[Any]) -> list[Any]:
+    """A rational matrix times polynomials."""
+    return [
+        sum((constant(x) * y for x, y in zip(row, vector, strict=True) if x), RING(0))
+        for row in matrix
+    ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -15,13 +16,15 @@ from limitsurf.shell import terminal
 from limitsurf.shell.plot import COLOR
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from limitsurf.mesh import Mesh
     from limitsurf.surface import LimitSurface
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 # What a user can cause; anything else is a defect of the program and shows its traceback.
-ERRORS = (ValueError, OSError, IndexError, NotImplementedError, ImportError, MemoryError)
+ERRORS = (ValueError, OSError, IndexError, ImportError, MemoryError)
 
 
 class _Program(click.Group):
@@ -51,8 +54,8 @@ class _Program(click.Group):
 def main(context: click.Context) -> None:
     """Exact limit surfaces of control cages, at any (face, u, v).
 
-    A CAGE is an OBJ file. A face in a query is a limit face: a quad is one; another polygon is as
-    many as it has corners, in their order. Every u and v is in [0, 1].
+    A CAGE is an OBJ or USD file. A face in a query is a limit face: a quad is one; another polygon
+    is as many as it has corners, in their order. Every u and v is in [0, 1].
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
@@ -68,8 +71,12 @@ def _on_cage(command: Command) -> Command:
     return cage(boundary(command))
 
 
-def _surface(cage: Path, boundary: str | None) -> LimitSurface:
+def _surface(cage: Path, boundary: str | None, channels: tuple[str, ...] = ()) -> LimitSurface:
     mesh = ls.read(cage)
+    for name in channels:
+        if name not in mesh.channels:
+            known = ", ".join(map(repr, mesh.channels)) or "none"
+            raise click.UsageError(f"the cage has no channel {name!r}; it has {known}")
     with terminal.working("building the surface"):
         return ls.LimitSurface(mesh, boundary=boundary)
 
@@ -79,7 +86,9 @@ def _surface(cage: Path, boundary: str | None) -> LimitSurface:
 def info(cage: Path, boundary: str | None) -> None:
     """Say what a cage is made of, what is irregular and why."""
     mesh = ls.read(cage)
-    terminal.say_table(_facts(mesh, boundary))
+    with terminal.working("building the surface"):
+        facts = list(_facts(mesh, boundary))
+    terminal.say_table(facts)
 
 
 def _facts(mesh: Mesh, boundary: str | None) -> Iterator[tuple[str, str]]:
@@ -90,40 +99,61 @@ def _facts(mesh: Mesh, boundary: str | None) -> Iterator[tuple[str, str]]:
     start, end = mesh.edges.T
     links = coo_array((np.ones(mesh.n_edges), (start, end)), shape=(mesh.n_vertices,) * 2)
     parts = len(np.unique(connected_components(links)[1][used]))
-    border = int(mesh.boundary_edge.sum())
-    unused = int(np.sum(~used))
-    yield "vertices", f"{mesh.n_vertices}" + (f", {unused} of them in no face" if unused else "")
-    yield "edges", f"{mesh.n_edges}" + (f", {border} of them on the boundary" if border else "")
+    border, unused = mesh.boundary_edge.any(), ~used
+    yield "vertices", _parts(mesh.n_vertices, {"in no face": unused})
+    on_edges = {"on the boundary": mesh.boundary_edge, "not manifold": mesh.nonmanifold_edge}
+    yield "edges", _parts(mesh.n_edges, on_edges)
     yield "faces", f"{mesh.n_faces}"
     yield "components", f"{parts}, {'open' if border else 'closed'}"
     yield "corners of faces", terminal.histogram(mesh.sizes)
-    interior = used & ~mesh.boundary_vertex
-    if interior.any():
-        yield "valences inside", terminal.histogram(mesh.vertex_faces[interior])
-    if border:
-        yield (
-            "faces at boundary vertices",
-            terminal.histogram(mesh.vertex_faces[mesh.boundary_vertex]),
-        )
-    for name in ("creases", "corners"):
-        if count := len(getattr(mesh, name)[1]):
-            values = getattr(mesh, name)[1]
-            yield name, f"{count}, sharpness {min(values):g} to {max(values):g}"
+    odd = mesh.nonmanifold_vertex
+    for name, where in (
+        ("valences inside", used & ~mesh.boundary_vertex & ~odd),
+        ("faces at boundary vertices", mesh.boundary_vertex & ~odd),
+        ("faces at vertices that are not manifold", odd),
+    ):
+        if where.any():
+            yield name, terminal.histogram(mesh.vertex_faces[where])
+    for name, sharpness in (("creases", mesh.creases[1]), ("corners", mesh.corners[1])):
+        if len(sharpness):
+            yield name, terminal.sharpness(sharpness)
     if len(mesh.holes):
         yield "holes", f"{len(mesh.holes)}"
-    for name in ("scheme", "boundary", "creasing", "triangles"):
-        if (value := getattr(mesh, name)) is not None:
-            yield name, f"{value}"
     for name, (values, _, interpolation) in mesh.channels.items():
         yield f"channel {name}", f"{len(values)} values, {interpolation}"
     try:
         surface = ls.LimitSurface(mesh, boundary=boundary)
-    except NotImplementedError as error:
-        yield "limit surface", f"not supported yet: {terminal.sentence(error)}"
+    except ValueError as error:
+        yield "limit surface", f"none: {terminal.sentence(error)}"
         return
+    rules = {**surface.rules, "scheme": surface.rules["scheme"].name}
+    for name, value in rules.items():
+        chosen = getattr(mesh, name) is not None or (name == "boundary" and boundary is not None)
+        yield name, value if chosen else f"{value}, by default"
     yield "limit faces", f"{len(surface.limit_faces)}"
     for reason, count in surface.patches.summary():
         yield f"  {reason}", f"{count}"
+    if corners := _special_corners(surface):
+        yield "special corners of patches", corners
+
+
+def _special_corners(surface: LimitSurface) -> str:
+    """What surrounds the special corners of patches, and of how many."""
+    patches = surface.patches
+    counts: Counter[tuple[bool, str, int]] = Counter()
+    for sector, number in zip(patches.sectors, np.bincount(patches.kind).tolist(), strict=False):
+        if sector is not None:
+            counts[sector.kind != "interior", sector.kind, sector.faces] += number
+    return ", ".join(
+        f"{f'{kind} of {faces} faces' if sharp else f'valence {faces}'} ({number})"
+        for (sharp, kind, faces), number in sorted(counts.items())
+    ).replace(" 1 faces", " 1 face")
+
+
+def _parts(total: int, which: dict[str, NDArray[np.bool_]]) -> str:
+    """A number, and how many of them are something else than usual."""
+    found = [f"{np.sum(those)} of them {what}" for what, those in which.items() if those.any()]
+    return ", ".join([f"{total}", *found])
 
 
 @main.command()
@@ -136,6 +166,13 @@ def _facts(mesh: Mesh, boundary: str | None) -> Iterator[tuple[str, str]]:
     "--order", type=click.IntRange(0), default=0, help="Derivatives up to this order as well."
 )
 @click.option("--normals", is_flag=True, help="Unit normals as well.")
+@click.option(
+    "--channel",
+    "channels",
+    metavar="NAME",
+    multiple=True,
+    help="A face-varying channel, such as uv, as well; may be given several times.",
+)
 @click.option("-o", "--output", metavar="FILE", help=".csv, .npz or .npy; CSV to stdout without.")
 def evaluate(
     cage: Path,
@@ -146,13 +183,15 @@ def evaluate(
     seed: int,
     order: int,
     normals: bool,
+    channels: tuple[str, ...],
     output: str | None,
 ) -> None:
-    """Evaluate positions, derivatives and normals.
+    """Evaluate positions, derivatives, normals and channels.
 
     Columns of CSV are face, u, v, x, y, z, then derivatives x_u, y_u, z_u, x_v, ... and normals
     n_x, n_y, n_z. Arrays of NPZ and fields of NPY are face, u, v, position, du, dv, duu, duv, dvv,
-    ... and normal.
+    ... and normal. Values and derivatives of a channel "st" are the arrays st, st_du, ... and the
+    columns st_0, st_1, st_du_0, ...
 
     A grid takes the centres of N x N equal cells, u first, so that no two of its points coincide.
     """
@@ -163,7 +202,7 @@ def evaluate(
     if output is not None:
         files.check_target(output)
     asked = None if queries is None else files.read_queries(queries)
-    surface = _surface(cage, boundary)
+    surface = _surface(cage, boundary, channels)
     faces = len(surface.limit_faces)
     if grid is not None:
         asked = files.grid_queries(faces, grid)
@@ -172,7 +211,7 @@ def evaluate(
     assert asked is not None
     try:
         with terminal.counting("evaluating", len(asked[0])) as done:
-            answers = files.evaluate(surface, asked, order, normals, done)
+            answers = files.evaluate(surface, asked, order, normals, done, channels)
     except (IndexError, ValueError) as error:
         raise ValueError(f"{queries}: {error}") from None
     files.write_answers(output, answers)
@@ -205,6 +244,7 @@ def validate(context: click.Context, cage: Path, boundary: str | None, levels: i
 @click.option("--curves/--no-curves", default=None, help="Draw the edges of the limit faces.")
 @click.option("--poles/--no-poles", default=True, help="Mark extraordinary points.")
 @click.option("--normals", is_flag=True, help="Draw normals.")
+@click.option("--channel", metavar="NAME", help="Draw a channel, such as uv, in its own space.")
 @click.option("--color", default=COLOR, show_default=True, help="Of the surface, or a name.")
 @click.option("--up", type=click.Choice(["x", "y", "z"]), default="z", show_default=True)
 @click.option(
@@ -224,12 +264,16 @@ def plot(
     curves: bool | None,
     poles: bool,
     normals: bool,
+    channel: str | None,
     color: str,
     up: str,
     size: tuple[int, int],
 ) -> None:
-    """Draw the surface, its cage and its extraordinary points."""
-    surface = _surface(cage, boundary)
+    """Draw the surface, its cage and its extraordinary points.
+
+    Creases are drawn as thick edges of the cage.
+    """
+    surface = _surface(cage, boundary, () if channel is None else (channel,))
     with terminal.working("drawing"):
         ls.plot(
             surface,
@@ -239,6 +283,7 @@ def plot(
             curves=curves,
             poles=poles,
             normals=normals,
+            channel=channel,
             color=color,
             up=up,
             window_size=size,

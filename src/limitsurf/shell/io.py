@@ -1,4 +1,4 @@
-"""Cages from and to OBJ files and PyVista."""
+"""Cages from and to OBJ files, USD files and PyVista."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["from_pyvista", "read", "to_pyvista", "write"]
 IntArray: TypeAlias = NDArray[np.int64]
 Path: TypeAlias = str | os.PathLike[str]
 
-SUFFIXES = (".obj",)
+USD_SUFFIXES = (".usd", ".usda", ".usdc")
 
 # The tags that hold a choice: our name of it, and the meanings of the argument as they are read
 # by OpenSubdiv's regression/common/far_utils.h (GetSdcOptions); there 1 is edge_and_corner and
@@ -57,21 +57,44 @@ SPACE = np.isin(np.arange(256), list(b" \t\n\v\f"))  # (256,) bool, by byte
 VERTEX, TEXTURE, FACE, TAG, OTHER = range(5)
 
 
-def read(path: Path) -> Mesh:
-    """Read a cage from an OBJ file.
+def read(path: Path, *, prim: str | None = None) -> Mesh:
+    """Read a cage from an OBJ file or a USD file.
 
-    Positions ``v`` (three coordinates; a weight or a colour after them is ignored), faces ``f`` of
-    any size with positive or negative indices, and OpenSubdiv's tags ``t`` (crease, corner, hole,
-    interpolateboundary, creasemethod, smoothtriangles, facevaryinginterpolateboundary) are read.
-    Texture coordinates ``vt`` become the channel "uv" where every face corner has one, with the
-    interpolation of its tag or "corners_plus1". Normals, groups, materials, lines and free-form
-    statements are ignored. Of tags given twice the last one holds. Where there is no tag for the
-    boundary it is left open, as None: OpenSubdiv's own readers then take "edge_only".
+    **OBJ.** Positions ``v`` (three coordinates; a weight or a colour after them is ignored), faces
+    ``f`` of any size with positive or negative indices, and OpenSubdiv's tags ``t`` (crease,
+    corner, hole, interpolateboundary, creasemethod, smoothtriangles,
+    facevaryinginterpolateboundary) are read. Texture coordinates ``vt`` become the channel "uv"
+    where every face corner has one, with the interpolation of its tag or "corners_plus1". Normals,
+    groups, materials, lines and free-form statements are ignored. Of tags given twice the last one
+    holds. Where there is no tag for the boundary it is left open, as None: OpenSubdiv's own readers
+    then take "edge_only".
+
+    **USD** (with ``pip install "limitsurf[usd]"``). All meshes that are shown (visible, neither
+    proxy nor guide) become one, disconnected, in the order of the stage, as all objects of an OBJ
+    file do. Every mesh stands where its transforms put it in the world, at its earliest time; the
+    stage's unit and up axis change nothing. Faces of a mesh that is left-handed or mirrored are
+    turned around, keeping their first corner. Creases, corners, holes and the attributes
+    ``subdivisionScheme``, ``interpolateBoundary`` and ``triangleSubdivisionRule`` are read; where a
+    file has none of the latter they are left open, as None: USD's defaults are those of
+    ``LimitSurface``. The scheme is kept by name, also "loop", "bilinear" and "none" (a mere polygon
+    mesh); to subdivide such a mesh by Catmull-Clark all the same, name that scheme to
+    ``LimitSurface``. Of an edge that is creased twice the last sharpness holds.
+
+    Primvars of floats and vectors become channels by the same name, ``primvars:st`` the channel
+    "st": "faceVarying" ones with the interpolation of ``faceVaryingLinearInterpolation`` (where
+    they are not indexed, every face corner has a value of its own); "vertex" ones with "none",
+    which is as smooth as the points; "varying" ones, which are linear, with "all". Other primvars,
+    normals, materials, subsets, point instancers and skeletons are ignored. Of several meshes the
+    choices must agree, and the channels are kept that all of them have.
 
     Parameters
     ----------
     path : str or os.PathLike
-        A file with the suffix ``.obj``, in upper or lower case.
+        A file with the suffix ``.obj``, ``.usd``, ``.usda``, ``.usdc`` or ``.usdz``, in upper or
+        lower case.
+    prim : str, optional
+        Of a USD file, the path of one prim such as "/World/hand": only it, if it is a mesh, or
+        else the meshes below it are read.
 
     Returns
     -------
@@ -80,16 +103,20 @@ def read(path: Path) -> Mesh:
     Raises
     ------
     MeshError
-        Anything malformed, with path, line and what was expected; and all that ``Mesh`` refuses.
+        Anything malformed, with path, line or prim, and what was expected; all that ``Mesh``
+        refuses; a USD file without a mesh, or with meshes whose choices differ.
     ValueError
-        An unknown suffix.
+        An unknown suffix; a prim that does not exist, or one of an OBJ file.
     OSError
         A file that cannot be read.
+    ImportError
+        A USD file without the package usd-core.
 
     Warns
     -----
     UserWarning
-        A statement or a tag that is not known, and therefore ignored, with its line.
+        A statement or a tag of an OBJ file that is not known, and therefore ignored, with its line;
+        anything that USD warns of, such as a reference to a file that does not exist.
 
     Examples
     --------
@@ -103,33 +130,49 @@ def read(path: Path) -> Mesh:
     """
     name = os.fsdecode(path)
     with open(name, "rb") as file:
-        _check_suffix(name)
+        if _suffix(name, (".obj", *USD_SUFFIXES, ".usdz")) != ".obj":
+            from limitsurf.shell import usd
+
+            return usd.read(name, prim)
+        if prim is not None:
+            raise ValueError(f"{name}: got prim {prim!r}, but an OBJ file has none")
         return _parse(_Statements(name, file.read()))
 
 
 def write(path: Path, mesh: Mesh) -> None:
-    """Write a cage to an OBJ file, which ``read`` reads back as an equal mesh.
+    """Write a cage to an OBJ or USD file, which ``read`` reads back as an equal mesh.
 
-    Coordinates are written as the shortest decimals that give the same float64; exact ones
+    The file appears whole or not at all.
+
+    **OBJ.** Coordinates are written as the shortest decimals that give the same float64; exact ones
     (Fractions and their like) are rounded to float64 first. Tags are written as OpenSubdiv's, the
     channel "uv" as texture coordinates, a scheme's name as a tag of our own, ``t scheme 0/0/1``.
-    The file appears whole or not at all.
+
+    **USD.** The mesh is the prim ``/mesh``; ``.usda`` is text, ``.usdc`` and ``.usd`` are binary.
+    Points, sharpness and the values of channels are rounded to float32, which is what USD keeps
+    them in: the mesh read back is equal up to that. Channels become primvars by the same name.
+    USD knows "uniform" creasing alone: another one is kept in custom data, where ``read`` finds it
+    but other programs do not.
 
     Parameters
     ----------
     path : str or os.PathLike
-        A file name with the suffix ``.obj``.
+        A file name with the suffix ``.obj``, ``.usd``, ``.usda`` or ``.usdc``.
     mesh : Mesh
         Points of shape (n_vertices, 3).
 
     Raises
     ------
     ValueError
-        An unknown suffix; points that are not of shape (n_vertices, 3) or too large for float64;
-        a scheme that is no name, a channel other than "uv" or not of two numbers: the format
-        has no place for them.
+        An unknown suffix; points that are not of shape (n_vertices, 3) or too large for the
+        format; and what the format has no place for. OBJ: a scheme that is no name, a channel
+        other than "uv" or not of two numbers. USD: a scheme other than "catmull-clark", "loop",
+        "bilinear" and "none"; channels with a name that is no identifier, of shapes other than
+        (k,), (k, 2), (k, 3) and (k, 4), or with seams of different interpolation.
     OSError
         A file that cannot be written.
+    ImportError
+        A USD file without the package usd-core.
 
     Examples
     --------
@@ -140,7 +183,11 @@ def write(path: Path, mesh: Mesh) -> None:
     ...     ls.read(pathlib.Path(folder, "triangle.obj")) == triangle
     True
     """
-    _check_suffix(os.fsdecode(path))
+    if _suffix(os.fsdecode(path), (".obj", *USD_SUFFIXES)) != ".obj":
+        from limitsurf.shell import usd
+
+        usd.write(path, mesh)
+        return
     statements = _statements(mesh)
     with replacing(path, "w") as file:
         file.writelines(statements)
@@ -241,10 +288,11 @@ def _pyvista() -> Any:
     return pyvista
 
 
-def _check_suffix(name: str) -> None:
+def _suffix(name: str, known: tuple[str, ...]) -> str:
     suffix = os.path.splitext(name)[1]
-    if suffix.lower() not in SUFFIXES:
-        raise ValueError(f"{name}: unknown suffix {suffix!r}, need one of {', '.join(SUFFIXES)}")
+    if suffix.lower() not in known:
+        raise ValueError(f"{name}: unknown suffix {suffix!r}, need one of {', '.join(known)}")
+    return suffix.lower()
 
 
 def _float_points(mesh: Mesh) -> NDArray[np.float64]:

@@ -50,6 +50,7 @@ DOT = 13.0  # diameter of a dot, in thousandths of the picture's height
 MARGIN = 0.06  # of the picture, on each side
 POINT = 72 / 100  # Matplotlib's unit of lengths in pixels, at 100 dots per inch
 GROUND, SKY, INK = "#dde5ec", "#ffffff", "#263442"
+CREASE = 3.0  # thickness of creases, in thousandths of the picture's height
 LIFT = 0.0015  # of curves off the surface, in units of the cage
 NEEDLE = 0.04  # length of a normal, in units of the cage
 CROWD = 10_000  # limit faces; of more, cage and curves would hide the surface
@@ -105,12 +106,13 @@ def plot(
     curves: bool | None = None,
     poles: bool = True,
     normals: bool = False,
+    channel: str | None = None,
     color: str = COLOR,
     up: str = "z",
     window_size: tuple[int, int] = (1600, 1200),
     off_screen: bool | None = None,
 ) -> Image:
-    """Draw a limit surface, with its cage and its extraordinary points.
+    """Draw a limit surface, with its cage, creases and extraordinary points.
 
     Every point drawn is an exact one with its exact normal; only what lies between them is
     interpolated. Limit faces without a surface (holes) are left out.
@@ -125,9 +127,13 @@ def plot(
     n : int, optional
         Each limit face is drawn as n x n quads; by default as many as make a smooth picture.
     cage, curves, poles, normals : bool
-        Whether to draw the cage, the edges of the limit faces, the limits of extraordinary
-        vertices and the centres of faces that are no quads, and the normal at the centre of each
-        limit face. By default cage and curves are drawn unless they would hide the surface.
+        Whether to draw the cage, its creases in thick lines; the edges of the limit faces; the
+        limits of extraordinary vertices and the centres of faces that are no quads; the normal at
+        the centre of each limit face. By default cage and curves are drawn unless they would hide
+        the surface.
+    channel : str, optional
+        A face-varying channel of two or three numbers to draw instead of the points: of texture
+        coordinates the layout, torn along its seams.
     color : str
         The colour of the surface, "#rrggbb" or a name.
     up : {"x", "y", "z"}
@@ -146,8 +152,8 @@ def plot(
     Raises
     ------
     ValueError
-        Points of another shape, a bad ``n``, ``up`` or ``window_size``, a name that does not end
-        in .png, nothing to draw.
+        Points of another shape, a channel that the mesh does not have, a bad ``n``, ``up`` or
+        ``window_size``, a name that does not end in .png, nothing to draw.
     ImportError
         Without PyVista (``pip install "limitsurf[plot]"``).
     OSError
@@ -187,7 +193,8 @@ def plot(
         body = pyvista.Color(color).float_rgb
     except ValueError:
         raise ValueError(f"unknown color {color!r}") from None
-    scene = _scene(surface, n, cage, curves, poles, normals, body, up, width / height)
+    drawn = surface.of_channel(channel)
+    scene = _scene(drawn, n, cage, curves, poles, normals, body, up, width / height)
     if off_screen and not _opengl():
         warnings.warn("no OpenGL here: painted by Matplotlib, and plainer", stacklevel=2)
         image = _painted(scene, width, height)
@@ -254,9 +261,11 @@ def _scene(
         lines.append(_Lines(np.stack([foot, tip], axis=1), VALENCES[3][1], 1.1))
     if cage or (cage is None and not crowded):
         lines.append(_Lines(places[mesh.edges], INK, 1.0))
+        lines.append(_Lines(places[mesh.creases[0][mesh.creases[1] > 0]], INK, CREASE))
     if poles:
         dots = _poles(surface)
     lines = [_Lines(k.ends[np.isfinite(k.ends).all(axis=(1, 2))], k.color, k.width) for k in lines]
+    lines = [k for k in lines if len(k.ends)]
 
     seen = [points[quads].reshape(-1, 3), *(k.ends.reshape(-1, 3) for k in lines)]
     axes, eye, distance = _camera(np.concatenate(seen), up, aspect)
@@ -299,7 +308,8 @@ def _poles(surface: LimitSurface) -> list[_Dots]:
     """Limits of the interior vertices of valence other than 4, and centres of faces with other
     than four corners, which are such vertices of the refined cage."""
     mesh, first = surface.mesh, surface.limit_faces.first
-    valence = np.where(mesh.boundary_vertex, 4, mesh.vertex_faces)
+    inside = ~(mesh.boundary_vertex | mesh.nonmanifold_vertex)
+    valence = np.where(inside, mesh.vertex_faces, 4)
     corner = np.flatnonzero(valence[mesh.indices] != 4)
     vertex, face = mesh.indices[corner], mesh.corner_face[corner]
     place = corner - mesh.offsets[face]  # of the vertex in its face

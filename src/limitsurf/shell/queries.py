@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
+import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import IO, TYPE_CHECKING, Any, TypeAlias
 from zipfile import BadZipFile
 
@@ -25,6 +27,7 @@ Answers: TypeAlias = dict[str, NDArray[Any]]  # face, u, v (n,), then (n, channe
 
 SUFFIXES = (".csv", ".npz", ".npy")
 NAMES = ("face", "u", "v")
+OWN = "face|[uv]|position|normal|d[uv]+"  # names of answers, which no channel can have
 BATCH = 1 << 17  # queries between two signs of progress
 LINES = 1 << 14  # of CSV written at a time
 
@@ -85,14 +88,15 @@ def evaluate(
     order: int,
     normals: bool,
     done: Callable[[int], None],
+    channels: Sequence[str] = (),
 ) -> Answers:
     """Positions, derivatives up to an order and normals, by name: position, du, dv, duu, ...
 
-    ``done`` is told how many more queries have their answer.
+    Those of face-varying channels have the channel's name: uv, uv_du, ... ``done`` is told how many
+    more queries have their answer.
     """
     face, u, v = queries
     answers: Answers = {"face": face, "u": u, "v": v}
-    channels = surface.mesh.points.shape[1]
     for start in range(0, max(len(face), 1), BATCH):
         part = slice(start, start + BATCH)
         try:
@@ -103,8 +107,15 @@ def evaluate(
         found = {_name(nu): values for nu, values in jet.items()}
         if normals:
             found["normal"] = surface.normal(face[part], u[part], v[part])
+        for channel in dict.fromkeys(channels):
+            jet = surface.jet(face[part], u[part], v[part], order=order, channel=channel)
+            for nu, values in jet.items():
+                name = f"{channel}_{_name(nu)}" if any(nu) else channel
+                if name in found or re.fullmatch(OWN, name):
+                    raise ValueError(f"channel {channel!r}: there are other answers named {name!r}")
+                found[name] = values
         for name, values in found.items():
-            answers.setdefault(name, np.empty((len(face), channels)))[part] = values
+            answers.setdefault(name, np.empty((len(face), *values.shape[1:])))[part] = values
         done(len(face[part]))
     return answers
 
@@ -113,8 +124,8 @@ def write_answers(path: str | os.PathLike[str] | None, answers: Answers) -> None
     """Write answers to a file, which appears whole or not at all, or as CSV to the standard output.
 
     NPZ and NPY hold arrays and fields named as in ``evaluate``. The columns of CSV are face, u, v,
-    x, y, z, then x_u, y_u, z_u, x_v, ..., and n_x, n_y, n_z; numbers are the shortest decimals that
-    give the same float64.
+    x, y, z, then x_u, y_u, z_u, x_v, ..., and n_x, n_y, n_z, and of a channel uv_0, uv_1, uv_du_0,
+    ...; numbers are the shortest decimals that give the same float64.
     """
     if path is None:
         for text in _csv(answers):
@@ -247,8 +258,13 @@ def _csv(answers: Answers) -> Iterator[str]:
     writer makes a call a line."""
     columns: dict[str, NDArray[Any]] = {name: answers[name] for name in NAMES}
     for name in [name for name in answers if name not in NAMES]:
-        pattern = {"position": "{}", "normal": "n_{}"}.get(name, "{}_" + name[1:])
-        columns |= {pattern.format(axis): answers[name][:, k] for k, axis in enumerate("xyz")}
+        values = answers[name].reshape(len(answers[name]), math.prod(answers[name].shape[1:]))
+        if re.fullmatch(OWN, name):
+            pattern = {"position": "{}", "normal": "n_{}"}.get(name, "{}_" + name[1:])
+            heads = [pattern.format(axis) for axis in "xyz"]
+        else:
+            heads = [f"{name}_{k}" for k in range(values.shape[1])]
+        columns |= dict(zip(heads, values.T, strict=True))
     yield ",".join(columns) + "\n"
     kinds = [(name, values.dtype) for name, values in columns.items()]
     for start in range(0, len(answers["face"]), LINES):

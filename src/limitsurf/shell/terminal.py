@@ -96,3 +96,17 @@ def histogram(values: NDArray[np.int64]) -> str:
     kinds, counts = np.unique(values, return_counts=True)
     times = [f"{kind} ({count})" for kind, count in zip(kinds, counts, strict=True)]
     return ", ".join([times[0].replace(")", " times)"), *times[1:]])
+
+
+def sharpness(values: NDArray[Any]) -> str:
+    """How many there are, of which sharpness, such as "5, sharpness 0.5 to 2, 3 infinite"."""
+    from limitsurf.tables import is_infinite
+
+    finite = values[~is_infinite(values)]
+    parts = [f"{len(values)}"]
+    if len(finite):
+        low, high = f"{finite.min():g}", f"{finite.max():g}"
+        parts.append(f"sharpness {low}" + (f" to {high}" if high != low else ""))
+    if len(finite) < len(values):
+        parts.append(f"{len(values) - len(finite)} infinite" if len(finite) else "infinite")
+    return ", ".join(parts)

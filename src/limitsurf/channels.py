@@ -1,0 +1,222 @@
+"""Face-varying channels: a second topology over the same faces, refined by the same rules.
+
+A *value* is what a channel has at a vertex in some of its faces: a pair (vertex, row of the
+channel). The mesh of the values has the faces and corners of the cage; where two faces disagree
+about an edge, at either end, it has a *seam*, and each side a boundary of its own. Boundaries,
+seams and infinitely sharp edges are infinitely sharp; other creases keep the sharpness of the cage.
+Which values stay where they are, the interpolation mode decides, once and for all in the cage
+(`_pinned`); these are OpenSubdiv's "face-varying linear interpolation" modes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf import tables
+from limitsurf.mesh import Mesh
+from limitsurf.rules import CORNER, Rules, Sharpness
+from limitsurf.topology import MeshPart, child_mesh
+
+Array = NDArray[Any]
+
+
+class ChannelMesh(Mesh):
+    """The values of a channel as a mesh with sharpness of its own."""
+
+    _base: Rules
+    _rules: Rules
+    _sharpness: Sharpness
+
+    @property
+    def rules(self) -> Rules:
+        """By which the values are refined."""
+        return self._rules
+
+    @classmethod
+    def of(cls, mesh: Mesh, name: str, rules: Rules) -> ChannelMesh:
+        """The mesh of the values of a channel; a refined mesh carries its own."""
+        known = getattr(mesh, "_channel_meshes", {}).get(name)
+        if isinstance(known, ChannelMesh) and known._base == rules:
+            return known
+        if name not in mesh.channels:
+            listed = ", ".join(map(repr, mesh.channels)) or "none"
+            raise ValueError(f"the mesh has no channel {name!r}; it has {listed}")
+        rows, corner_rows, mode = mesh.channels[name]
+        key, value = np.unique(mesh.indices * len(rows) + corner_rows, return_inverse=True)
+        vertex, row = np.divmod(key, len(rows))
+        holes = np.flatnonzero(rules.without_limit(mesh))
+        known = {"separate": mesh.separate}
+        result = cls._from_valid(rows[row], mesh.sizes, value, known, holes=holes)
+        # what boundary="none" leaves without a limit are holes here: seams leave nothing
+        result._base, result._rules = rules, replace(rules, boundary="edge_only")
+        result._sharpness = _sharpness(mesh, rules, result, vertex, mode)
+        return result
+
+    def refined(self, mesh: Mesh, values: Array, sharpness: Sharpness, holes: Array) -> ChannelMesh:
+        """The same channel on a refinement of the mesh, which has these holes."""
+        known = mesh._connectivity
+        result = type(self)._from_valid(values, mesh.sizes, mesh.indices, known, holes=holes)
+        result._base, result._rules, result._sharpness = self._base, self._rules, sharpness
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelSharpness(Sharpness):
+    """Sharpness of the values of a channel.
+
+    Attributes
+    ----------
+    geometry : Sharpness
+        That of the mesh, which has the same corners. Halves of edges get theirs from it: under
+        "chaikin" it is averaged over all edges at a vertex, whatever the seams.
+    followers : (n, 2) int
+        Values that are sharp as long as another one at their vertex is, and these.
+    linear : bool
+        Whether all edges and values are sharp, those that refinement makes included.
+    """
+
+    geometry: Sharpness
+    followers: Array
+    linear: bool
+
+    def typed(self, mesh: Mesh, dtype: Any) -> Self:
+        """The same on a copy of the mesh, in another number type."""
+        geometry = self.geometry.typed(self.geometry.mesh, dtype)
+        return replace(super().typed(mesh, dtype), geometry=geometry)
+
+    def _halves(self, number: Array, vertex: Array, sharpness: Array) -> Array:
+        """Sharpness of the halves of sharp edges at their ends."""
+        there = self.geometry.mesh
+        # an edge by its first corner, an end by whether that corner is there
+        corner = self.mesh.edge_corners[number, 0]
+        starts = self.mesh.indices[corner] == vertex
+        end = np.where(starts, there.indices[corner], there.indices[there.next_corner[corner]])
+        halves = self.geometry.halves(there.corner_edge[corner], end)
+        return np.where(tables.is_infinite(sharpness), sharpness, halves)
+
+    def children(self, mesh: Mesh) -> ChannelSharpness:
+        """The sharpness of the refined mesh."""
+        coarse = self.geometry.mesh
+        points = np.zeros(coarse.n_vertices + coarse.n_edges + coarse.n_faces)
+        geometry = self.geometry.children(child_mesh(coarse, points))
+        children = replace(super().children(mesh), geometry=geometry)
+        if self.linear:
+            everywhere = np.full_like(children.half_edges, np.inf)
+            vertices = np.full_like(children.vertices, np.inf)
+            return replace(children, half_edges=everywhere, vertices=vertices)
+        return children._following()
+
+    def neighbours(self, corners: Array) -> Array:
+        """All corners at the vertices of some, (n_corners,) bool."""
+        return self.geometry.neighbours(corners)
+
+    def part(self, part: MeshPart) -> ChannelSharpness:
+        """The sharpness of a part of the mesh."""
+        geometry = self.geometry.part(MeshPart.of(self.geometry.mesh, part.wanted))
+        inside = np.isin(self.followers, part.vertices).all(axis=1)
+        followers = np.searchsorted(part.vertices, self.followers[inside])
+        return replace(super().part(part), geometry=geometry, followers=followers)
+
+    def _following(self) -> ChannelSharpness:
+        """With the vertex sharpness that keeps followers sharp for as long as they should be.
+
+        A follower is released together with its leader, by the same share; but one step later,
+        and at once, while a crease along the seam itself is still decaying, as in OpenSubdiv.
+        """
+        if not len(self.followers):
+            return self
+        follower, leader = self.followers.T
+        parent, child, share = self.transitions
+        there = self.geometry
+        decaying = np.zeros(there.mesh.n_vertices, dtype=bool)
+        _, vertex, _, after = there._ends
+        decaying[vertex[(after > 0) & ~tables.is_infinite(after)]] = True
+        at = np.zeros(self.mesh.n_vertices, dtype=np.int64)
+        at[self.mesh.indices] = there.mesh.indices
+        vertices = self.vertices.copy()
+        stays = child[leader] == CORNER
+        released = (parent[leader] == CORNER) & ~stays
+        vertices[follower] = 0
+        vertices[follower[stays | (released & decaying[at[follower]])]] = 2
+        now = released & ~decaying[at[follower]]
+        vertices[follower[now]] = share[leader[now]]
+        return replace(self, vertices=vertices)
+
+
+def _sharpness(
+    mesh: Mesh, rules: Rules, values: Mesh, vertex: Array, mode: str
+) -> ChannelSharpness:
+    """The sharpness of the values of a channel of a cage, value k being at ``vertex[k]``."""
+    geometry = Sharpness.of(mesh, rules, np.dtype(object))
+    half_edges = geometry.half_edges.copy()
+    linear = mode == "all"
+    half_edges[(values.twin < 0) | linear] = np.inf
+    vertices = geometry.vertices[vertex]
+    pinned, followers = _pinned(mesh, geometry, values, vertex, mode)
+    vertices[pinned] = np.inf
+    no_edges = np.zeros(mesh.n_corners, dtype=bool)
+    no_values = np.zeros(len(vertex), dtype=bool)
+    chaikin = rules.creasing == "chaikin"
+    return ChannelSharpness(
+        values, half_edges, vertices, no_edges, no_values, chaikin, geometry, followers, linear
+    )._following()
+
+
+def _pinned(
+    mesh: Mesh, geometry: Sharpness, values: Mesh, vertex: Array, mode: str
+) -> tuple[Array, Array]:
+    """Values that stay where they are, (n_values,) bool, and the followers (n, 2) among others."""
+    n = len(vertex)
+    if mode == "all":
+        return np.ones(n, dtype=bool), np.zeros((0, 2), dtype=np.int64)
+
+    def count(ends: Array, size: int = n) -> Array:
+        return np.bincount(ends.ravel(), minlength=size)
+
+    # a seam: an edge of the mesh that is several edges of values
+    own = mesh.corner_edge
+    low, high = np.full(mesh.n_edges, values.n_edges), np.full(mesh.n_edges, -1)
+    np.minimum.at(low, own, values.corner_edge)
+    np.maximum.at(high, own, values.corner_edge)
+    seam = low < high
+    number = own[values.edge_corners[:, 0]]  # edges of the mesh by edges of values
+    inside = (values.edge_faces > 1) & ~seam[number]
+    infinite = tables.is_infinite(geometry.edges)
+    hard = count(values.edges[inside & infinite[number]]) > 0
+    soft = count(values.edges[inside & ~infinite[number] & (geometry.edges > 0)[number]]) > 0
+    broken = count(values.edges[values.edge_faces == 1]) != 2
+    faces = count(values.indices)
+    number_here = count(vertex, mesh.n_vertices)[vertex]  # values at the same vertex
+    on_seam = np.zeros(mesh.n_vertices, dtype=bool)
+    on_seam[mesh.edges[seam]] = True
+    special = on_seam[vertex] | (number_here > 1)
+    if mode == "boundaries":
+        special |= mesh.boundary_vertex[vertex]
+    if mode != "none":
+        special |= mesh.vertex_faces[vertex] == 1
+
+    def either(values_with: Array) -> Array:
+        return (count(vertex[values_with], mesh.n_vertices) > 0)[vertex]
+
+    lone = (faces == 1) & (mode != "none")
+    pinned = hard | broken | lone | mesh.nonmanifold_vertex[vertex]
+    pinned |= tables.is_infinite(geometry.vertices[vertex]) | (mode == "boundaries")
+    pair = number_here == 2
+    if mode in ("corners_plus1", "corners_plus2"):
+        pinned |= (number_here > 2) | (pair & either(hard | broken))
+    if mode == "corners_plus2":
+        pinned |= pair & either(faces == 1)
+        pinned |= (number_here == 1) & ~mesh.boundary_vertex[vertex]
+    pinned &= special
+    followers = np.zeros((0, 2), dtype=np.int64)
+    if mode in ("corners_plus1", "corners_plus2"):
+        free = special & pair & ~pinned & (geometry.vertices[vertex] == 0)
+        follower = np.flatnonzero(free & ~soft & either(free & soft))
+        # values are numbered by vertex: the other of two is next to it
+        other = np.where(np.append(vertex[1:], -1)[follower] == vertex[follower], 1, -1)
+        followers = np.stack([follower, follower + other], axis=1)
+    return pinned, followers

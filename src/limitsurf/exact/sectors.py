@@ -1,0 +1,313 @@
+"""The rings of crease and corner sectors and of darts: dense eigenbases.
+
+**Crease and corner sectors** of k faces. The vertex and the ends ``e_0`` and ``e_k`` follow the
+curve through them, whatever the faces do. Where these three vanish, the rest is the odd part of a
+smooth ring of valence 2 k: the sines ``e_j ~ sin(j theta)``, ``f_j ~ sin((j + 1/2) theta)`` with
+``theta = pi m / k``. An eigenvector of the curve extends into the faces unless a sine mode has the
+same eigenvalue and takes part in it; then it heads a Jordan chain that ends in that mode.
+
+**Darts** split by the reflection at the sharp edge. The odd part is that of a smooth ring. The
+even part has the eigenvalues of a rational matrix of size N + 2 without a closed form, all simple;
+from N = 6 on two of them can be complex. They are computed in float64 and refined by Newton's
+method for all eigenvectors at once, which doubles the digits with every step.
+
+Derived in ``derivations/sectors.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from limitsurf.exact.fixed import (
+    BITS,
+    EQUAL,
+    Fixed,
+    UnsupportedSpectrum,
+    mp,
+    null_space,
+    product,
+    reduced,
+    to_fixed,
+    to_mpf,
+)
+from limitsurf.exact.matrices import Sector, SubdivisionMatrix, subdivision_matrix
+from limitsurf.exact.ring import boundary_limit_mask, limit_mask, ring_generators, wave_modes
+from limitsurf.exact.scheme import Scheme
+
+
+@dataclass(frozen=True, eq=False)
+class DenseRing:
+    """The eigenbasis of a ring as matrices.
+
+    Attributes
+    ----------
+    values : list of mpf or mpc
+        Eigenvalues. A complex pair a +- ib belongs to two real columns x, y with
+        ``A x = a x - b y`` and ``A y = b x + a y``.
+    labels : list of (int, int)
+        To order equal eigenvalues by.
+    heads : dict
+        {end: head} of the Jordan chains, ``A V[head] = value V[head] + V[end]``.
+    right, inverse : (ring, ring)
+        Right eigenvectors as columns, left ones as rows.
+    """
+
+    values: list[Any]
+    labels: list[tuple[int, int]]
+    heads: dict[int, int]
+    right: Fixed
+    inverse: Fixed
+
+    def right_rows(self, points: Any) -> dict[int, Fixed]:
+        """Values of all eigenvectors at some points of the ring: {point: (modes,)}."""
+        return {k: self.right[k] for k in points}
+
+    def left(self) -> Fixed:
+        """Left eigenvectors as rows, (ring, ring)."""
+        return self.inverse
+
+
+def open_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseRing:
+    """The ring of a crease or corner sector."""
+    size, faces = matrix.sector.ring, matrix.sector.faces
+    frequencies, waves, right, left = _sines(scheme, 2 * faces, size)
+    left = 2 * left  # sums over the sector are half of those over a ring of twice its faces
+    rows = matrix.rows
+    curve, inner = [0, 1, size - 1], list(range(2, size - 1))
+    # eigenvectors of the curve: constant, odd and even about the middle of the sector
+    own, beside, half = rows[0][0], rows[0].get(1, Fraction(0)), rows[1][1]
+    slope = 2 * beside / (half - 1)
+    one, zero = Fraction(1), Fraction(0)
+    vectors = [[one, one, one], [zero, one, -one], [slope, one, one]]
+    values = [Fraction(1), half, own + half - 1]
+    basis = to_fixed([[Fraction(vector[i]) for vector in vectors] for i in range(3)])
+    dual = [[Fraction(vector[i]) for vector in vectors] + _unit(i) for i in range(3)]
+    inverse = to_fixed([row[3:] for row in reduced(dual)])
+    # what the curve's eigenvectors bring to the other points, in sine modes
+    brought = to_fixed(
+        [[sum(rows[p].get(c, 0) * v for c, v in zip(curve, y, strict=True)) for y in vectors]
+         for p in inner]
+    )  # fmt: skip
+    coupling = product(left[:, inner], brought)
+    heads: dict[int, int] = {}
+    gaps = [[to_mpf(value) - wave for value in values] for wave in waves]
+    for m, row in enumerate(gaps):
+        met = [y for y in (1, 2) if abs(row[y]) < EQUAL and not _is_noise(coupling[m, y])]
+        if len(met) > 1:
+            raise UnsupportedSpectrum("a Jordan block with two heads")
+        for y in met:
+            heads[3 + m] = y
+            scale = coupling[m, y]
+            right[:, m] = right[:, m] * scale >> BITS
+            left[m] = (left[m] << BITS) // scale
+            coupling[m] = (coupling[m] << BITS) // scale
+    extent = np.zeros_like(coupling)
+    extent[:, 0] = left[:, inner].sum(axis=1)
+    for m, row in enumerate(gaps):
+        for y in (1, 2):
+            if abs(row[y]) > EQUAL:
+                extent[m, y] = (int(coupling[m, y]) << BITS) // int(to_fixed([row[y]])[0])
+    full = np.zeros((size, size), dtype=object)
+    full[:, 3:] = right
+    full[:, :3] = product(right, extent)
+    full[curve, :3] = basis
+    full[:, 0] = 1 << BITS
+    dense = np.zeros((size, size), dtype=object)
+    dense[3:] = left
+    dense[:3, curve] = inverse
+    dense[3:, curve] = -product(extent, inverse)
+    labels = [(0, 0), (0, 1), (0, 2), *((f, k) for k, f in enumerate(frequencies))]
+    return DenseRing([*map(to_mpf, values), *waves], labels, heads, full, dense)
+
+
+def dart_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseRing:
+    """The ring of a dart."""
+    size, faces = matrix.sector.ring, matrix.sector.faces
+    frequencies, waves, right, left = _sines(scheme, faces, size)
+    alike = orbits(faces)
+    values, even, dual = _certified_basis(folded(matrix, alike))
+    # the first right vector is constant
+    dual[0] = dual[0] * even[0, 0] >> BITS
+    even[:, 0] = 1 << BITS
+    full = np.zeros((size, size), dtype=object)
+    dense = np.zeros((size, size), dtype=object)
+    n = len(alike)
+    full[:, n:], dense[n:] = right, left
+    for k, orbit in enumerate(alike):
+        full[orbit, :n] = even[k]
+        dense[:n, orbit] = (dual[:, k] // len(orbit))[:, None]
+    labels = [(0, k) for k in range(n)] + [(f, k) for k, f in enumerate(frequencies)]
+    return DenseRing([*values, *waves], labels, {}, full, dense)
+
+
+def limit_weights(scheme: Scheme, sector: Sector) -> list[Fraction]:
+    """Exact weights of the points of a ring in the limit of its vertex, (ring,)."""
+    matrix = subdivision_matrix(scheme, sector)
+    weights = [Fraction(0)] * sector.ring
+    if sector.kind == "corner":
+        weights[0] = Fraction(1)
+    elif sector.kind == "crease":
+        weights[0], weights[1] = boundary_limit_mask(scheme)
+        weights[-1] = weights[1]
+    elif sector.kind == "dart":
+        alike = orbits(sector.faces)
+        block = folded(matrix, alike)
+        n = range(len(block))
+        (mask,) = null_space([[block[j][i] - (i == j) for j in n] for i in n])
+        total = sum(mask)
+        for weight, orbit in zip(mask, alike, strict=True):
+            for point in orbit:
+                weights[point] = weight / total / len(orbit)
+    else:
+        own, edge, face = limit_mask(matrix)
+        weights = [own, *[edge, face] * sector.faces]
+    return weights
+
+
+def _sines(scheme: Scheme, valence: int, size: int) -> tuple[list[int], list[Any], Fixed, Fixed]:
+    """Sine modes of a smooth ring that are odd about its edge 0.
+
+    Frequencies and eigenvalues; values at the first `size` points of the ring, right (size, modes)
+    and left (modes, size), which are inverse in a sum over the whole ring.
+    """
+    generators = ring_generators(subdivision_matrix(scheme, Sector("cone", 8)))
+    # at half the valence the sine vanishes at the edges, not at the faces: there it is a cosine
+    # about the diagonal of face 0
+    modes = [
+        mode
+        for mode in wave_modes(generators, valence)
+        if mode.parity == (2 * mode.frequency != valence)
+    ]
+    frequency = np.array([mode.frequency for mode in modes], dtype=np.int64)
+    sine = to_fixed([mp.sinpi(mp.mpf(k) / valence) for k in range(2 * valence)])
+    right = np.zeros((size, len(modes)), dtype=object)
+    left = np.zeros((len(modes), size), dtype=object)
+    points = np.arange(1, size)
+    for k, mode in enumerate(modes):
+        wave = sine[(points - 1) * frequency[k] % (2 * valence)]
+        for profile, target in ((mode.right, right[:, k]), (mode.left, left[k])):
+            amplitude = to_fixed(profile)[np.where(points % 2 == 1, 1, 2)]
+            target[1:] = wave * amplitude >> BITS
+    return frequency.tolist(), [mode.eigenvalue for mode in modes], right, left
+
+
+def orbits(faces: int) -> list[list[int]]:
+    """Points of a ring that a reflection at its edge 0 exchanges, each once."""
+    edges = [sorted({1 + 2 * j, 1 + 2 * (-j % faces)}) for j in range(faces // 2 + 1)]
+    diagonals = [sorted({2 + 2 * j, 2 + 2 * (faces - 1 - j)}) for j in range((faces + 1) // 2)]
+    return [[0], *edges, *diagonals]
+
+
+def folded(matrix: SubdivisionMatrix, alike: list[list[int]]) -> list[list[Fraction]]:
+    """The matrix on ring points that are equal within each orbit."""
+    zero = Fraction(0)
+    return [
+        [sum((matrix.rows[row[0]].get(c, zero) for c in column), zero) for column in alike]
+        for row in alike
+    ]
+
+
+def _certified_basis(matrix: list[list[Fraction]]) -> tuple[list[Any], Fixed, Fixed]:
+    """Eigenvalues, right and left eigenvectors of a rational matrix with simple eigenvalues.
+
+    The first is 1. With ``M = X^-1 A X``, ``X (I + F)`` where ``J F - F J`` cancels what ``M`` has
+    beside its (block) diagonal J is the next approximation: the error is squared every time.
+    """
+    size = len(matrix)
+    floats = np.array([[float(x) for x in row] for row in matrix])
+    found, vectors = np.linalg.eig(floats)
+    real = np.abs(found.imag) < 1e-9
+    order = sorted(np.flatnonzero(real | (found.imag > 0)), key=lambda k: -abs(found[k]))
+    start: list[Any] = []
+    pairs: list[int] = []
+    for k in order:
+        if not real[k]:
+            pairs.append(len(start))
+            start.append(vectors[:, k].real)
+            start.append(vectors[:, k].imag)
+        else:
+            start.append(vectors[:, k].real)
+    if len(pairs) > 1:
+        raise UnsupportedSpectrum("a dart with more than one complex pair of eigenvalues")
+    approximate = np.array(start).T
+    X, inverse = to_fixed(approximate.tolist()), to_fixed(np.linalg.inv(approximate).tolist())
+    A, identity = to_fixed(matrix), to_fixed(np.eye(size).tolist())
+    for _ in range(12):
+        for _ in range(3):
+            inverse = inverse + product(inverse, identity - product(X, inverse))
+        J = product(inverse, product(A, X))
+        F = _correction(J, pairs)
+        X = X + product(X, F)
+        if np.abs(F).max() < 1 << 40:
+            break
+    else:
+        raise UnsupportedSpectrum("a dart whose eigenvalues are not distinct")
+    inverse = inverse + product(inverse, identity - product(X, inverse))
+    _normalise(X, inverse, pairs)
+    # the last digits are rounding: 0, 1/4, 1/2 and 1 come out exactly
+    J = (J + (1 << 15) >> 16) << 16
+    values = [mp.ldexp(mp.mpf(int(J[k, k])), -BITS) for k in range(size)]
+    for p in pairs:
+        turn = mp.ldexp(mp.mpf(int(J[p, p + 1] - J[p + 1, p])), -BITS - 1)
+        centre = (values[p] + values[p + 1]) / 2
+        values[p], values[p + 1] = mp.mpc(centre, turn), mp.mpc(centre, -turn)
+    return values, X, inverse
+
+
+def _normalise(X: Fixed, inverse: Fixed, pairs: list[int]) -> None:
+    """Scale columns and rows, so that nothing depends on where the iteration began.
+
+    The first entry that is not 0, that of the end of the sharp edge before that of the vertex,
+    becomes 1.
+    """
+    places = (1, 0, *range(2, len(X)))
+    paired = {k for p in pairs for k in (p, p + 1)}
+    for k in set(range(len(X))) - paired:
+        scale = next(int(X[i, k]) for i in places if not _is_noise(X[i, k]))
+        X[:, k], inverse[k] = (X[:, k] << BITS) // scale, inverse[k] * scale >> BITS
+    for k in pairs:
+        x, y = X[:, k].copy(), X[:, k + 1].copy()
+        r, s = inverse[k].copy(), inverse[k + 1].copy()
+        i = next(i for i in places if not (_is_noise(x[i]) and _is_noise(y[i])))
+        c, d = int(x[i]), int(y[i])
+        norm = c * c + d * d
+        X[:, k], X[:, k + 1] = ((x * c + y * d) << BITS) // norm, ((y * c - x * d) << BITS) // norm
+        inverse[k], inverse[k + 1] = (r * c + s * d) >> BITS, (s * c - r * d) >> BITS
+
+
+def _correction(M: Fixed, pairs: list[int]) -> Fixed:
+    """F with ``J F - F J + M - J = 0``, J being the diagonal of M but for 2 x 2 rotations."""
+    value = M.diagonal()
+    gap = value[None, :] - value[:, None]
+    for p in pairs:
+        gap[p, p + 1] = gap[p + 1, p] = 1  # filled in below
+    np.fill_diagonal(gap, 1)
+    F = (M << BITS) // gap
+    np.fill_diagonal(F, 0)
+    for p in pairs:
+        centre, turn = (M[p, p] + M[p + 1, p + 1]) // 2, (M[p, p + 1] - M[p + 1, p]) // 2
+        for i in set(range(len(M))) - {p, p + 1}:
+            x = centre - M[i, i]
+            norm = x * x + turn * turn
+            e, g = M[i, p], M[i, p + 1]
+            F[i, p] = ((e * x + g * turn) << BITS) // norm
+            F[i, p + 1] = ((g * x - e * turn) << BITS) // norm
+            e, g = M[p, i], M[p + 1, i]
+            F[p, i] = ((g * turn - e * x) << BITS) // norm
+            F[p + 1, i] = -((e * turn + g * x) << BITS) // norm
+        stretch, shear = (M[p, p] - M[p + 1, p + 1]) // 2, (M[p, p + 1] + M[p + 1, p]) // 2
+        F[p, p], F[p + 1, p + 1] = (shear << BITS) // (2 * turn), -(shear << BITS) // (2 * turn)
+        F[p, p + 1] = F[p + 1, p] = -(stretch << BITS) // (2 * turn)
+    return np.asarray(F)
+
+
+def _unit(i: int) -> list[Fraction]:
+    return [Fraction(i == j) for j in range(3)]
+
+
+def _is_noise(x: int) -> bool:
+    return abs(x) >> (BITS // 2) == 0

@@ -1,0 +1,171 @@
+"""Eigenbases of special corners, for those who study them: exact expressions and float64 tables."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from limitsurf.exact.matrices import Sector
+from limitsurf.exact.scheme import Scheme
+from limitsurf.tables import eigen_table, find_scheme
+
+if TYPE_CHECKING:
+    from limitsurf.exact.symbolic import SymbolicBasis
+    from limitsurf.exact.symbolic_sectors import SectorBasis
+
+
+class Eigenbasis:
+    """Eigenstructure of a scheme around a special corner, exactly and in float64.
+
+    Attributes
+    ----------
+    scheme, sector, provenance
+        What it belongs to, and all that its numbers depend on.
+    exact : SymbolicBasis
+        sympy expressions, made on first use.
+    float64 : EigenTable
+        The same numbers rounded from 96 digits.
+
+    Both have ``eigenvalues``, ``A``, ``V``, ``J``, ``Vinv``, ``residual`` (``A V - V J``),
+    ``limit_mask`` and ``tangent_masks``.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> basis = ls.eigenbasis("catmull-clark", valence=3)
+    >>> basis.exact.eigenvalues[1]
+    sqrt(17)/32 + 9/32
+    >>> basis.exact.residual.is_zero_matrix
+    True
+    """
+
+    def __init__(self, scheme: Scheme, sector: Sector) -> None:
+        self.scheme = scheme
+        self.sector = sector
+        self.float64 = eigen_table(scheme, sector)
+        self.provenance = {**self.float64.provenance, "paper": scheme.paper}
+
+    @property
+    def valence(self) -> int:
+        """Number of faces around the vertex, or in the sector."""
+        return self.sector.faces
+
+    @cached_property
+    def exact(self) -> SymbolicBasis | SectorBasis:
+        """The eigenbasis as sympy expressions."""
+        if self.sector.kind == "interior":
+            from limitsurf.exact.symbolic import SymbolicBasis
+
+            return SymbolicBasis(self.scheme, self.sector.faces)
+        from limitsurf.exact.symbolic_sectors import SectorBasis
+
+        return SectorBasis(self.scheme, self.sector)
+
+    def _distinct(self) -> list[tuple[float, int]]:
+        values, counts = np.unique(self.float64.eigenvalues[0], return_counts=True)
+        return sorted(zip(values.tolist(), counts.tolist(), strict=True), key=lambda p: -abs(p[0]))
+
+    def __repr__(self) -> str:
+        spectrum = ", ".join(
+            f"{value:.6g}" + (f" (x{count})" if count > 1 else "")
+            for value, count in self._distinct()[:6]
+        )
+        return (
+            f"<Eigenbasis of {self.scheme.name} at {self._place()}: "
+            f"{self.float64.size} control points, eigenvalues {spectrum}, ...>"
+        )
+
+    def _place(self) -> str:
+        kind, faces, position = self.sector.kind, self.sector.faces, self.sector.position
+        if kind == "interior":
+            return f"interior valence {faces}"
+        return f"a {kind} of {faces} faces" + (f", face {position}" if position else "")
+
+    def _repr_latex_(self) -> str:
+        import sympy
+
+        counts: dict[Any, int] = {}
+        for value in self.exact.eigenvalues:
+            counts[value] = counts.get(value, 0) + 1
+        terms = [
+            sympy.latex(value) + (rf"\;(\times {count})" if count > 1 else "")
+            for value, count in counts.items()
+        ]
+        return (
+            rf"$\displaystyle \text{{{self.scheme.name}, {self._place()}}}: \quad "
+            rf"\lambda \in \left\{{ {', '.join(terms)} \right\}}$"
+        )
+
+
+def eigenbasis(
+    scheme: str | Scheme,
+    valence: int | None = None,
+    *,
+    kind: str = "interior",
+    faces: int | None = None,
+    position: int = 0,
+) -> Eigenbasis:
+    """Eigenvalues, eigenvectors and limit masks of a scheme around a special corner.
+
+    The subdivision matrix acts on the K control points of a quad with one special corner (Stam
+    1998, section 3); their order is drawn in ``exact/matrices.py``.
+
+    Parameters
+    ----------
+    scheme : str or Scheme
+        A name such as "catmull-clark", or a scheme of your own.
+    valence : int, optional
+        Number of faces around a smooth interior vertex, at least 2.
+    kind : {"interior", "crease", "corner", "dart", "cone"}
+        What the corner is: "crease", a vertex on a boundary or sharp crease; "corner", a sharp
+        vertex between two sharp edges; "dart", the end of a sharp crease; "cone", a sharp vertex
+        amid smooth faces.
+    faces : int, optional
+        Instead of `valence`: number of faces of the sector, at least 1 for "crease" and "corner",
+        which lie on one side of the sharp edges, else at least 2.
+    position : int
+        Which face of a crease, corner or dart is looked at, counter-clockwise from a sharp edge.
+
+    Returns
+    -------
+    Eigenbasis
+        With `.exact` (sympy) and `.float64` (numpy), each holding `eigenvalues` (K,), `A`, `V`,
+        `J`, `Vinv`, `residual` (K, K), `limit_mask` (K,) and `tangent_masks` (2, K), which is
+        empty where there is no tangent plane.
+
+    Raises
+    ------
+    ValueError
+        For an unknown scheme or kind, too few faces, a position out of range, or masks without a
+        Jordan basis of the kind that is handled.
+
+    Notes
+    -----
+    Derived in ``derivations/eigenstructure.py`` and ``derivations/sectors.py``. Smooth valence 2
+    has no tangent plane in general: the eigenvalue -1/4 ties with the subdominant 1/4; and its
+    eigenvalue 1/8 has a Jordan block. So have creases at 1/4 for odd numbers of faces and at 1/2
+    for multiples of four, and corners at 1/2 for even numbers. Darts of 6 and more faces can have
+    one pair of complex eigenvalues: there ``J`` has a rotation, and ``eigenvalues`` of `.float64`
+    holds the modulus.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> basis = ls.eigenbasis("catmull-clark", valence=5)
+    >>> basis
+    <Eigenbasis of catmull-clark at interior valence 5: 18 control points, eigenvalues 1, ...>
+    >>> print(basis.exact.eigenvalues[1].evalf(20))
+    0.54998835451829717789
+    >>> ls.eigenbasis("catmull-clark", kind="crease", faces=4).float64.eigenvalues[0, :4]
+    array([1.        , 0.61111653, 0.5       , 0.5       ])
+    """
+    number = faces if valence is None else valence
+    if (valence is None) == (faces is None):
+        raise ValueError(f"give either valence or faces, got {valence!r} and {faces!r}")
+    for name, value in (("number of faces", number), ("position", position)):
+        if not isinstance(value, (int, np.integer)) or isinstance(value, bool):
+            raise ValueError(f"the {name} is an integer, got {value!r}")
+    assert number is not None
+    return Eigenbasis(find_scheme(scheme), Sector(kind, int(number), int(position)))
