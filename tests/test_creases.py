@@ -18,6 +18,7 @@ import pytest
 import zoo
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from oracles import Stencil
 from oracles_creases import INF, Cage, TaggedSurface, refine_times
 from scipy.interpolate import BSpline
 from test_surface import (
@@ -76,12 +77,43 @@ class Oracle(TaggedSurface):
         kind, n, sharp, level = self.sector(face, u, v)
         if sum(nu) == 1 and kind in ("interior", "dart") and n <= 3:
             return (F(0),) * len(value)  # the subdominant eigenvalue is less than 1/2
+        if sum(nu) == 1 and (kind, n) == ("dart", 4):
+            return self.slope_at_a_dart(face, u, v, nu)
         step = F(1, 2 ** (level + 3))
         if (kind, n) in (("crease", 2), ("corner", 1)):
             return self.extrapolated(face, u, v, nu, (step, step))  # beside n-gons
         if kind in ("crease", "corner") and min(nu) == 0 and sharp[nu[0] == 0]:
             return self.extrapolated(face, u, v, nu, [step * (n > 0) for n in nu])
         return value
+
+    def slope_at_a_dart(self, face, u, v, nu):
+        """The first derivatives at a dart of valence 4, where linear functions are eigenfunctions.
+
+        That across the crease is as at a smooth vertex, by symmetry. The mask of that along it is
+        the left eigenvector of 1/2, solved for by hand.
+        """
+        net, level, _, _, r = self._descend(face, u, v)
+        corner = oracles_creases._corners(net.local)[r]
+        v0, e, f = ([net.local.faces[g][(i + k) % 4] for g, i in corner.sector] for k in range(3))
+        masks = [
+            {
+                v0[0]: 48,
+                e[0]: 84,
+                e[1]: -24,
+                e[3]: -24,
+                e[2]: -48,
+                f[0]: -3,
+                f[3]: -3,
+                f[1]: -15,
+                f[2]: -15,
+            },
+            {e[1]: 52, e[3]: -52, f[0]: 13, f[1]: 13, f[2]: -13, f[3]: -13},
+        ]
+        outgoing = int(r % 2 == 0) == nu[0]  # else the side towards the corner, a quarter on
+        turns = corner.sector.index((0, r)) + (not outgoing)
+        sign = (1, 1, -1, -1)[turns % 4] * (-1 if (u, v)[nu[0] == 0] else 1)
+        scale = F(sign * 2**level, 156)
+        return net.combined(Stencil({i: scale * w for i, w in masks[turns % 2].items()}))
 
     def extrapolated(self, face, u, v, nu, steps):
         """The value at a corner of the polynomial that the surface, or a side, is beside it."""
@@ -230,9 +262,10 @@ def parameters_of_corners(fine, faces, levels):
 def folded(surface, face, u, v):
     """Where d/du and d/dv are nearly parallel, or one is nearly 0: on pillows and the like."""
     along, across = (surface.evaluate(face, u, v, nu) for nu in ((1, 0), (0, 1)))
-    sizes = np.linalg.norm(along, axis=1), np.linalg.norm(across, axis=1)
-    area = np.linalg.norm(np.cross(along, across), axis=1)
-    return (np.minimum(*sizes) < 1e-6 * np.maximum(*sizes)) | (area < 1e-4 * sizes[0] * sizes[1])
+    sizes = [np.abs(x).max(axis=1) for x in (along, across)]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        area = np.cross(along / sizes[0][:, None], across / sizes[1][:, None])
+    return (np.minimum(*sizes) < 1e-6 * np.maximum(*sizes)) | (np.abs(area).max(axis=1) < 1e-4)
 
 
 @on_the_zoo
