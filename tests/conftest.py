@@ -1,6 +1,6 @@
 """What the whole suite shares: a table cache of its own, no windows, options and settings.
 
-``pytest --wicked=KIND`` runs the tests on a Catmull-Clark scheme with one wrong mask, which must
+``pytest --wicked=KIND`` runs the tests with one wrong mask or rule of Catmull-Clark, which must
 turn them red (test_wicked.py). ``pytest --cages=N`` judges the accuracy on N random cages,
 ``pytest --tagged=N`` tries every property of creases on N random tagged ones.
 ``pytest --hypothesis-profile=search`` tries new examples instead of the same ones every time.
@@ -15,6 +15,9 @@ from typing import Any
 import pytest
 import zoo
 from hypothesis import settings
+
+from limitsurf import tables
+from limitsurf.rules import Sharpness
 
 settings.register_profile("search", deadline=None)
 settings.register_profile("repeatable", deadline=None, derandomize=True)
@@ -39,11 +42,43 @@ WICKED: dict[str, dict[str, Any]] = {
             else (Fraction(1, 4),) * 4
         )
     },
+    "curve": {"boundary_vertex": (Fraction(2, 3), Fraction(1, 6))},  # that of the limit
+    "triangle": {"smooth_triangle": Fraction(12, 25)},
+}
+
+
+def _wrong_chaikin() -> None:
+    """Its two shares the other way round."""
+    tables.chaikin_weights = lambda dtype: tables._numbers([Fraction(1, 4), Fraction(3, 4)], dtype)
+
+
+def _wrong_edge_blend() -> None:
+    """Sharpness below one taken for its square."""
+    true = Sharpness.edge_masks.func
+    Sharpness.edge_masks = property(lambda self: true(self) ** 2)
+
+
+def _wrong_vertex_blend() -> None:
+    """No blending: a vertex that is to be smooth is so at once."""
+
+    def masks(self: Sharpness) -> tuple[Any, ...]:
+        smooth, corner, along = true(self)
+        return smooth + corner * (smooth > 0), corner * (smooth == 0), along
+
+    true = Sharpness.vertex_masks.func
+    Sharpness.vertex_masks = property(masks)
+
+
+# One wrong rule each.
+WICKED_RULES = {
+    "chaikin": _wrong_chaikin,
+    "edge_blend": _wrong_edge_blend,
+    "vertex_blend": _wrong_vertex_blend,
 }
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--wicked", choices=list(WICKED), help="test a scheme with a wrong mask")
+    parser.addoption("--wicked", choices=[*WICKED, *WICKED_RULES], help="test a wrong mask or rule")
     parser.addoption("--cages", type=int, default=62, help="random cages to judge accuracy on")
     parser.addoption("--tagged", type=int, default=zoo.EXAMPLES, help="random tagged cages")
 
@@ -56,11 +91,12 @@ def pytest_configure(config: pytest.Config) -> None:
         cache = tempfile.TemporaryDirectory(prefix="limitsurf-tests-")
         config.add_cleanup(cache.cleanup)
         os.environ["LIMITSURF_CACHE_DIR"] = cache.name
-    if config.getoption("wicked"):
-        from limitsurf import tables
-
+    wicked = config.getoption("wicked")
+    if wicked in WICKED:
         # a copy is not checked as a new Scheme is: some of these masks it would refuse
         scheme = copy.copy(tables.SCHEMES["catmull-clark"])
-        for mask, wrong in WICKED[config.getoption("wicked")].items():
+        for mask, wrong in WICKED[wicked].items():
             object.__setattr__(scheme, mask, wrong)
         tables.SCHEMES["catmull-clark"] = scheme
+    elif wicked:
+        WICKED_RULES[wicked]()

@@ -1,6 +1,8 @@
 """The recursive refiner against a naive one, by hand, and against the limit surface."""
 
+import pickle
 import random
+from decimal import Decimal
 from fractions import Fraction as F
 from pathlib import Path
 
@@ -513,3 +515,53 @@ def test_every_kind_of_vertex_is_tried():
     assert fans >= {1, 2, 3, 4, 5, 6, 7}
     assert valences >= {0, 2, 3, 4, 5, 6, 7, 9, 12, 33, 64}
     assert sizes >= {3, 4, 5, 6, 7, 8, 12}
+
+
+# --- what rounding and copying must not change ----------------------------------------------------
+
+GRID = [[i, j, (i * 7 + j * 3) % 5 / 5] for j in range(5) for i in range(5)]
+CELLS = [
+    [j * 5 + i, j * 5 + i + 1, j * 5 + i + 6, j * 5 + i + 5] for j in range(4) for i in range(4)
+]
+
+
+@pytest.mark.parametrize(
+    ("creases", "creasing"),
+    [
+        ({(12, 13): 0.8, (11, 12): 1.1, (7, 12): 0.6}, "chaikin"),
+        ({(12, 13): 2.8000000000000003, (11, 12): 5.4, (7, 12): 2, (12, 17): 1}, "chaikin"),
+        ({(12, 13): F(10) - F(1, 10**25)}, "uniform"),
+        ({(12, 13): 1 + F(1, 10**25), (12, 11): F(1, 2)}, "uniform"),
+    ],
+)
+def test_rounding_does_not_decide_about_rules(creases, creasing):
+    """Where a sharpness just reaches 0 the rules jump: floats and Fractions agree about it."""
+    surface = ls.LimitSurface(ls.Mesh(GRID, CELLS, creases=creases, creasing=creasing))
+    for u, v in ((0.3, 0.2), (0.7, 0.9), (0.0, 0.0)):
+        rough = surface.evaluate(np.arange(16), u, v)
+        exact = surface.evaluate(np.arange(16), F(u), F(v))
+        assert np.abs(rough - exact.astype(float)).max() <= 1e-14
+
+
+def test_a_copy_of_a_refined_degenerate_mesh_is_connected_alike():
+    mesh = ls.Mesh([[0, 0, 0], [3, 1, 0], [2, 5, 1], [-1, 4, 2]], [[2, 1, 1, 3], [0, 1, 2, 3]])
+    fine = ls.refined(mesh)
+    copy = pickle.loads(pickle.dumps(fine))
+    assert copy.n_edges == fine.n_edges == 20
+    assert (copy.twin == fine.twin).all()
+    assert np.array_equal(copy.limit_points, fine.limit_points, equal_nan=True)
+
+
+def test_faces_beside_a_fin_that_do_not_border_on_it_are_refused():
+    """Vertex 0 follows a crease of non-manifold edges that some of its faces lie apart from."""
+    points = [[0, 0, 0], [3, 1, 0], [2, 5, 1], [-1, 4, 2]]
+    mesh = ls.Mesh(points, [[2, 0, 3], [0, 1, 2, 3], [3, 1, 2, 0], [0, 3, 2, 1]])
+    with pytest.raises(NotImplementedError, match=r"vertex \d+ follows a crease of non-manifold"):
+        ls.LimitSurface(mesh)
+    assert ls.refined(mesh, 2).limit_points.shape == (56, 3)
+
+
+@pytest.mark.parametrize("sharpness", [None, "2", Decimal("2.5"), 1j])
+def test_sharpness_is_a_real_number(sharpness):
+    with pytest.raises(TypeError, match="sharpness must be"):
+        ls.Mesh(GRID, CELLS, creases={(12, 13): sharpness})

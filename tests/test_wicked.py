@@ -1,8 +1,9 @@
-"""The suite itself: a scheme with one wrong mask turns it red, in the refiner and in the surface.
+"""The suite itself: one wrong mask or rule turns it red, in the refiner and in the surface.
 
 The wrong masks (conftest.py) sum to one, so that partition of unity and affine invariance hold.
 "all" and "edge" are wrong at regular vertices too, "extraordinary" at valence != 4 only, "ngon" at
 faces of other than four corners only; "edge" is a mistake once seen in a well-known library.
+"curve", "triangle", "chaikin" and the blends concern boundaries, creases and corners.
 """
 
 import os
@@ -19,12 +20,14 @@ from limitsurf.exact.catmull_clark import CATMULL_CLARK
 
 TESTS = Path(__file__).parent
 
-OPTIONS = ["-x", "-q", "--tb=short", "--numprocesses=0", "-p", "no:cacheprovider"]
+OPTIONS = ["-q", "--tb=short", "--numprocesses=0", "-p", "no:cacheprovider"]
 
 # a few tests of each file that together look at every rule
 SELECTED = {
     "test_refine.py": "test_refined_is_naively_refined and (cube or carved_torus)",
     "test_surface.py": "test_regular or test_exact_on_the_zoo and (sphere_8 or disk_7)",
+    "test_creases.py": "(test_refined_is_naively_refined or test_exact_on_the_zoo) and "
+    "(ring_sharp or chaikin_row or smooth_open_triangles or crossed_grid_0.3 or cone_5_0.3)",
 }
 
 
@@ -37,7 +40,7 @@ def run(file, *options):
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        env=environment | {"NO_COLOR": "1", "PYTHONIOENCODING": "utf-8"},
+        env=environment | {"NO_COLOR": "1", "COLUMNS": "200", "PYTHONIOENCODING": "utf-8"},
     )
     return done.returncode, done.stdout
 
@@ -49,13 +52,24 @@ def test_the_true_scheme_passes(file):
     assert int(re.search(r"^(\d+) passed", printed, re.M)[1]) >= 4
 
 
-@pytest.mark.parametrize("file", SELECTED)
+@pytest.mark.parametrize("file", ["test_refine.py", "test_surface.py"])
 @pytest.mark.parametrize("wicked", ["all", "edge", "extraordinary", "ngon"])
 def test_a_wicked_mask_turns_the_suite_red(file, wicked):
-    code, printed = run(file, f"--wicked={wicked}")
+    code, printed = run(file, "-x", f"--wicked={wicked}")
     assert code == 1, printed
     assert re.search(r"^1 failed", printed, re.M), printed
     assert re.search(r"^E +(AssertionError: )?assert ", printed, re.M), printed
+    assert " error" not in printed.splitlines()[-1]
+
+
+@pytest.mark.parametrize("wicked", ["curve", "triangle", "chaikin", "edge_blend", "vertex_blend"])
+def test_a_wicked_rule_turns_the_suite_red(wicked):
+    """Both in the refiner and in the surface; elsewhere it is not noticed."""
+    code, printed = run("test_creases.py", f"--wicked={wicked}")
+    assert code == 1, printed
+    for test in ("test_refined_is_naively_refined", "test_exact_on_the_zoo"):
+        assert re.search(rf"^FAILED .*{test}.* - (AssertionError|assert )", printed, re.M), printed
+    assert re.search(r"^\d+ failed, \d+ passed", printed, re.M), printed
     assert " error" not in printed.splitlines()[-1]
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from numbers import Rational
 from types import MappingProxyType
 from typing import Any, Generic, Self, TypeAlias, TypeVar, cast, overload
 
@@ -545,7 +546,9 @@ class Mesh:
         return *cage, self.scheme, self.boundary, self.creasing, self.triangles, self._channels
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_connectivity": {}}
+        # these can be known from how the mesh was made; everything else is computed again
+        given = {k: x for k, x in self._connectivity.items() if k in ("separate", "twin")}
+        return {**self.__dict__, "_connectivity": given}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(_frozen(state))
@@ -710,6 +713,12 @@ def _sharpness(values: Any, what: str, names: Sequence[Any]) -> NDArray[Any]:
         raise TypeError(f"{what}s: sharpness must be real numbers, got {array.dtype}")
     if array.dtype != object:
         array = array.astype(np.float64, copy=False)
+    else:
+        wrong = [x for x in array if not isinstance(x, (Rational, float, np.floating, np.integer))]
+        if wrong:
+            raise TypeError(
+                f"{what}s: sharpness must be Fractions, ints or floats, got {wrong[0]!r}"
+            )
     _check(
         ~(array >= 0).astype(bool),  # so is NaN
         lambda i: (f"{what} {names[i]}: sharpness {array[i]} is not in [0, inf]", (what, names[i])),

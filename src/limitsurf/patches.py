@@ -21,7 +21,7 @@ from limitsurf import tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.mesh import Mesh
 from limitsurf.refine import entries, refinement_stages, sparse_operator
-from limitsurf.rules import CREASE, Rules, Sectors, Sharpness
+from limitsurf.rules import ASTRAY, CREASE, Rules, Sectors, Sharpness
 from limitsurf.topology import MeshPart, child_mesh, first_limit_face
 
 Array = NDArray[Any]
@@ -92,6 +92,7 @@ class PatchTable:
         slot = first_limit_face(mesh)[faces]
         turn = np.zeros(len(faces), dtype=np.int64)
         sharpness = Sharpness.of(mesh, rules, self._dtype)
+        _refuse_astray(Sectors.of(sharpness), faces)
         while len(faces):
             sectors = Sectors.of(sharpness)
             quad = mesh.sizes[faces] == 4
@@ -347,6 +348,22 @@ class PatchTable:
             ("no limit (holes)", int((code == NO_LIMIT).sum())),
         ]
         return [(reason, number) for reason, number in counts if number]
+
+
+def _refuse_astray(sectors: Sectors, faces: Array) -> None:
+    """Complain of faces at a vertex that follows a crease on which they do not border."""
+    mesh = sectors.mesh
+    wanted = np.zeros(mesh.n_faces, dtype=bool)
+    wanted[faces] = True
+    astray = np.flatnonzero((sectors.kind == ASTRAY)[sectors.fans.fan] & wanted[mesh.corner_face])
+    if len(astray):
+        vertex, face = mesh.indices[astray[0]], mesh.corner_face[astray[0]]
+        raise NotImplementedError(
+            f"vertex {vertex} follows a crease of non-manifold edges, but face {face} belongs to "
+            "others there, a cone or a loop, that do not lie between the two edges of that crease: "
+            "their limit is not evaluated; make the vertex a corner of sharpness 10, or the faces "
+            "holes"
+        )
 
 
 def _renumbered(operator: Any, numbers: Array, n_columns: int, n_rows: int | None = None) -> Any:

@@ -13,7 +13,7 @@ from limitsurf import tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.channels import ChannelMesh
 from limitsurf.mesh import Mesh
-from limitsurf.rules import Rules, Sectors, Sharpness
+from limitsurf.rules import PENDING, Rules, Sectors, Sharpness
 from limitsurf.topology import MeshPart, child_mesh, first_limit_face
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def refinement_stages(
     tail, head = mesh.indices, mesh.indices[mesh.next_corner]
     one = tables.one(dtype)
     # vertex points: shares of the smooth, crease and corner masks; unused vertices stay
-    smooth, corner, along = sharpness.vertex_masks
+    smooth, corner, along = (x.astype(dtype) for x in sharpness.vertex_masks)
     used = mesh.vertex_faces > 0
     smooth_vertices = np.flatnonzero(used & (smooth != 0))
     share = np.where(used, corner, one)
@@ -152,7 +152,7 @@ def refinement_stages(
     rows = np.flatnonzero(own != 0)
     add(rows, rows, own[rows])
     # edge points
-    middle = sharpness.edge_masks
+    middle = sharpness.edge_masks.astype(dtype)
     contribution = tables.edge_face_weights(rules.scheme, rules.triangles == "smooth", dtype)
     inner = np.flatnonzero((mesh.twin >= 0) & (middle != 1)[mesh.corner_edge])
     triangle = (mesh.sizes != 3).astype(np.int64)[mesh.corner_face]
@@ -198,7 +198,7 @@ def limit_operators(
             values = np.broadcast_to(mask[used], (len(fans), len(used)))
             part.append((np.repeat(fans, len(used)), ring[:, used].ravel(), values.ravel()))
     # where something is semi-sharp, the limit is that after one more refinement
-    pending = np.flatnonzero(wanted & (sectors.kind < 0))
+    pending = np.flatnonzero(wanted & (sectors.kind == PENDING))
     if len(pending):
         corners = np.isin(sectors.fans.fan, pending)
         near = MeshPart.of(mesh, sharpness.neighbours(corners))
@@ -270,7 +270,8 @@ class RefinedMesh(Mesh):
         else:
             limits = points[vertex] + _from_own(operator, points, vertex)
         result = np.full_like(points, np.nan)
-        result[vertex] = limits
+        found = np.diff(operator.indptr) > 0
+        result[vertex[found]] = limits[found]
         result[self._rules.loose_vertices(self)] = np.nan
         return np.asarray(result.reshape(self.points.shape))
 
@@ -279,9 +280,9 @@ class RefinedMesh(Mesh):
         """Unit limit normals by face corner, (n_corners, 3), by tangent masks.
 
         At creases the faces on each side have their own. NaN where no limit normal exists: at
-        interior vertices of valence 2, boundary and crease vertices with 5 or more faces on that
-        side, sharp corners with 3 or more, sharp vertices amid smooth faces; degenerate points;
-        faces without a limit. See `LimitSurface.normal`.
+        interior vertices and darts of valence 2, boundary and crease vertices with 5 or more faces
+        on that side, sharp corners with 3 or more, sharp vertices amid smooth faces; degenerate
+        points; faces without a limit. See `LimitSurface.normal`.
 
         Raises
         ------
@@ -385,6 +386,7 @@ def refined(
     ------
     ValueError
         For levels that are not an integer >= 0, or an unknown option.
+
     Notes
     -----
     Rules: Catmull and Clark 1978; boundaries, creases and corners after DeRose, Kass and Truong

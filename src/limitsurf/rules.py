@@ -22,6 +22,8 @@ Array = NDArray[Any]
 
 # rules of vertices, see exact/creases.py
 SMOOTH, DART, CREASE, CORNER = range(4)
+# fans of no kind, see Sectors
+PENDING, ASTRAY = -1, -2
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,11 @@ class Sharpness:
         known = getattr(mesh, "_sharpness", None)
         if isinstance(known, Sharpness) and mesh._rules == rules:  # type: ignore[attr-defined]
             return known.typed(mesh, dtype)
+        # rules change where a sharpness reaches 0: rounding must not decide it
+        given = mesh.creases[1], mesh.corners[1]
+        averaged = rules.creasing == "chaikin" and len(given[0]) > 0
+        if averaged or object in [x.dtype for x in given]:
+            dtype = np.dtype(object)
         edges, vertices = (_typed(np.zeros(n), dtype) for n in (mesh.n_edges, mesh.n_vertices))
         tagged = mesh.edge_numbers(mesh.creases[0])
         edges[tagged] = _typed(mesh.creases[1], dtype)
@@ -132,7 +139,9 @@ class Sharpness:
         )
 
     def typed(self, mesh: Mesh, dtype: Any) -> Self:
-        """The same on a copy of the mesh, in another number type."""
+        """The same on a copy of the mesh, at least as exact as another number type."""
+        if self.half_edges.dtype == object:
+            return replace(self, mesh=mesh)
         half_edges, vertices = _typed(self.half_edges, dtype), _typed(self.vertices, dtype)
         return replace(self, mesh=mesh, half_edges=half_edges, vertices=vertices)
 
@@ -343,7 +352,8 @@ class Sectors:
     fans : Fans
         The sectors, each a fan of faces.
     kind : (n_fans,) int
-        Index into `tables.KINDS`; -1 while something semi-sharp is at the vertex.
+        Index into `tables.KINDS`; `PENDING` while something semi-sharp is at the vertex, `ASTRAY`
+        where the vertex follows a crease that other faces lie along.
     """
 
     mesh: Mesh
@@ -363,7 +373,14 @@ class Sectors:
         kinds = [tables.KINDS.index(name) for name in ("interior", "dart", "crease", "corner")]
         kind = np.array(kinds)[rule]
         kind[(rule == CORNER) & fans.closed] = tables.KINDS.index("cone")
-        kind[~settled[fans.vertex]] = -1
+        kind[~settled[fans.vertex]] = PENDING
+        # at the crease of a fin there can be fans that do not lie between its two edges
+        sharp = mesh.edges[tables.is_infinite(sharpness.edges)].ravel()
+        ends = np.bincount(sharp, minlength=mesh.n_vertices)
+        crease = (ends == 2) & ~tables.is_infinite(sharpness.vertices)
+        first, last = fans.corners[fans.offsets[:-1]], fans.corners[fans.offsets[1:] - 1]
+        loop = mesh.corner_edge[first] == mesh.corner_edge[mesh.previous_corner[last]]
+        kind[crease[fans.vertex] & (fans.closed | loop)] = ASTRAY
         return cls(mesh, twin, fans, kind)
 
     @cached_property

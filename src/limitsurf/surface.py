@@ -93,6 +93,9 @@ class LimitSurface:
     ------
     ValueError
         For an unknown option or scheme.
+    NotImplementedError
+        For faces that form a cone or a loop at a vertex that follows a crease of non-manifold
+        edges between which they do not lie.
 
     Notes
     -----

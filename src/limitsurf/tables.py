@@ -603,11 +603,21 @@ def strip_tables(scheme: Scheme, sharpness: Array, dtype: Any) -> StripTables:
     """Pieces of the splines across creases of the given sharpnesses, each in (0, INFINITE)."""
     from limitsurf.exact.creases import strip_pieces
 
-    found = [strip_pieces(scheme, Fraction(s)) for s in sharpness.tolist()]
-    depth = np.array([len(pieces) - 1 for pieces in found], dtype=np.int64)
-    values = [x for pieces in found for piece in pieces for row in piece for x in row]
+    depth = np.array([-(-s // 1) for s in sharpness], dtype=np.int64)
+    share = sharpness - (depth - 1)
+    share = _numbers([Fraction(s) for s in share.tolist()], dtype)
     first = np.cumsum(depth + 1) - depth - 1
-    return StripTables(first, depth, _numbers(values, dtype).reshape(-1, 4, 4))
+    pieces = np.zeros((int((depth + 1).sum()), 4, 4), dtype=dtype)
+    for level in np.unique(depth).tolist():
+        smooth, sharp = (
+            _numbers([x for p in strip_pieces(scheme, level, w) for row in p for x in row], dtype)
+            for w in (Fraction(0), Fraction(1))
+        )
+        here = np.flatnonzero(depth == level)
+        found = smooth + share[here, None] * (sharp - smooth)
+        place = first[here, None] + np.arange(level + 1)
+        pieces[place] = found.reshape(len(here), level + 1, 4, 4)
+    return StripTables(first, depth, pieces)
 
 
 def corner_weights(scheme: Scheme, sizes: Array, dtype: Any) -> Array:

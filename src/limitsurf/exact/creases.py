@@ -51,12 +51,21 @@ _POWERS = tuple(
 )
 
 
-def strip_pieces(scheme: Scheme, sharpness: Fraction) -> tuple[Matrix, ...]:
+def strip_pieces(scheme: Scheme, depth: int, share: Fraction) -> tuple[Matrix, ...]:
     """The spline across a semi-sharp crease that goes straight on, piece by piece.
 
     Of four rows of control points the second is on the crease. Refinement gives five, the second
     of which is on it again, with a sharpness less by 1: the last four belong to the upper half,
     which is an ordinary spline; the first four to the lower one, refined again while it is sharp.
+    The pieces are affine in the share of the sharp mask in the last step.
+
+    Parameters
+    ----------
+    scheme : Scheme
+    depth : int
+        How often it is refined, the sharpness rounded up.
+    share : Fraction
+        The sharpness before the last step, in [0, 1].
 
     Returns
     -------
@@ -68,8 +77,8 @@ def strip_pieces(scheme: Scheme, sharpness: Fraction) -> tuple[Matrix, ...]:
     zero = Fraction(0)
     rows: Matrix = tuple(tuple(Fraction(i == j) for j in range(4)) for i in range(4))
     pieces = []
-    while sharpness > 0:
-        w = min(sharpness, Fraction(1))
+    for k in range(depth):
+        w = share if k == depth - 1 else Fraction(1)
         on = ((1 - w) * beside, (1 - w) * own + w, (1 - w) * beside, zero)
         step = (
             (half, half, zero, zero),
@@ -81,7 +90,6 @@ def strip_pieces(scheme: Scheme, sharpness: Fraction) -> tuple[Matrix, ...]:
         refined = _product(step, rows)
         pieces.append(_product(_POWERS, refined[1:]))
         rows = refined[:4]
-        sharpness -= 1
     return (*pieces, _product(_POWERS, rows))
 
 
