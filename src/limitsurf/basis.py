@@ -101,7 +101,7 @@ class EigenPowers:
     def of(cls, table: EigenTable, place: CornerPlace, lead: int = 1) -> EigenPowers:
         """Powers at the levels of `place`."""
         levels, which = np.unique(np.maximum(place.level, 0), return_inverse=True)
-        high, low = _ratios(table, lead)
+        high, low = ratios(table, lead)
         heads = table.chains - 1
         before = kernels.power(high[heads], low[heads], np.maximum(levels - 1, 0))
         chained = levels[:, None] * before / table.eigenvalues[0, lead]
@@ -117,7 +117,7 @@ class EigenPowers:
 
 
 @lru_cache(maxsize=1024)
-def _ratios(table: EigenTable, lead: int) -> Array:
+def ratios(table: EigenTable, lead: int) -> Array:
     """Ratios of the eigenvalues after the first to number `lead`, high and low, (2, K - 1).
 
     Zero for those before the lead.
@@ -319,7 +319,7 @@ def eigen_normals(
     away = np.flatnonzero(~corner)
     there, patch = place[away], which[away]
     rest = EigenPowers.of(table, there, min(powers.lead + 1, table.size - 1))
-    high, low = _ratios(table, powers.lead)[:, rest.lead - 1, None]
+    high, low = ratios(table, powers.lead)[:, rest.lead - 1, None]
     ratio = kernels.power(high, low, rest.level)
     functions = [_eigenfunctions(table, there, nu) for nu in ((1, 0), (0, 1))]
     a, b = (_powered(table, f, powers[away])[:, lead, None] for f in functions)

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import basis, tables
+from limitsurf import _kernels, basis, lazy, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.channels import ChannelMesh
 from limitsurf.mesh import Mesh
+from limitsurf.packing import Packing, threads
 from limitsurf.patches import REGULAR, STRIP, PatchTable
 from limitsurf.refine import ExactOperator, eliminated, sparse_operator, stacked
 from limitsurf.rules import Rules
@@ -23,6 +24,7 @@ from limitsurf.topology import LimitFaces
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+    from limitsurf._kernels.evaluation import Points
     from limitsurf.exact.scheme import Scheme
 
 Array = NDArray[Any]
@@ -32,6 +34,10 @@ Numbers: TypeAlias = ArrayLike | Fraction | Sequence[Fraction]
 # queries handled at once, and control values gathered at once: what stays in cache and in memory
 _CHUNK = 1 << 16
 _GATHER = 1 << 22
+# what is kept of the points
+_OF_POINTS = ("_control_points", "_exact_points", "_packed_points")
+# derivatives that kernels know, in the order of `jet`
+_PLACES = {(m - j, j): m * (m + 1) // 2 + j for m in range(3) for j in range(m + 1)}
 _FIRST_CORNER = 5  # the control point of a bicubic patch at its corner (0, 0)
 
 
@@ -150,6 +156,13 @@ class LimitSurface:
     **NaN** is returned for NaN or infinite u or v, on faces without a limit, and where a value
     does not exist; nowhere else.
 
+    **Many queries** are answered by compiled kernels, in as many threads as `workers` says; the
+    first million in a process by NumPy, to spare small jobs the loading of a compiler. Both are
+    equally accurate; last digits may differ. Any integers and real numbers do, also strided,
+    read-only and memory-mapped ones; float32 counts as the float64 that it is. Dask arrays of
+    queries give Dask arrays, evaluated lazily; the surface goes to each process once (extra
+    ``dask``).
+
     **Numbers.** float64 points, u and v give float64. If any of them is an object array or a
     Fraction, ints and floats count as the rationals they are, and the result is exact.
 
@@ -184,15 +197,12 @@ class LimitSurface:
         if not isinstance(mesh, Mesh):
             raise TypeError(f"a surface needs a Mesh, got {type(mesh).__name__}")
         rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
-        self.limit_faces = LimitFaces.of(mesh)
         self._rules = rules
-        self._channels: dict[str, LimitSurface] = {}
-        self._strip_tables: dict[bool, tuple[tables.StripTables, Array]] = {}
         self._tables: dict[bool, PatchTable] = {False: PatchTable(mesh, rules, np.dtype(float))}
         # masks that do not converge are refused here, not at the first query
         for sector in filter(None, self.patches.sectors):
             tables.eigen_table(rules.scheme, sector)
-        self._set_points(mesh)
+        self._begin(mesh)
 
     def _set_points(self, mesh: Mesh) -> None:
         self._mesh = mesh
@@ -211,15 +221,24 @@ class LimitSurface:
         [1.25]
         """
         other = object.__new__(type(self))
-        other.__dict__.update(
-            {
-                k: v
-                for k, v in self.__dict__.items()
-                if k not in ("_control_points", "_exact_points")
-            }
-        )
+        other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in _OF_POINTS})
         other._set_points(self.mesh.with_points(points))
         return other
+
+    def __getstate__(self) -> dict[str, Any]:
+        # the cage and its patches; everything else is computed again where it arrives
+        return {"_mesh": self._mesh, "_rules": self._rules, "_tables": {False: self.patches}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._begin(state["_mesh"])
+
+    def _begin(self, mesh: Mesh) -> None:
+        self.limit_faces = LimitFaces.of(mesh)
+        self._channels: dict[str, LimitSurface] = {}
+        self._packings: dict[None, Packing] = {}
+        self._strip_tables: dict[bool, tuple[tables.StripTables, Array]] = {}
+        self._set_points(mesh)
 
     def of_channel(self, channel: str | None) -> LimitSurface:
         """The surface of a face-varying channel over the same limit faces; this one if it is None.
@@ -279,6 +298,7 @@ class LimitSurface:
         v: Numbers,
         nu: Order = (0, 0),
         channel: str | None = None,
+        workers: int = 1,
     ) -> Any:
         """Positions on the limit surface, or derivatives of any order.
 
@@ -293,6 +313,9 @@ class LimitSurface:
         channel : str, optional
             A face-varying channel of the mesh, to evaluate instead of the points: each face gets
             the values of its own side of a seam.
+        workers : int
+            Threads among which many queries are divided, -1 for one to each processor; results
+            are the same for any number.
 
         Returns
         -------
@@ -318,7 +341,10 @@ class LimitSurface:
         >>> surface.evaluate(0, 0.5, 0.5, nu=(0, 1)).round(12).tolist()
         [0.0, 2.0]
         """
-        return self.of_channel(channel)._derivatives(face, u, v, [_order(nu)])[0]
+        if lazy.is_lazy(face, u, v):
+            options = {"nu": nu, "channel": channel, "workers": workers}
+            return lazy.mapped(self, "evaluate", face, u, v, **options)
+        return self.of_channel(channel)._derivatives(face, u, v, [_order(nu)], workers)[0]
 
     def jet(
         self,
@@ -327,6 +353,7 @@ class LimitSurface:
         v: Numbers,
         order: int = 2,
         channel: str | None = None,
+        workers: int = 1,
     ) -> dict[Order, Any]:
         """All derivatives up to a total order in one pass, as {(i, j): array}.
 
@@ -341,8 +368,12 @@ class LimitSurface:
         """
         if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 0:
             raise ValueError(f"order must be an integer >= 0, got {order!r}")
+        if lazy.is_lazy(face, u, v):
+            options = {"order": order, "channel": channel, "workers": workers}
+            found: dict[Order, Any] = lazy.mapped(self, "jet", face, u, v, **options)
+            return found
         orders = [(m - j, j) for m in range(int(order) + 1) for j in range(m + 1)]
-        derivatives = self.of_channel(channel)._derivatives(face, u, v, orders)
+        derivatives = self.of_channel(channel)._derivatives(face, u, v, orders, workers)
         return dict(zip(orders, derivatives, strict=True))
 
     def tangents(self, face: ArrayLike, u: Numbers, v: Numbers) -> tuple[Any, Any]:
@@ -367,6 +398,9 @@ class LimitSurface:
         >>> [t.round(12).tolist() for t in surface.tangents(0, 0.5, 0.5)]
         [[1.0, 0.0], [0.0, 1.0]]
         """
+        if lazy.is_lazy(face, u, v):
+            both: tuple[Any, Any] = lazy.mapped(self, "tangents", face, u, v)
+            return both
         *directions, shape = self._directions(face, u, v, "tangents")
         shape += self.points.shape[1:]
         width = self.points.shape[-1] if self.points.ndim > 1 else 1
@@ -378,7 +412,7 @@ class LimitSurface:
         )
         return along, across
 
-    def normal(self, face: ArrayLike, u: Numbers, v: Numbers) -> Any:
+    def normal(self, face: ArrayLike, u: Numbers, v: Numbers, workers: int = 1) -> Any:
         """Unit normals, along d/du x d/dv: outwards where faces are counter-clockwise from outside.
 
         The normal is that of its own (u, v) at every distance from a special vertex, and the limit
@@ -405,18 +439,20 @@ class LimitSurface:
         """
         if self.points.shape[1:] != (3,):
             raise ValueError(f"a normal needs points of shape (n, 3), got {self.points.shape}")
+        if lazy.is_lazy(face, u, v):
+            return lazy.mapped(self, "normal", face, u, v, workers=workers)
         face, u, v = self._inexact_queries(face, u, v, "normal")
-        (normals,) = self._over_chunks(face, u, v, False, [3], self._float_normals)
+        (normals,) = self._answers(face, u, v, False, [3], self._float_normals, None, workers)
         return normals.reshape(*face.shape, 3)
 
     def weights(
-        self, face: ArrayLike, u: Numbers, v: Numbers, nu: Order = (0, 0)
+        self, face: ArrayLike, u: Numbers, v: Numbers, nu: Order = (0, 0), workers: int = 1
     ) -> csr_array[Any] | ExactOperator:
         """Sparse matrix that maps control points to positions or derivatives.
 
         Parameters
         ----------
-        face, u, v, nu
+        face, u, v, nu, workers
             As for `evaluate`; the rows are the queries in C order of their broadcast shape.
 
         Returns
@@ -435,8 +471,16 @@ class LimitSurface:
         [[0.75, 0.25, 0.0, 0.0], [0.375, 0.125, 0.125, 0.375]]
         """
         nu = _order(nu)
-        face, u, v, exact = self._queries(face, u, v)
-        face, u, v = face.ravel(), u.ravel(), v.ravel()
+        if lazy.is_lazy(face, u, v):
+            raise TypeError("weights takes no Dask arrays: ask for them chunk by chunk")
+        face, u, v, exact = self._broadcast(face, u, v)
+        count = threads(workers)
+        if not exact and nu in _PLACES and _kernels.compiled(face.size):
+            found: csr_array[Any] = self._packing.weights((face, u, v), _PLACES[nu], count)
+            if found is not None:
+                return found
+        self._check_ranges(face, u, v, exact)
+        face, u, v = face.ravel().astype(np.int64, copy=False), u.ravel(), v.ravel()
         patches = self._patch_table(exact)
         dtype = np.dtype(object if exact else float)
         parts = []
@@ -472,8 +516,10 @@ class LimitSurface:
             self._tables[exact] = PatchTable(self.mesh, self._rules, np.dtype(object))
         return self._tables[exact]
 
-    def _queries(self, face: ArrayLike, u: Numbers, v: Numbers) -> tuple[Array, Array, Array, bool]:
-        """Broadcast and check a query; tell whether it is to be answered exactly."""
+    def _broadcast(
+        self, face: ArrayLike, u: Numbers, v: Numbers
+    ) -> tuple[Array, Array, Array, bool]:
+        """Arrays of numbers of one shape; whether they are to be answered exactly."""
         faces, us, vs = np.asarray(face), np.asarray(u), np.asarray(v)
         if faces.size == 0 and faces.dtype == float:
             faces = faces.astype(np.int64)
@@ -494,6 +540,10 @@ class LimitSurface:
                 f"face, u and v of shapes {faces.shape}, {us.shape} and {vs.shape} "
                 "cannot be broadcast together"
             ) from None
+        return faces, us, vs, exact
+
+    def _check_ranges(self, faces: Array, us: Array, vs: Array, exact: bool) -> None:
+        """Complain of the first face or parameter out of range."""
         n = len(self.limit_faces)
         bad = (faces < 0) | (faces >= n)
         if bad.any():
@@ -507,7 +557,6 @@ class LimitSurface:
                 bad &= np.isfinite(x)
             if bad.any():
                 raise ValueError(f"{name} = {_first(x, bad)} is outside [0, 1]")
-        return faces.astype(np.int64, copy=False), us, vs, exact
 
     def _groups(
         self, patches: PatchTable, face: Array, u: Array, v: Array
@@ -568,20 +617,73 @@ class LimitSurface:
         return points
 
     def _derivatives(
-        self, face: ArrayLike, u: Numbers, v: Numbers, orders: Sequence[Order]
+        self, face: ArrayLike, u: Numbers, v: Numbers, orders: Sequence[Order], workers: int
     ) -> list[Any]:
         """The derivatives of the given orders, each of the shape that `evaluate` promises."""
-        face, u, v, exact = self._queries(face, u, v)
+        face, u, v, exact = self._broadcast(face, u, v)
         compute = self._exact_values if exact else self._float_values
-        results = self._over_chunks(
-            face, u, v, exact, [self._flat.shape[1]] * len(orders), partial(compute, orders=orders)
+        widths = [self._flat.shape[1]] * len(orders)
+        results = self._answers(
+            face, u, v, exact, widths, partial(compute, orders=orders), orders, workers
         )
         shape = face.shape + self.points.shape[1:]
         return [r.reshape(shape)[()] for r in results]
 
+    def _answers(
+        self,
+        face: Array,
+        u: Array,
+        v: Array,
+        exact: bool,
+        widths: Sequence[int],
+        compute: Callable[[_Group, Array], Sequence[Array]],
+        orders: Sequence[Order] | None,
+        workers: int,
+    ) -> Sequence[Array]:
+        """Arrays (Q, width): derivatives, or unit normals where `orders` is None.
+
+        By compiled kernels if that pays, but for those queries that they leave to `compute`.
+        """
+        count = threads(workers)
+        known = orders is None or all(nu in _PLACES for nu in orders)
+        if exact or not all(widths) or not known or not _kernels.compiled(face.size):
+            self._check_ranges(face, u, v, exact)
+            return self._over_chunks(face, u, v, exact, widths, compute)
+        found = self._packing.evaluate(
+            self._packed_points,
+            (face, u, v),
+            widths[0],
+            None if orders is None else [_PLACES[nu] for nu in orders],
+            count,
+        )
+        if found is None:
+            self._check_ranges(face, u, v, exact)
+            raise AssertionError("kernels and checks disagree about what is in range")
+        results, rest = found
+        if len(rest):
+            some = [x.reshape(-1)[rest] for x in (face, u, v)]
+            parts = self._over_chunks(some[0], some[1], some[2], False, widths, compute)
+            for result, part in zip(results, parts, strict=True):
+                result[rest] = part
+        return list(results)
+
+    @property
+    def _packing(self) -> Packing:
+        """Patches and tables as compiled kernels want them; shared by surfaces of one topology."""
+        if None not in self._packings:
+            strips, which = self._strips(False)
+            own = self.mesh.indices[self.mesh.offsets[self.limit_faces.face]]
+            self._packings[None] = Packing(self.patches, strips, which, self._rules.scheme, own)
+        return self._packings[None]
+
+    @cached_property
+    def _packed_points(self) -> Points:
+        return self._packing.points(*self._control_points)
+
     def _directions(self, face: ArrayLike, u: Numbers, v: Numbers, what: str) -> tuple[Any, ...]:
         """d/du and d/dv up to positive factors, each (Q, d) with its noise (Q, 1); query shape."""
         face, u, v = self._inexact_queries(face, u, v, what)
+        self._check_ranges(face, u, v, False)
         d = self._flat.shape[1]
         along, across, noise, other = self._over_chunks(
             face, u, v, False, [d, d, 1, 1], self._float_directions
@@ -591,9 +693,10 @@ class LimitSurface:
     def _inexact_queries(
         self, face: ArrayLike, u: Numbers, v: Numbers, what: str
     ) -> tuple[Array, Array, Array]:
-        """Broadcast and check a query whose answer needs square roots."""
-        face, u, v, exact = self._queries(face, u, v)
+        """Broadcast a query whose answer needs square roots."""
+        face, u, v, exact = self._broadcast(face, u, v)
         if exact:
+            self._check_ranges(face, u, v, exact)
             raise TypeError(
                 f"{what} needs square roots, which Fractions do not have: give float64 numbers "
                 "(or mpf or sympy ones, where these are supported)"
@@ -613,7 +716,7 @@ class LimitSurface:
 
         Overflow to infinity and underflow to zero are results, not accidents.
         """
-        face, u, v = face.ravel(), u.ravel(), v.ravel()
+        face, u, v = face.ravel().astype(np.int64, copy=False), u.ravel(), v.ravel()
         patches = self._patch_table(exact)
         dtype = object if exact else float
         results = [np.full((len(face), width), np.nan, dtype=dtype) for width in widths]

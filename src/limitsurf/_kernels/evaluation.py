@@ -1,0 +1,639 @@
+"""Compiled evaluation of scattered queries: each is located, weighted and summed in one pass.
+
+Memory, not arithmetic, is what random queries on a large cage wait for. So they are taken in
+blocks: what all queries of a block need is asked for before the first is evaluated, in the order of
+the caller, and results are written where they belong.
+
+Around a special corner the first halving leads to three regular pieces, three quarters of the
+patch, whose control points are kept. Nearer the corner eigenfunctions take over.
+
+What a patch is, is packed in one integer, ``row | turn << 32 | far << 34 | kind << 35``; `far` says
+that not all its control points are vertices of the cage. ``limitsurf/packing.py`` makes the arrays.
+"""
+
+from __future__ import annotations
+
+from math import cos, isfinite, sin, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf._kernels.jit import (
+    bicubic,
+    bits,
+    combination,
+    inlined,
+    lean,
+    of_bits,
+    polynomials,
+    prefetch,
+    scaling,
+)
+
+Array = NDArray[Any]
+
+TURN, FAR, KIND = 32, 34, 35
+STEP = 32  # powers n of eigenvalues are products of those of n % STEP and of n - n % STEP
+STEPS = 35  # 2^-1074 is the least float64
+NOISE = 16 * 2.0**-52  # of sums of products of rounded numbers, relative
+LANES = 4  # channels that are evaluated at once
+
+# fields of a special kind: number of eigenfunctions but the constant one, and that rounded up to
+# whole lanes; first row of its blocks (coefficients from the constant one on, filled up with zeros,
+# the control point that they are relative to, their size and the first that occurs); numbers of
+# chains and of complex pairs; exponent of two of the first eigenvalue; whether odd levels flip
+# normals; number of the first patch in `Points.fine`; coefficients whose cross product is along the
+# normal at the corner itself, or -1
+SIZE, ROWS, MODES, CHAINS, PAIRS, EXPONENT, FLIP, PATCH, ALONG, ACROSS, FIELDS = range(11)
+FIRST, SECOND = 0, 1  # the eigenvalue that powers are relative to
+FINE = 27  # rows of a special patch in `Points.fine`
+# the grids of the three pieces (right, diagonal, up) in 5 x 5 refined points around a corner
+PIECES = np.array(
+    [5 * (j + y) + i + x for x, y in ((1, 0), (1, 1), (0, 1)) for j in range(4) for i in range(4)],
+    dtype=np.int32,
+)
+
+_BLOCK = 64  # queries whose memory is asked for at once
+_ROW = (1 << TURN) - 1
+_NEVER = 1 << 40
+# which derivative in patch parameters each one is, by turn mod 2; and its sign, by turn
+TURNED = np.array([[0, 1, 2, 3, 4, 5], [0, 2, 1, 5, 4, 3]])
+SIGN = np.array([
+    [1.0, 1, 1, 1, 1, 1], [1, -1, 1, 1, -1, 1], [1, -1, -1, 1, 1, 1], [1, 1, -1, 1, -1, 1],
+])  # fmt: skip
+_SAME = np.arange(16, dtype=np.int32)
+
+_bicubic0, _bicubic1, _bicubic2 = (bicubic(order) for order in range(3))
+_bicubic_sized = bicubic(1, sized=True)
+_polynomials0, _polynomials1, _polynomials2 = (polynomials(order) for order in range(3))
+_scale1, _scale3, _scale6 = (scaling(count) for count in (1, 3, 6))
+_sum1, _sum3, _sum6 = (combination(count) for count in (1, 3, 6))
+
+
+class Patches(NamedTuple):
+    """What covers the limit faces."""
+
+    info: Array  # (limit faces + 4 splits,) int64: packed patches; -2 - split; -1 without a limit
+    n_faces: int
+    ids: Array  # flat int32: 16 control points of each regular patch, then of each strip
+    strips: Array  # (strips, 2) int64: first piece and depth of their splines
+    strip_pieces: Array  # flat: their polynomials
+
+
+class Tables(NamedTuple):
+    """Eigenbases by kind of patch; W eigenfunctions after the constant one, the last of them 0."""
+
+    kinds: Array  # (kinds, FIELDS) int64
+    pieces: Array  # (kinds, 3, 16, W)
+    ratios: Array  # (kinds, 2, STEP + STEPS, W): powers of ratios to the first, second eigenvalue
+    inverses: Array  # (kinds, 2): of these eigenvalues
+    mantissas: Array  # (kinds, STEP + STEPS): of the first's powers
+    corners: Array  # (kinds, 6, W): derivatives at the corner itself
+    angles: Array  # (kinds, pairs)
+    chains: Array  # (kinds, chains) int64: ends of Jordan chains
+    pairs: Array  # (kinds, pairs) int64
+
+
+class Points(NamedTuple):
+    """What is evaluated, in rows of a multiple of four channels."""
+
+    high: Array  # (control points, width)
+    low: Array  # (those that are not vertices of the cage, width): what rounding took from them
+    modes: Array  # flat: blocks (ROWS + 3, width) of special patches
+    fine: Array  # (27 of each special patch, width): 5 x 5 refined points, low and high origin
+
+
+class Room(NamedTuple):
+    """Where kernels keep what they need for a moment."""
+
+    codes: Array  # by query of a block: patch, parameters in it, and its depth
+    depths: Array
+    places: Array  # piece + 4 (level + 1) around special corners
+    s: Array
+    t: Array
+    simple: Array  # queries in regular patches as they are, in others, around special corners
+    splines: Array
+    special: Array
+    weights: Array
+    found: Array
+    near: Array
+    rows: Array
+
+    @classmethod
+    def of(cls, tables: Tables) -> Room:
+        """Enough for these tables."""
+        codes, depths, places, simple, splines, special = np.empty((6, _BLOCK), dtype=np.int64)
+        s, t = np.empty((2, _BLOCK))
+        rows = np.empty((6 + tables.chains.shape[1], max(6, tables.pieces.shape[3])))
+        sums = np.empty(24), np.empty(7 * LANES), np.empty((16, LANES))
+        return cls(codes, depths, places, s, t, simple, splines, special, *sums, rows)
+
+
+@inlined
+def scale_by_two(x: float, n: int) -> float:
+    """``x * 2 ** n``."""
+    result: float
+    if -1022 <= n <= 1023:
+        result = x * of_bits((n + 1023) << 52)
+        return result
+    n = max(-4400, min(4400, n))
+    while n > 1023:
+        x *= 2.0**1023
+        n -= 1023
+    while n < -1022:
+        x *= 2.0**-1022
+        n += 1022
+    result = x * of_bits((n + 1023) << 52)
+    return result
+
+
+@inlined
+def halvings(x: float, up: bool) -> int:
+    """Largest k >= 0 with 2^k x <= 1 (< 1 where `up`, unless x is 1); far for x = 0."""
+    if x == 0:
+        return _NEVER
+    n: int = bits(x)
+    shift = 0
+    if n >> 52 == 0:  # subnormal
+        n = bits(x * 2.0**54)
+        shift = 54
+    k = 1022 - (n >> 52) + shift
+    if n & ((1 << 52) - 1) == 0 and not up:
+        k += 1
+    return max(k, 0)
+
+
+@inlined
+def cubic_weights(t: float, order: int, at: int, weights: Array) -> None:
+    """Weights of the four control points of a cubic piece, derivatives 0 to `order` in rows."""
+    s = 1 - t
+    # sums of products of non-negative numbers: no cancellation
+    weights[at] = s * s * s / 6
+    weights[at + 1] = (1 + 3 * s * (1 + s * t)) / 6
+    weights[at + 2] = (1 + 3 * t * (1 + s * t)) / 6
+    weights[at + 3] = t * t * t / 6
+    if order > 0:
+        weights[at + 4] = -s * s / 2
+        weights[at + 5] = -t * (1 + 3 * s) / 2
+        weights[at + 6] = s * (1 + 3 * t) / 2
+        weights[at + 7] = t * t / 2
+    if order > 1:
+        weights[at + 8] = s
+        weights[at + 9] = 3 * t - 2
+        weights[at + 10] = 1 - 3 * t
+        weights[at + 11] = t
+
+
+@inlined
+def strip_weights(
+    t: float, order: int, up: bool, pieces: Array, first: int, depth: int, at: int, weights: Array
+) -> None:
+    """The same across a semi-sharp crease."""
+    k = min(halvings(t, up), depth)
+    level = min(k + 1, depth)
+    T = scale_by_two(t, level)
+    if k < depth:
+        T -= 1
+    for j in range(4):
+        p = (first + k) * 16 + j
+        a, b, c, d = pieces[p], pieces[p + 4], pieces[p + 8], pieces[p + 12]
+        weights[at + j] = a + T * (b + T * (c + T * d))
+        if order > 0:
+            weights[at + 4 + j] = scale_by_two(b + T * (2 * c + T * (3 * d)), level)
+        if order > 1:
+            weights[at + 8 + j] = scale_by_two(2 * c + 6 * d * T, 2 * level)
+
+
+@inlined
+def powered(kind: int, lead: int, level: int, count: int, tables: Tables, rows: Array) -> None:
+    """Multiply `count` rows of eigenfunctions by J^level, relative to an eigenvalue."""
+    kinds, ratios = tables.kinds, tables.ratios
+    chains, wide = kinds[kind, CHAINS], rows.shape[1]
+    for c in range(chains):
+        # ends of Jordan chains also take from their heads, as these are before
+        end, before = tables.chains[kind, c], 0.0
+        if level > 0:
+            m = level - 1
+            before = ratios[kind, lead, m % STEP, end] * tables.inverses[kind, lead] * level
+            before *= ratios[kind, lead, STEP + m // STEP, end]
+        for r in range(count):
+            rows[6 + c, r] = rows[r, end - 1] * before
+    table = (kind * 2 + lead) * (STEP + STEPS) * wide
+    low, high = table + level % STEP * wide, table + (STEP + level // STEP) * wide
+    if count == 1:
+        _scale1(rows, kinds[kind, ROWS], ratios, low, high)
+    elif count == 3:
+        _scale3(rows, kinds[kind, ROWS], ratios, low, high)
+    else:
+        _scale6(rows, kinds[kind, ROWS], ratios, low, high)
+    for c in range(chains):
+        for r in range(count):
+            rows[r, tables.chains[kind, c]] += rows[6 + c, r]
+    for p in range(kinds[kind, PAIRS]):
+        first, angle = tables.pairs[kind, p], level * tables.angles[kind, p]
+        cosine, sine = cos(angle), sin(angle)
+        for r in range(count):
+            x, y = rows[r, first], rows[r, first + 1]
+            rows[r, first] = x * cosine - y * sine
+            rows[r, first + 1] = x * sine + y * cosine
+
+
+@inlined
+def eigenfunctions(
+    order: int, kind: int, piece: int, S: float, T: float, tables: Tables, rows: Array
+) -> None:
+    """Derivatives up to an order of the eigenfunctions on a piece."""
+    at, n = (kind * 3 + piece) * 16 * rows.shape[1], tables.kinds[kind, ROWS]
+    if order == 0:
+        _polynomials0(tables.pieces, at, n, S, T, rows)
+    elif order == 1:
+        _polynomials1(tables.pieces, at, n, S, T, rows)
+    else:
+        _polynomials2(tables.pieces, at, n, S, T, rows)
+
+
+@inlined
+def turned(s: float, t: float, turn: int) -> tuple[float, float]:
+    """Parameters in a patch that is turned against its limit face."""
+    x, y = (t, s) if turn & 1 else (s, t)
+    return 1 - x if turn >= 2 else x, 1 - y if turn == 1 or turn == 2 else y
+
+
+@inlined
+def place_around(s: float, t: float, turn: int) -> tuple[int, int, float, float]:
+    """Level (-1 at the corner), piece and parameters in it of (s, t) around a special corner."""
+    # lines between pieces belong to the side nearer corner 0 of the limit face
+    ks = halvings(s, turn >= 2)
+    kt = halvings(t, turn == 1 or turn == 2)
+    level = min(ks, kt)
+    if level >= _NEVER:
+        return -1, 0, 0.0, 0.0
+    # (no branches: where a random query lies cannot be foreseen)
+    S = scale_by_two(s, level + 1) - (ks == level)
+    T = scale_by_two(t, level + 1) - (kt == level)
+    return level, 1 + (ks > level) - (kt > level), S, T
+
+
+@inlined
+def _crossed(found: Array, noise: float, other: float, out: Array, query: int) -> bool:
+    """The unit vector across both first derivatives; False if rounding errors might decide."""
+    x = max(abs(found[4]), abs(found[5]), abs(found[6]))
+    y = max(abs(found[8]), abs(found[9]), abs(found[10]))
+    if not (x > noise and y > other and x < np.inf and y < np.inf):
+        return False
+    a, b = 1 / x, 1 / y
+    a0, a1, a2 = found[4] * a, found[5] * a, found[6] * a
+    b0, b1, b2 = found[8] * b, found[9] * b, found[10] * b
+    c0, c1, c2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+    length = sqrt(c0 * c0 + c1 * c1 + c2 * c2)
+    # the scaled vectors are at most sqrt(3) long
+    if not length > 6 * (noise * a + other * b) + NOISE:
+        return False
+    scale = 1 / length
+    out[0, query, 0], out[0, query, 1], out[0, query, 2] = c0 * scale, c1 * scale, c2 * scale
+    return True
+
+
+@inlined
+def _spline_normal(weights: Array, found: Array, out: Array, query: int) -> bool:
+    """The same of a bicubic patch, from its weights and sums of order 1."""
+    reach = max(found[3 * LANES], found[3 * LANES + 1], found[3 * LANES + 2]) * NOISE
+    values = slopes = rises = steep = 0.0
+    for j in range(4):
+        values += abs(weights[j])
+        slopes += abs(weights[4 + j])
+        rises += abs(weights[8 + j])
+        steep += abs(weights[12 + j])
+    return _crossed(found, reach * slopes * rises, reach * values * steep, out, query)
+
+
+@inlined
+def _eigen_normal(
+    level: int, kind: int, at: int, width: int, tables: Tables, modes: Array, rows: Array,
+    found: Array, out: Array, query: int,
+) -> bool:  # fmt: skip
+    """The same around a special corner, from rows of order 1; see `basis.eigen_normals`."""
+    n = tables.kinds[kind, ROWS]
+    size = modes[at + (n + 1) * width]
+    if tables.kinds[kind, SIZE] < 2 or not size > 0:
+        return False
+    # row 0 is free: rows 1 and 2 are the derivatives
+    a, b = rows[1, 0], rows[2, 0]
+    if tables.kinds[kind, PAIRS] and tables.pairs[kind, 0] == 0:
+        angle = level * tables.angles[kind, 0]
+        a = a * cos(angle) - rows[1, 1] * sin(angle)
+        b = b * cos(angle) - rows[2, 1] * sin(angle)
+    powered(kind, SECOND, level, 3, tables, rows)
+    rows[1, 0] = rows[2, 0] = 0.0
+    bound = along = across = 0.0
+    for k in range(n):
+        ds, dt = rows[1, k], rows[2, k]
+        rows[0, k] = a * dt - b * ds
+        bound += abs(a * dt) + abs(b * ds)
+        along += abs(ds)
+        across += abs(dt)
+    _sum3(rows, n, modes, at, width, found)
+    ratio = tables.ratios[kind, FIRST, level % STEP, 1]
+    ratio *= tables.ratios[kind, FIRST, STEP + level // STEP, 1]
+    scale = 1 / size
+    c0, c1, c2 = modes[at] * scale, modes[at + 1] * scale, modes[at + 2] * scale
+    g0, g1, g2 = found[0] * scale, found[1] * scale, found[2] * scale
+    p0, p1, p2 = found[4] * scale, found[5] * scale, found[6] * scale
+    q0, q1, q2 = found[8] * scale, found[9] * scale, found[10] * scale
+    x = c1 * g2 - c2 * g1 + (p1 * q2 - p2 * q1) * ratio
+    y = c2 * g0 - c0 * g2 + (p2 * q0 - p0 * q2) * ratio
+    z = c0 * g1 - c1 * g0 + (p0 * q1 - p1 * q0) * ratio
+    bound = max(abs(c0), abs(c1), abs(c2)) * bound + along * across * abs(ratio)
+    largest = max(abs(x), abs(y), abs(z))
+    if not (largest > NOISE * bound and largest < np.inf and bound < np.inf):
+        return False
+    if tables.kinds[kind, FLIP] and level % 2:
+        largest = -largest
+    scale = 1 / largest
+    x, y, z = x * scale, y * scale, z * scale
+    scale = 1 / sqrt(x * x + y * y + z * z)
+    out[0, query, 0], out[0, query, 1], out[0, query, 2] = x * scale, y * scale, z * scale
+    return True
+
+
+@inlined
+def _differences(points: Points, ids: Array, at: int, channel: int, near: Array) -> None:
+    """16 control points, high and low parts, relative to number 5, into `near` (16, LANES)."""
+    inner = len(points.high) - len(points.low)
+    own = np.int64(ids[at + 5])
+    for j in range(16):
+        i = np.int64(ids[at + j])
+        for c in range(channel, channel + LANES):
+            x = points.high[i, c] - points.high[own, c]
+            rest = 0.0
+            if i >= inner:
+                rest += points.low[i - inner, c]
+            if own >= inner:
+                rest -= points.low[own - inner, c]
+            near[j, c - channel] = x + rest
+
+
+@inlined
+def _spline(
+    order: int, sized: bool, points: Array, ids: Array, at: int, base: int, channel: int,
+    weights: Array, found: Array,
+) -> None:  # fmt: skip
+    """Derivatives up to an order of a bicubic patch, relative to its control point 5."""
+    if sized:
+        _bicubic_sized(points, ids, at, base, channel, weights, found)
+    elif order == 0:
+        _bicubic0(points, ids, at, base, channel, weights, found)
+    elif order == 1:
+        _bicubic1(points, ids, at, base, channel, weights, found)
+    else:
+        _bicubic2(points, ids, at, base, channel, weights, found)
+
+
+@inlined
+def _write(
+    found: Array, which: Array, turn: int, mantissa: float, exponent: int, step: int, out: Array,
+    query: int, channel: int,
+) -> None:  # fmt: skip
+    """Write derivatives in patch parameters as such in those of the limit face.
+
+    Those of order o > 0 are multiplied by mantissa 2^(exponent + o step).
+    """
+    first, second = exponent + step, exponent + 2 * step
+    slope = bend = 1.0
+    deep = min(first, second) < -1000 or max(first, second) > 1000
+    if not deep:
+        slope = mantissa * of_bits((first + 1023) << 52)
+        bend = mantissa * of_bits((second + 1023) << 52)
+    for j in range(len(which)):
+        term = TURNED[turn & 1, which[j]]
+        sign = SIGN[turn, which[j]]
+        factor = (1.0 if term == 0 else slope if term < 3 else bend) * sign
+        for c in range(min(LANES, out.shape[2] - channel)):
+            x = found[LANES * term + c]
+            if deep and term:
+                e = first if term < 3 else second
+                out[j, query, channel + c] = scale_by_two(x * mantissa * sign, e)
+            else:
+                out[j, query, channel + c] = x * factor
+
+
+@inlined
+def located(face: int, s: float, t: float, patches: Patches) -> tuple[int, int, float, float, bool]:
+    """Packed patch (-1 if there is none) of a query, its depth, parameters; whether in range."""
+    if face < 0 or face >= patches.n_faces:
+        return -1, 0, s, t, False
+    if not (0 <= s <= 1 and 0 <= t <= 1):
+        outside = (isfinite(s) and not 0 <= s <= 1) or (isfinite(t) and not 0 <= t <= 1)
+        return -1, 0, s, t, not outside
+    code, depth = patches.info[face], 0
+    while code <= -2:
+        s, t = 2 * s, 2 * t
+        child = patches.n_faces + 4 * (-2 - code)
+        if s > 1:
+            s -= 1
+            child += 1
+        if t > 1:
+            t -= 1
+            child += 2
+        code = patches.info[child]
+        depth += 1
+    return code, depth, s, t, True
+
+
+@lean
+def scattered(
+    face: Array, u: Array, v: Array, patches: Patches, tables: Tables, points: Points, order: int,
+    which: Array, normals: bool, out: Array, start: int, rest: Array, room: Room,
+) -> int:  # fmt: skip
+    """Derivatives, or unit normals, at (face, u, v): queries `start` to `start + len(face)`.
+
+    Results are written to ``out[k, query, channel]`` for the derivatives `which` (places in the
+    order of `LimitSurface.jet`), or to ``out[0]``; NaN where u or v is not finite and on faces
+    without a limit. Queries that are left to the reference are written to `rest`; returned is how
+    many there are, or -1 if a face or a parameter is out of range.
+    """
+    width, d = points.high.shape[1], out.shape[2]
+    ids, modes, weights, found, rows = (
+        patches.ids,
+        points.modes,
+        room.weights,
+        room.found,
+        room.rows,
+    )
+    first_strip = len(ids) // 16 - len(patches.strips)
+    left = 0
+    for begin in range(0, len(face), _BLOCK):
+        size = min(_BLOCK, len(face) - begin)
+        simple = splines = special = 0
+        last = -1
+        for k in range(size):
+            code, depth, s, t, fine = located(face[begin + k], u[begin + k], v[begin + k], patches)
+            if not fine:
+                return -1
+            room.codes[k], room.depths[k], room.s[k], room.t[k] = code, depth, s, t
+            if code < 0:
+                for j in range(len(out)):
+                    for c in range(d):
+                        out[j, start + begin + k, c] = np.nan
+            elif code >> KIND > 1:
+                room.special[special] = k
+                special += 1
+                kind, turn = code >> KIND, code >> TURN & 3
+                s, t = turned(s, t, turn)
+                level, piece, room.s[k], room.t[k] = place_around(s, t, turn)
+                room.places[k] = piece + 4 * (level + 1)
+                if level == 0:
+                    block = (tables.kinds[kind, PATCH] + (code & _ROW)) * FINE * width
+                    for line in range(0, FINE * width, 8):
+                        prefetch(points.fine, block + line)
+                else:
+                    length = (tables.kinds[kind, ROWS] + 3) * width
+                    block = tables.kinds[kind, MODES] * width + (code & _ROW) * length
+                    for line in range(0, length, 8):
+                        prefetch(modes, block + line)
+            else:
+                if code > _ROW or depth or d != 3:
+                    room.splines[splines] = k
+                    splines += 1
+                else:
+                    room.simple[simple] = k
+                    simple += 1
+                if code != last:
+                    prefetch(ids, (code & _ROW) * 16)
+            last = code
+        last = -1
+        for i in range(simple + splines):
+            k = room.simple[i] if i < simple else room.splines[i - simple]
+            code = room.codes[k]
+            if code != last:
+                for j in range(16):
+                    prefetch(points.high, np.int64(ids[(code & _ROW) * 16 + j]) * width)
+            last = code
+
+        for i in range(simple):
+            k = room.simple[i]
+            at, query = room.codes[k] * 16, start + begin + k
+            cubic_weights(room.s[k], order, 0, weights)
+            cubic_weights(room.t[k], order, 4 * order + 4, weights)
+            _spline(order, normals, points.high, ids, at, 0, 0, weights, found)
+            if normals:
+                if not _spline_normal(weights, found, out, query):
+                    rest[left] = query
+                    left += 1
+                continue
+            own = np.int64(ids[at + 5])
+            for c in range(3):
+                found[c] += points.high[own, c]
+            for j in range(len(which)):
+                for c in range(3):
+                    out[j, query, c] = found[LANES * which[j] + c]
+
+        for i in range(splines):
+            k = room.splines[i]
+            code, query = room.codes[k], start + begin + k
+            row, turn = code & _ROW, code >> TURN & 3
+            s, t = turned(room.s[k], room.t[k], turn)
+            cubic_weights(s, order, 0, weights)
+            if code >> KIND == 0:
+                cubic_weights(t, order, 4 * order + 4, weights)
+            else:
+                first = patches.strips[row - first_strip, 0]
+                depth = patches.strips[row - first_strip, 1]
+                up = turn == 1 or turn == 2
+                pieces = patches.strip_pieces
+                strip_weights(t, order, up, pieces, first, depth, 4 * order + 4, weights)
+            own = np.int64(ids[row * 16 + 5])
+            extra = own - (len(points.high) - len(points.low))
+            for channel in range(0, d, LANES):
+                if code >> FAR & 1:
+                    _differences(points, ids, row * 16, channel, room.near)
+                    _spline(order, normals, room.near, _SAME, 0, 0, 0, weights, found)
+                else:
+                    _spline(order, normals, points.high, ids, row * 16, 0, channel, weights, found)
+                if normals:
+                    if not _spline_normal(weights, found, out, query):
+                        rest[left] = query
+                        left += 1
+                    break
+                for c in range(LANES):
+                    if extra >= 0:
+                        found[c] += points.low[extra, channel + c]
+                    found[c] += points.high[own, channel + c]
+                _write(found, which, turn, 1.0, 0, room.depths[k], out, query, channel)
+
+        for i in range(special):
+            k = room.special[i]
+            code, query = room.codes[k], start + begin + k
+            kind, turn = code >> KIND, code >> TURN & 3
+            n, at = tables.kinds[kind, ROWS], tables.kinds[kind, MODES]
+            block = (at + (code & _ROW) * (n + 3)) * width
+            piece, level = room.places[k] & 3, (room.places[k] >> 2) - 1
+            S, T = room.s[k], room.t[k]
+            if level == 0 and at >= 0:
+                cubic_weights(S, order, 0, weights)
+                cubic_weights(T, order, 4 * order + 4, weights)
+                base = (tables.kinds[kind, PATCH] + (code & _ROW)) * FINE
+                own = base + PIECES[piece * 16 + 5]
+                for channel in range(0, d, LANES):
+                    _spline(
+                        order, normals, points.fine, PIECES, piece * 16, base, channel, weights,
+                        found,
+                    )  # fmt: skip
+                    if normals:
+                        if not _spline_normal(weights, found, out, query):
+                            rest[left] = query
+                            left += 1
+                        break
+                    for c in range(LANES):
+                        value = found[c] + points.fine[own, channel + c]
+                        value += points.fine[base + FINE - 2, channel + c]
+                        found[c] = value + points.fine[base + FINE - 1, channel + c]
+                    _write(found, which, turn, 1.0, 0, room.depths[k] + 1, out, query, channel)
+                continue
+            # what the reference does: coefficients too many to keep, degenerate points
+            if normals and level < 0 and at >= 0:
+                # (where there is none, or degenerate points hide it, the reference knows why)
+                along, across = tables.kinds[kind, ALONG], tables.kinds[kind, ACROSS]
+                for c in range(3):
+                    found[LANES + c] = modes[block + along * width + c]
+                    found[2 * LANES + c] = modes[block + across * width + c]
+                if along >= 0 and _crossed(found, 0.0, 0.0, out, query):
+                    continue
+            if at < 0 or modes[block + (n + 2) * width + 1] != 1 or (normals and level < 0):
+                rest[left] = query
+                left += 1
+                continue
+            mantissa, exponent, step = 1.0, 0, room.depths[k]
+            if level < 0:
+                for j in range(6):
+                    for c in range(n):
+                        rows[j, c] = tables.corners[kind, j, c]
+            else:
+                eigenfunctions(order, kind, piece, S, T, tables, rows)
+                if normals:
+                    if not _eigen_normal(
+                        level, kind, block + width, width, tables, modes, rows, found, out, query
+                    ):
+                        rest[left] = query
+                        left += 1
+                    continue
+                count = (order + 1) * (order + 2) // 2
+                powered(kind, FIRST, level, count, tables, rows)
+                mantissa = tables.mantissas[kind, level % STEP]
+                mantissa *= tables.mantissas[kind, STEP + level // STEP]
+                exponent = tables.kinds[kind, EXPONENT] * level
+                step += level + 1
+            for channel in range(0, d, LANES):
+                at = block + channel
+                if order == 0:
+                    _sum1(rows, n, modes, at + width, width, found)
+                elif order == 1:
+                    _sum3(rows, n, modes, at + width, width, found)
+                else:
+                    _sum6(rows, n, modes, at + width, width, found)
+                for c in range(LANES):
+                    value = scale_by_two(found[c] * mantissa, exponent) + modes[at + c]
+                    found[c] = value + modes[at + (n + 1) * width + c]
+                _write(found, which, turn, mantissa, exponent, step, out, query, channel)
+    return left

@@ -1,0 +1,141 @@
+"""Compiled evaluation of the same parameters on many faces: one product of matrices a face.
+
+What depends on the parameters alone, weights of control points or of coefficients, is tabulated
+once for each kind and turn of patches.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf._kernels.evaluation import (
+    FAR,
+    KIND,
+    MODES,
+    ROWS,
+    TURN,
+    Patches,
+    Points,
+    Tables,
+)
+from limitsurf._kernels.jit import inlined, lean, products
+
+Array = NDArray[Any]
+PLACES = 8  # parameters that are handled at once
+_ROW = (1 << TURN) - 1
+# sine of the angle between derivatives above which their cross product is accurate
+_CLEAR = 1e-2
+_LEAST = 1e-10  # of the size of the patch: shorter ones may be noise
+
+_products1, _products3 = products(1), products(3)
+
+
+class Weights(NamedTuple):
+    """Weights for some derivatives at parameters, by kind and turn of a patch."""
+
+    start: Array  # (kinds, 4) int64: where those of a patch begin, -1 where they are not known
+    table: Array  # flat: (derivatives, rows, places) of each, places a multiple of `PLACES`
+    places: int
+
+
+@inlined
+def _across(sums: Array, q: int, size: float, out: Array, query: int) -> bool:
+    """The unit vector across both derivatives in `sums`; False if rounding errors might decide."""
+    a0, a1, a2 = sums[0, q], sums[0, PLACES + q], sums[0, 2 * PLACES + q]
+    b0, b1, b2 = sums[1, q], sums[1, PLACES + q], sums[1, 2 * PLACES + q]
+    c0, c1, c2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+    a, b = a0 * a0 + a1 * a1 + a2 * a2, b0 * b0 + b1 * b1 + b2 * b2
+    c = c0 * c0 + c1 * c1 + c2 * c2
+    least = (_LEAST * size) ** 2
+    if not (a > least and b > least and c > _CLEAR**2 * a * b and 1e-280 < c < 1e280):
+        return False
+    scale = 1 / sqrt(c)
+    out[0, query, 0], out[0, query, 1], out[0, query, 2] = c0 * scale, c1 * scale, c2 * scale
+    return True
+
+
+@lean
+def gridded(
+    faces: Array, patches: Patches, tables: Tables, points: Points, weights: Weights, count: int,
+    places: int, position: int, normals: bool, out: Array, start: int, rest: Array, near: Array,
+    sums: Array,
+) -> int:  # fmt: skip
+    """Derivatives, or unit normals, at the same `places` parameters on each face.
+
+    Results are written to ``out[k, (start + f) * places + place, channel]`` for the `count`
+    derivatives k of the weights, of which number `position` (or -1) is the position; normals need
+    two, along u and v. Queries that are left to others are written to `rest`; returned is how many
+    there are, or -1 if a face is out of range. near (64,) and sums (6, 3 `PLACES`) are room.
+    """
+    width, d = points.high.shape[1], out.shape[2]
+    channels = 3 if d == 3 else 1
+    left = 0
+    for f in range(len(faces)):
+        if faces[f] < 0 or faces[f] >= patches.n_faces:
+            return -1
+        code = patches.info[faces[f]]
+        kind, row, turn = code >> KIND, code & _ROW, code >> TURN & 3
+        table = -1 if code < 0 else weights.start[kind, turn]
+        size, block, own = 16, 0, np.int64(0)
+        if table >= 0 and kind > 1:
+            size = tables.kinds[kind, ROWS]
+            block = (tables.kinds[kind, MODES] + row * (size + 3)) * width
+            if points.modes[block + (size + 2) * width + 1] != 1:
+                table = -1
+        if table < 0 or (kind <= 1 and code >> FAR & 1):
+            for q in range(places):
+                rest[left] = (start + f) * places + q
+                left += 1
+            continue
+        for channel in range(0, d, channels):
+            reach = 0.0
+            if kind <= 1:
+                own = np.int64(patches.ids[row * 16 + 5])
+                for j in range(16):
+                    i = np.int64(patches.ids[row * 16 + j])
+                    for c in range(channels):
+                        x = points.high[i, channel + c] - points.high[own, channel + c]
+                        near[j * 4 + c] = x
+                        reach = max(reach, abs(x))
+            else:
+                reach = points.modes[block + (size + 2) * width]
+            for begin in range(0, weights.places, PLACES):
+                most = min(PLACES, places - begin)
+                query = (start + f) * places + begin
+                for k in range(count):
+                    at = table + k * size * weights.places + begin
+                    stride, first = weights.places, block + width + channel
+                    if kind <= 1 and channels == 3:
+                        _products3(weights.table, at, size, stride, near, 0, 4, sums[k])
+                    elif kind <= 1:
+                        _products1(weights.table, at, size, stride, near, 0, 4, sums[k])
+                    elif channels == 3:
+                        _products3(
+                            weights.table, at, size, stride, points.modes, first, width, sums[k]
+                        )
+                    else:
+                        _products1(
+                            weights.table, at, size, stride, points.modes, first, width, sums[k]
+                        )
+                if normals:
+                    for q in range(most):
+                        if not _across(sums, q, reach, out, query + q):
+                            rest[left] = query + q
+                            left += 1
+                    continue
+                for k in range(count):
+                    for c in range(channels):
+                        high = low = 0.0
+                        if k == position and kind <= 1:
+                            high = points.high[own, channel + c]
+                        elif k == position:
+                            low = points.modes[block + channel + c]
+                            high = points.modes[block + (size + 1) * width + channel + c]
+                        for q in range(most):
+                            value = sums[k, c * PLACES + q] + low
+                            out[k, query + q, channel + c] = value + high
+    return left

@@ -1,0 +1,386 @@
+"""How kernels are compiled: a typed decorator, and what Numba has no words for.
+
+The intrinsics below are sums of products over short vectors of four channels, which the compiler
+would not vectorise by itself, prefetching, and powers of two by their bits.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.compiler_lock import global_compiler_lock
+from numba.extending import intrinsic as _intrinsic
+
+F = TypeVar("F", bound=Callable[..., Any])
+# called from kernels without the typing context that they are written with
+intrinsic = cast(Callable[[Callable[..., Any]], Any], _intrinsic)
+
+
+_OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy"}
+# without Numba's runtime there is nothing to allocate, and no references to count in inner loops
+_LEAN: dict[str, Any] = {**_OPTIONS, "_nrt": False}
+
+
+def kernel(function: F) -> F:
+    """Compile for the types of the arguments, when first called; without the GIL, cached on disk.
+
+    Products and sums may fuse; nothing else of the order of operations changes, so NaN, infinity,
+    signed zeros and comparisons mean what they say.
+    """
+    return cast(F, numba.njit(nogil=True, cache=True, **_OPTIONS)(function))
+
+
+def lean(function: F) -> F:
+    """The same for a kernel that allocates nothing: callers bring room to work in."""
+    return cast(F, numba.njit(nogil=True, cache=True, **_LEAN)(function))
+
+
+def inlined(function: F) -> F:
+    """Compile as part of the kernels that call it: arrays are costly to hand over."""
+    return cast(F, numba.njit(forceinline=True, **_LEAN)(function))
+
+
+# a fork while another thread compiles must not leave the lock held for ever in the child
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(
+        before=global_compiler_lock.acquire,
+        after_in_parent=global_compiler_lock.release,
+        after_in_child=global_compiler_lock.release,
+    )
+
+_I8, _I32, _I64, _F64 = ir.IntType(8), ir.IntType(32), ir.IntType(64), ir.DoubleType()
+_FOUR = ir.VectorType(_F64, 4)
+_UNDEFINED = ir.Constant(_FOUR, ir.Undefined)
+
+
+def _data(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """Pointer to the first element of an array."""
+    return context.make_array(kind)(context, builder, value).data
+
+
+def _vector(builder: Any, pointer: Any, index: Any) -> Any:
+    """Pointer to the four numbers from `index` on."""
+    return builder.bitcast(builder.gep(pointer, [index]), _FOUR.as_pointer())
+
+
+def _spread(builder: Any, pointer: Any, index: Any) -> Any:
+    """The number at `index`, four times."""
+    one = builder.insert_element(_UNDEFINED, builder.load(builder.gep(pointer, [index])), _I32(0))
+    return builder.shuffle_vector(one, _UNDEFINED, ir.Constant(ir.VectorType(_I32, 4), [0] * 4))
+
+
+def _added(builder: Any, total: Any, a: Any, b: Any) -> Any:
+    """total + a b, fused where the machine can; a b to begin with."""
+    if total is None:
+        return builder.fmul(a, b)
+    form = ir.FunctionType(_FOUR, [_FOUR] * 3)
+    fused = cgutils.get_or_insert_function(builder.module, form, "llvm.fmuladd.v4f64")
+    return builder.call(fused, [a, b, total])
+
+
+@intrinsic
+def prefetch(typing: Any, array: Any, index: Any) -> Any:
+    """Ask for the cache line of ``array.ravel()[index]``; harmless wherever that is."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = builder.gep(
+            _data(context, builder, signature.args[0], arguments[0]), [arguments[1]]
+        )
+        form = ir.FunctionType(ir.VoidType(), [_I8.as_pointer(), _I32, _I32, _I32])
+        ask = cgutils.get_or_insert_function(builder.module, form, "llvm.prefetch.p0")
+        builder.call(ask, [builder.bitcast(pointer, _I8.as_pointer()), _I32(0), _I32(3), _I32(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64), generate
+
+
+@intrinsic
+def bits(typing: Any, x: Any) -> Any:
+    """The bits of a float64 as an int64."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], _I64)
+
+    return types.int64(types.float64), generate
+
+
+@intrinsic
+def of_bits(typing: Any, x: Any) -> Any:
+    """The float64 of these bits."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], _F64)
+
+    return types.float64(types.int64), generate
+
+
+def bicubic(order: int, sized: bool = False) -> Any:
+    """An intrinsic for derivatives up to an order of a bicubic patch, four channels at once.
+
+    ``f(points, ids, at, base, channel, weights, out)``: points (n, width) float64; flat ids from
+    `at` on, plus `base`, are the rows of 16 control points; weights (2, order + 1, 4) along u and v
+    by order of the derivative; out (count, 4), in the order of `LimitSurface.jet`. All is relative
+    to control point 5; if `sized`, a last row of `out` has the largest absolute values of any
+    control point.
+    """
+    terms = [(m - j, j) for m in range(order + 1) for j in range(m + 1)]
+
+    @intrinsic
+    def contract(
+        typing: Any, points: Any, ids: Any, at: Any, base: Any, channel: Any, weights: Any,
+        out: Any,
+    ) -> Any:  # fmt: skip
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            given = signature.args
+            data, ids, weights, out = (
+                _data(context, builder, given[k], arguments[k]) for k in (0, 1, 5, 6)
+            )
+            array = context.make_array(given[0])(context, builder, arguments[0])
+            width = builder.extract_value(array.shape, 1)
+
+            def point(k: int) -> Any:
+                place = builder.gep(ids, [builder.add(arguments[2], _I64(k))])
+                number = builder.add(builder.sext(builder.load(place), _I64), arguments[3])
+                start = builder.add(builder.mul(number, width), arguments[4])
+                return builder.load(_vector(builder, data, start), align=8)
+
+            origin = point(5)
+            along, across = (
+                [
+                    [_spread(builder, weights, _I64(first + 4 * m + k)) for k in range(4)]
+                    for m in range(order + 1)
+                ]
+                for first in (0, 4 * (order + 1))
+            )
+            found: list[Any] = [None] * len(terms)
+            largest = ir.Constant(_FOUR, None)
+            size = cgutils.get_or_insert_function(
+                builder.module, ir.FunctionType(_FOUR, [_FOUR]), "llvm.fabs.v4f64"
+            )
+            for j in range(4):
+                rows: list[Any] = [None] * (order + 1)
+                for i in range(4):
+                    own = builder.fsub(point(4 * j + i), origin)
+                    if sized:
+                        far = builder.call(size, [own])
+                        larger = builder.fcmp_ordered(">", far, largest)
+                        largest = builder.select(larger, far, largest)
+                    for m in range(order + 1):
+                        rows[m] = _added(builder, rows[m], along[m][i], own)
+                for k, (m, n) in enumerate(terms):
+                    found[k] = _added(builder, found[k], across[n][j], rows[m])
+            for k, value in enumerate([*found, largest] if sized else found):
+                builder.store(value, _vector(builder, out, _I64(4 * k)), align=8)
+            return context.get_dummy_value()
+
+        places = [types.int64] * 3
+        return types.void(points, ids, *places, weights, out), generate
+
+    return contract
+
+
+def polynomials(order: int) -> Any:
+    """An intrinsic for bicubic polynomials at one place, four at once.
+
+    ``f(c, at, size, S, T, rows)``: coefficients c (..., stride) float64, from place `at` on 16 rows
+    of `size` polynomials, a multiple of four, coefficient ``4 j + i`` that of ``S^i T^j``; rows
+    (6 or more, stride) get all derivatives up to the order, in the order of `LimitSurface.jet`.
+    """
+
+    @intrinsic
+    def evaluate(typing: Any, c: Any, at: Any, size: Any, S: Any, T: Any, rows: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            given = signature.args
+            array = context.make_array(given[5])(context, builder, arguments[5])
+            stride = builder.extract_value(array.shape, 1)
+            data, rows = (_data(context, builder, given[k], arguments[k]) for k in (0, 5))
+            _, at, size, S, T, _ = arguments
+
+            def four(x: Any) -> Any:
+                one = builder.insert_element(_UNDEFINED, x, _I32(0))
+                same = ir.Constant(ir.VectorType(_I32, 4), [0] * 4)
+                return builder.shuffle_vector(one, _UNDEFINED, same)
+
+            def powers(x: Any) -> list[list[Any]]:
+                """Factors of the coefficients of a cubic in its derivatives, but the first."""
+                two, three, six = (ir.Constant(_FOUR, [f] * 4) for f in (2.0, 3.0, 6.0))
+                square = builder.fmul(x, x)
+                first = [builder.fmul(two, x), builder.fmul(three, square)]
+                return [[x, square, builder.fmul(x, square)], first, [builder.fmul(six, x)]]
+
+            def value(terms: list[Any], powers: list[list[Any]], times: int) -> Any:
+                total = terms[times]
+                if times == 2:
+                    total = builder.fadd(total, total)
+                for factor, term in zip(powers[times], terms[times + 1 :], strict=True):
+                    total = _added(builder, total, factor, term)
+                return total
+
+            S, T = powers(four(S)), powers(four(T))
+            with cgutils.for_range(builder, builder.udiv(size, _I64(4)), intp=_I64) as loop:
+                k = builder.mul(loop.index, _I64(4))
+                start = builder.add(at, k)
+                grid = [
+                    [
+                        builder.load(
+                            _vector(
+                                builder,
+                                data,
+                                builder.add(start, builder.mul(stride, _I64(4 * j + i))),
+                            ),
+                            align=8,
+                        )
+                        for i in range(4)
+                    ]
+                    for j in range(4)
+                ]
+                for m in range(order + 1):
+                    along = [value(row, S, m) for row in grid]
+                    for n in range(order + 1 - m):
+                        number = (m + n) * (m + n + 1) // 2 + n
+                        place = builder.add(builder.mul(stride, _I64(number)), k)
+                        found = value(along, T, n)
+                        builder.store(found, _vector(builder, rows, place), align=8)
+            return context.get_dummy_value()
+
+        given = c, types.int64, types.int64, types.float64, types.float64, rows
+        return types.void(*given), generate
+
+    return evaluate
+
+
+def scaling(count: int) -> Any:
+    """An intrinsic that multiplies `count` rows by the products of two, four numbers at once.
+
+    ``f(rows, size, factors, a, b)``: rows (count or more, ...) float64, of which the first `size`
+    numbers count, a multiple of four; factors are ``factors[a + k] * factors[b + k]``, flat.
+    """
+
+    @intrinsic
+    def scale(typing: Any, rows: Any, size: Any, factors: Any, a: Any, b: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            given = signature.args
+            array = context.make_array(given[0])(context, builder, arguments[0])
+            stride = builder.extract_value(array.shape, 1)
+            rows, factors = (_data(context, builder, given[k], arguments[k]) for k in (0, 2))
+            _, size, _, a, b = arguments
+            with cgutils.for_range(builder, builder.udiv(size, _I64(4)), intp=_I64) as loop:
+                k = builder.mul(loop.index, _I64(4))
+                x, y = (
+                    builder.load(_vector(builder, factors, builder.add(start, k)), align=8)
+                    for start in (a, b)
+                )
+                factor = builder.fmul(x, y)
+                for row in range(count):
+                    place = _vector(builder, rows, builder.add(builder.mul(stride, _I64(row)), k))
+                    builder.store(
+                        builder.fmul(builder.load(place, align=8), factor), place, align=8
+                    )
+            return context.get_dummy_value()
+
+        return types.void(rows, types.int64, factors, types.int64, types.int64), generate
+
+    return scale
+
+
+def combination(count: int) -> Any:
+    """An intrinsic for `count` sums of products, four channels at once.
+
+    ``f(rows, size, values, at, width, out)``: rows (count or more, ...) float64, of which the first
+    `size` numbers count, a multiple of four; flat values from `at` on are (size, width), of which
+    the first four columns count; out (count, 4).
+    """
+    # enough sums side by side to hide how long each addition takes
+    parts = 4 if count < 3 else 2
+
+    @intrinsic
+    def contract(
+        typing: Any, rows: Any, size: Any, values: Any, at: Any, width: Any, out: Any
+    ) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            given = signature.args
+            array = context.make_array(given[0])(context, builder, arguments[0])
+            stride = builder.extract_value(array.shape, 1)
+            rows, values, out = (_data(context, builder, given[k], arguments[k]) for k in (0, 2, 5))
+            _, size, _, at, width, _ = arguments
+            totals = [
+                [cgutils.alloca_once(builder, _FOUR) for _ in range(count)] for _ in range(parts)
+            ]
+            for total in itertools.chain(*totals):
+                builder.store(ir.Constant(_FOUR, None), total)
+            with cgutils.for_range(builder, builder.udiv(size, _I64(parts)), intp=_I64) as loop:
+                for part in range(parts):
+                    k = builder.add(builder.mul(loop.index, _I64(parts)), _I64(part))
+                    start = builder.add(at, builder.mul(k, width))
+                    value = builder.load(_vector(builder, values, start), align=8)
+                    for row, total in enumerate(totals[part]):
+                        place = builder.add(builder.mul(stride, _I64(row)), k)
+                        weight = _spread(builder, rows, place)
+                        builder.store(_added(builder, builder.load(total), weight, value), total)
+            for row in range(count):
+                found = [builder.load(totals[part][row]) for part in range(parts)]
+                while len(found) > 1:
+                    found = [
+                        builder.fadd(a, b) for a, b in zip(found[::2], found[1::2], strict=True)
+                    ]
+                builder.store(found[0], _vector(builder, out, _I64(4 * row)), align=8)
+            return context.get_dummy_value()
+
+        given = (rows, types.int64, values, types.int64, types.int64, out)
+        return types.void(*given), generate
+
+    return contract
+
+
+def products(channels: int) -> Any:
+    """An intrinsic for sums of products at eight places at once, for some channels.
+
+    ``f(weights, at, size, stride, values, first, width, out)``: flat weights from `at` on are rows
+    of `stride`, of which the first eight count; flat values from `first` on are rows of `width`, of
+    which the first `channels` count; of both there are `size` rows. out (channels, 8).
+    """
+
+    @intrinsic
+    def contract(
+        typing: Any, weights: Any, at: Any, size: Any, stride: Any, values: Any, first: Any,
+        width: Any, out: Any,
+    ) -> Any:  # fmt: skip
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            given = signature.args
+            weights, values, out = (
+                _data(context, builder, given[k], arguments[k]) for k in (0, 4, 7)
+            )
+            _, at, size, stride, _, first, width, _ = arguments
+            totals = [
+                [cgutils.alloca_once(builder, _FOUR) for _ in range(2)] for _ in range(channels)
+            ]
+            for total in itertools.chain(*totals):
+                builder.store(ir.Constant(_FOUR, None), total)
+            with cgutils.for_range(builder, size, intp=_I64) as loop:
+                start = builder.add(at, builder.mul(loop.index, stride))
+                halves = [
+                    builder.load(_vector(builder, weights, builder.add(start, _I64(k))), align=8)
+                    for k in (0, 4)
+                ]
+                row = builder.add(first, builder.mul(loop.index, width))
+                for c, pair in enumerate(totals):
+                    value = _spread(builder, values, builder.add(row, _I64(c)))
+                    for half, total in zip(halves, pair, strict=True):
+                        builder.store(_added(builder, builder.load(total), half, value), total)
+            for c, pair in enumerate(totals):
+                for k, total in enumerate(pair):
+                    place = _vector(builder, out, _I64(8 * c + 4 * k))
+                    builder.store(builder.load(total), place, align=8)
+            return context.get_dummy_value()
+
+        places = [types.int64] * 3
+        given = (weights, *places, values, *places[:2], out)
+        return types.void(*given), generate
+
+    return contract

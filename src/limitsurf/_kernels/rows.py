@@ -1,0 +1,195 @@
+"""Compiled weights of scattered queries: rows of a sparse matrix over the vertices of the cage.
+
+How long a row can be is known from its patch, so that rows are written where they belong at once;
+where control points coincide or share vertices of the cage they come out shorter.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf._kernels.evaluation import (
+    EXPONENT,
+    FAR,
+    FIRST,
+    KIND,
+    MODES,
+    SIGN,
+    SIZE,
+    STEP,
+    TURN,
+    TURNED,
+    Patches,
+    Room,
+    Tables,
+    cubic_weights,
+    eigenfunctions,
+    located,
+    place_around,
+    powered,
+    scale_by_two,
+    strip_weights,
+    turned,
+)
+from limitsurf._kernels.jit import inlined, lean
+
+Array = NDArray[Any]
+OUT_OF_RANGE, UNKNOWN = -1, -2
+_ROW = (1 << TURN) - 1
+
+
+class Controls(NamedTuple):
+    """Control points of special patches, and what control points are in terms of the cage."""
+
+    ids: Array  # flat int32
+    first: Array  # (kinds,) int64: where those of a kind begin
+    left: Array  # (kinds, W + 1, C): left eigenvectors, the limit mask first
+    own: Array  # (limit faces,) int64: a vertex of the cage at each
+    n_vertices: int
+    indptr: Array  # (extras + 1,) int64: control points that are not vertices, as rows over those
+    indices: Array  # int64
+    data: Array
+
+
+@inlined
+def _controls(code: int, patches: Patches, tables: Tables, controls: Controls) -> tuple[int, int]:
+    """Where the control points of a patch begin, and how many there are."""
+    kind, row = code >> KIND, code & _ROW
+    if kind <= 1:
+        return row * 16, 16
+    n = tables.kinds[kind, SIZE] + 1
+    return controls.first[kind] + row * n, n
+
+
+@lean
+def lengths(
+    face: Array, u: Array, v: Array, patches: Patches, tables: Tables, controls: Controls,
+    result: Array,
+) -> int:  # fmt: skip
+    """Most entries that the row of each query can have; negative if a query cannot be answered."""
+    for q in range(len(face)):
+        code, _, _, _, fine = located(face[q], u[q], v[q], patches)
+        if not fine:
+            return OUT_OF_RANGE
+        if code < 0:
+            result[q] = 1
+            continue
+        if code >> KIND > 1 and tables.kinds[code >> KIND, MODES] < 0:
+            return UNKNOWN
+        at, n = _controls(code, patches, tables, controls)
+        result[q] = n
+        if code >> FAR & 1:
+            ids = patches.ids if code >> KIND <= 1 else controls.ids
+            for k in range(at, at + n):
+                extra = ids[k] - controls.n_vertices
+                if extra >= 0:
+                    result[q] += controls.indptr[extra + 1] - controls.indptr[extra] - 1
+    return 0
+
+
+@inlined
+def _insert(indices: Array, data: Array, start: int, end: int, column: int, value: float) -> int:
+    """Add an entry to a row with sorted columns; its new end."""
+    k = end
+    while k > start and indices[k - 1] > column:
+        k -= 1
+    if k > start and indices[k - 1] == column:
+        data[k - 1] += value
+        return end
+    for j in range(end, k, -1):
+        indices[j] = indices[j - 1]
+        data[j] = data[j - 1]
+    indices[k] = column
+    data[k] = value
+    return end + 1
+
+
+@lean
+def fill(
+    face: Array, u: Array, v: Array, patches: Patches, tables: Tables, controls: Controls,
+    order: int, term: int, starts: Array, ends: Array, indices: Array, data: Array, room: Room,
+    weights: Array,
+) -> None:  # fmt: skip
+    """Rows of one derivative, `term` in the order of `LimitSurface.jet`, from `starts` to `ends`.
+
+    `weights` is room for those of the control points of a patch.
+    """
+    first_strip = len(patches.ids) // 16 - len(patches.strips)
+    rows, along = room.rows, room.weights
+    for q in range(len(face)):
+        start = starts[q]
+        code, depth, s, t, _ = located(face[q], u[q], v[q], patches)
+        if code < 0:
+            indices[start], data[start] = controls.own[face[q]], np.nan
+            ends[q] = start + 1
+            continue
+        kind, row, turn = code >> KIND, code & _ROW, code >> TURN & 3
+        s, t = turned(s, t, turn)
+        here, sign = TURNED[turn & 1, term], SIGN[turn, term]
+        at, n = _controls(code, patches, tables, controls)
+        if kind <= 1:
+            cubic_weights(s, 2, 0, along)
+            if kind == 0:
+                cubic_weights(t, 2, 12, along)
+            else:
+                first = patches.strips[row - first_strip, 0]
+                deep = patches.strips[row - first_strip, 1]
+                up = turn == 1 or turn == 2
+                strip_weights(t, 2, up, patches.strip_pieces, first, deep, 12, along)
+            # derivatives (0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)
+            j = 2 if here == 5 else 1 if here == 2 or here == 4 else 0
+            i = order - j
+            for y in range(4):
+                for x in range(4):
+                    w = along[12 + 4 * j + y] * along[4 * i + x] * sign
+                    weights[4 * y + x] = scale_by_two(w, order * depth)
+        else:
+            level, piece, S, T = place_around(s, t, turn)
+            for k in range(n):
+                weights[k] = 0.0
+            mantissa, exponent = sign, order * depth
+            if level < 0:
+                for k in range(n - 1):
+                    rows[here, k] = tables.corners[kind, here, k]
+            else:
+                eigenfunctions(order, kind, piece, S, T, tables, rows)
+                powered(kind, FIRST, level, (order + 1) * (order + 2) // 2, tables, rows)
+                mantissa *= tables.mantissas[kind, level % STEP]
+                mantissa *= tables.mantissas[kind, STEP + level // STEP]
+                exponent += tables.kinds[kind, EXPONENT] * level + order * (level + 1)
+            if level >= 0 or order > 0:
+                for j in range(n - 1):
+                    value = rows[here, j]
+                    for k in range(n):
+                        weights[k] += value * controls.left[kind, j + 1, k]
+            for k in range(n):
+                w = scale_by_two(weights[k] * mantissa, exponent)
+                weights[k] = w + controls.left[kind, 0, k] if order == 0 else w
+        end = start
+        for k in range(n):
+            column = patches.ids[at + k] if kind <= 1 else controls.ids[at + k]
+            extra = column - controls.n_vertices
+            if extra < 0:
+                end = _insert(indices, data, start, end, column, weights[k])
+            else:
+                for e in range(controls.indptr[extra], controls.indptr[extra + 1]):
+                    value = weights[k] * controls.data[e]
+                    end = _insert(indices, data, start, end, controls.indices[e], value)
+        ends[q] = end
+
+
+@lean
+def close_gaps(indptr: Array, ends: Array, indices: Array, data: Array) -> None:
+    """Move rows together that are shorter than there is room for; `indptr` tells where they are."""
+    to = 0
+    for r in range(len(ends)):
+        start, end = indptr[r], ends[r]
+        indptr[r] = to
+        for k in range(start, end):
+            indices[to] = indices[k]
+            data[to] = data[k]
+            to += 1
+    indptr[len(ends)] = to

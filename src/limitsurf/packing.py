@@ -1,0 +1,519 @@
+"""Patches, tables and points packed for compiled kernels: flat arrays without objects.
+
+A `Packing` is made once for a patch table. What it evaluates are the control points, and their
+coefficients in the eigenbasis of each special corner.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf import basis, tables
+from limitsurf._kernels import reference as kernels
+from limitsurf.patches import REGULAR, STRIP, PatchTable
+
+if TYPE_CHECKING:
+    from limitsurf._kernels import evaluation, grids, rows
+    from limitsurf.exact.scheme import Scheme
+
+Array = NDArray[Any]
+
+# derivatives that kernels know, in the order of `LimitSurface.jet`
+_TERMS = [(m - j, j) for m in range(3) for j in range(m + 1)]
+_WORTH = 4  # faces and parameters from which a grid is one
+
+CHUNK = 1 << 15  # queries; what a thread takes at a time
+_LARGEST = 136  # control points of special patches whose coefficients are kept
+_GATHER = 1 << 22  # numbers handled at once when coefficients are made
+
+
+def threads(workers: int) -> int:
+    """How many threads `workers` asks for, after SciPy: -1 is one for each processor."""
+    if isinstance(workers, bool) or not isinstance(workers, (int, np.integer)) or workers == 0:
+        raise ValueError(f"workers must be a positive integer, or -1 for all, got {workers!r}")
+    if workers < 0:
+        # those that this process may run on
+        count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        return max(1, (count or 1) + 1 + int(workers))
+    return int(workers)
+
+
+def over_chunks(
+    total: int, workers: int, work: Callable[[slice], Any], chunk: int = CHUNK
+) -> Iterator[Any]:
+    """What `work` gives for each chunk of `total` items, in order.
+
+    Chunks are the same for any number of workers, and so are results.
+    """
+    parts = [slice(start, min(start + chunk, total)) for start in range(0, total, chunk)]
+    count = min(workers, len(parts))
+    if count <= 1:
+        yield from map(work, parts)
+        return
+    with ThreadPoolExecutor(count) as pool:
+        yield from pool.map(work, parts)
+
+
+class Packing:
+    """The patches of a surface as flat arrays; ``_kernels/evaluation.py`` says what is in them.
+
+    `strips` has the splines across creases, `which` that of each strip; `own` is a vertex of the
+    cage at each limit face.
+    """
+
+    def __init__(
+        self,
+        patches: PatchTable,
+        strips: tables.StripTables,
+        which: Array,
+        scheme: Scheme,
+        own: Array,
+    ) -> None:
+        self._patches, self._own = patches, own
+        self._sectors = [
+            None if sector is None else tables.eigen_table(scheme, sector)
+            for sector in patches.sectors
+        ]
+        self.tables, self._n_rows, self._n_special = self._tables()
+        self.patches = self._covering(strips, which)
+
+    def _covering(self, strips: tables.StripTables, which: Array) -> evaluation.Patches:
+        from limitsurf._kernels import evaluation
+
+        patches = self._patches
+        regular, strip = patches.controls[REGULAR], patches.controls[STRIP]
+        packed = patches.kind.astype(np.int64) << evaluation.KIND
+        packed |= patches.turn.astype(np.int64) << evaluation.TURN
+        packed |= patches.row
+        packed[patches.kind == STRIP] += len(regular)
+        for kind in range(len(patches.controls)):
+            here = np.flatnonzero(patches.kind == kind)
+            beyond = np.any(patches.controls[kind] >= patches.n_vertices, axis=1)
+            packed[here] |= beyond[patches.row[here]].astype(np.int64) << evaluation.FAR
+        info = patches.codes.astype(np.int64)
+        inside = info >= 0
+        info[inside] = packed[info[inside]]
+        return evaluation.Patches(
+            info,
+            patches.n_limit_faces,
+            (np.concatenate([regular, strip]) if len(strip) else regular).reshape(-1),
+            np.stack([strips.first[which], strips.depth[which]], axis=1).astype(np.int64),
+            np.array(strips.pieces, dtype=float).reshape(-1),
+        )
+
+    def _tables(self) -> tuple[evaluation.Tables, int, int]:
+        """Tables of the kinds whose coefficients are kept, in so many rows, of so many patches."""
+        from limitsurf._kernels import evaluation
+
+        kept = [
+            (kind, table)
+            for kind, table in enumerate(self._sectors)
+            if table is not None and table.size <= _LARGEST
+        ]
+        n, levels = len(self._sectors), evaluation.STEP + evaluation.STEPS
+        wide = _rounded(max((table.size - 1 for _, table in kept), default=0))
+        chains = max((len(table.chains) for _, table in kept), default=0)
+        pairs = max((len(table.pairs) for _, table in kept), default=0)
+        kinds = np.zeros((n, evaluation.FIELDS), dtype=np.int64)
+        kinds[:, evaluation.MODES] = -1
+        made = evaluation.Tables(
+            kinds,
+            np.zeros((n, 3, 16, wide)),
+            np.zeros((n, 2, levels, wide)),
+            np.zeros((n, 2)),
+            np.zeros((n, levels)),
+            np.zeros((n, 6, wide)),
+            np.zeros((n, pairs)),
+            np.zeros((n, chains), dtype=np.int64),
+            np.zeros((n, pairs), dtype=np.int64),
+        )
+        rows = patches = 0
+        for k, table in kept:
+            size = table.size - 1
+            kinds[k, evaluation.SIZE] = size
+            kinds[k, evaluation.ROWS] = _rounded(size)
+            kinds[k, evaluation.MODES] = rows
+            kinds[k, evaluation.CHAINS] = len(table.chains)
+            kinds[k, evaluation.PAIRS] = len(table.pairs)
+            first, second = (*table.normal, -1, -1)[:2]
+            kinds[k, [evaluation.ALONG, evaluation.ACROSS]] = first, second
+            kinds[k, evaluation.FLIP] = table.eigenvalues[0, 1:3].prod() < 0
+            kinds[k, evaluation.PATCH] = patches
+            patches += len(self._patches.controls[k])
+            rows += len(self._patches.controls[k]) * (_rounded(size) + 3)
+            made.pieces[k, :, :, :size] = table.pieces[:, :, 1:]
+            for lead in (1, 2):
+                made.ratios[k, lead - 1, :, :size] = _powers(table, lead)
+                value = table.eigenvalues[0, lead]
+                made.inverses[k, lead - 1] = 1 / value if value else 0
+            made.mantissas[k], kinds[k, evaluation.EXPONENT] = _mantissas(table)
+            for place, nu in enumerate(((1, 0), (0, 1), (2, 0), (1, 1), (0, 2)), start=1):
+                made.corners[k, place, :size] = basis.corner_derivative(table, nu)
+            made.angles[k, : len(table.pairs)] = table.angles
+            made.chains[k, : len(table.chains)] = table.chains - 1
+            made.pairs[k, : len(table.pairs)] = table.pairs - 1
+        return made, rows, patches
+
+    def points(self, high: Array, low: Array) -> evaluation.Points:
+        """Control points (n_points, d), unevaluated sums high + low, ready for evaluation."""
+        from limitsurf._kernels import evaluation
+
+        n, d = high.shape
+        width, inner = _rounded(d), self._patches.n_vertices
+        wide = _aligned((n, width))
+        wide[:, :d] = high
+        extra = np.zeros((n - inner, width))
+        extra[:, :d] = low[inner:]
+        modes = _aligned((self._n_rows, width))
+        fine = _aligned((self._n_special * evaluation.FINE, width))
+        for kind, table in enumerate(self._sectors):
+            start, size = self.tables.kinds[kind, [evaluation.MODES, evaluation.ROWS]].tolist()
+            if table is None or start < 0:
+                continue
+            ids = self._patches.controls[kind]
+            first = int(self.tables.kinds[kind, evaluation.PATCH]) * evaluation.FINE
+            grids = fine[first : first + len(ids) * evaluation.FINE]
+            grids = grids.reshape(-1, evaluation.FINE, width)
+            blocks = modes[start : start + len(ids) * (size + 3)].reshape(-1, size + 3, width)
+            step = max(1, _GATHER // (table.size * width))
+            for begin in range(0, len(ids), step):
+                columns = ids[begin : begin + step].T  # (K, P)
+                own = columns[0]
+                points = high[columns] - high[own]
+                if (columns >= inner).any():
+                    points += low[columns] - low[own]
+                points = points.reshape(table.size, -1)
+                grid = grids[begin : begin + step]
+                grid[:, :25, :d] = (_fine(table) @ points).reshape(25, -1, d).transpose(1, 0, 2)
+                grid[:, 25, :d], grid[:, 26, :d] = low[own], high[own]
+                found = _left(table) @ points
+                found = found.reshape(table.size, -1, d).transpose(1, 0, 2)  # (P, K, d)
+                block = blocks[begin : begin + step]
+                block[:, : table.size, :d] = found
+                block[:, 0, :d] += low[own]
+                block[:, size + 1, :d] = high[own]
+                sizes = np.abs(found[:, 1:])
+                block[:, size + 2, 0] = sizes.max(axis=(1, 2), initial=0)
+                # NaN, too, occurs
+                block[:, size + 2, 1] = 1 + (sizes != 0).any(axis=2).argmax(axis=1)
+        return evaluation.Points(wide, extra, modes.reshape(-1), fine)
+
+    @cached_property
+    def _controls(self) -> rows.Controls:
+        from limitsurf._kernels import evaluation, rows
+
+        patches, kinds = self._patches, self.tables.kinds
+        special = patches.controls[STRIP + 1 :]
+        first = np.cumsum([0] * (STRIP + 2) + [control.size for control in special[:-1]])
+        wide = _rounded(int(kinds[:, evaluation.SIZE].max()) + 1)
+        left = np.zeros((len(kinds), wide, wide))
+        for kind, table in enumerate(self._sectors):
+            if table is not None and kinds[kind, evaluation.MODES] >= 0:
+                left[kind, : table.size, : table.size] = _left(table)
+        extra = _over_vertices(patches)
+        return rows.Controls(
+            np.concatenate([np.zeros(0, np.int32), *(control.reshape(-1) for control in special)]),
+            first,
+            left,
+            self._own,
+            patches.n_vertices,
+            extra.indptr.astype(np.int64),
+            extra.indices.astype(np.int64),
+            extra.data,
+        )
+
+    def weights(self, queries: tuple[Array, Array, Array], term: int, workers: int) -> Any:
+        """Sparse matrix (Q, vertices) of the derivative at this place in the order of `jet`.
+
+        None if a query is out of range, or in a patch that only the reference knows.
+        """
+        from scipy.sparse import csr_array
+
+        from limitsurf._kernels import evaluation, rows
+
+        total, order = queries[0].size, int(np.searchsorted([0, 2, 5], term))
+        known = self.patches, self.tables, self._controls
+        chunk = _chunks(queries)
+        indptr = np.zeros(total + 1, dtype=np.int64)
+
+        def measure(part: slice) -> int:
+            room = indptr[1:][part]
+            return rows.lengths(*chunk(part), *known, room)
+
+        if any(found < 0 for found in over_chunks(total, workers, measure)):
+            return None
+        np.cumsum(indptr, out=indptr)
+        ends = np.empty(total, dtype=np.int64)
+        most = max(int(indptr[-1]), self._patches.n_vertices)
+        indices = np.empty(indptr[-1], dtype=np.int32 if most < 2**31 else np.int64)
+        data = np.empty(indptr[-1])
+
+        def fill(part: slice) -> None:
+            room = evaluation.Room.of(self.tables), np.empty(self._controls.left.shape[2] + 16)
+            places = indptr[:-1][part], ends[part], indices, data
+            rows.fill(*chunk(part), *known, order, term, *places, *room)
+
+        for _ in over_chunks(total, workers, fill):
+            pass
+        if (ends != indptr[1:]).any():
+            rows.close_gaps(indptr, ends, indices, data)
+            indices, data = indices[: indptr[-1]], data[: indptr[-1]]
+        shape = total, self._patches.n_vertices
+        return csr_array((data, indices, indptr.astype(indices.dtype)), shape=shape)
+
+    def evaluate(
+        self,
+        points: evaluation.Points,
+        queries: tuple[Array, Array, Array],
+        channels: int,
+        orders: Sequence[int] | None,
+        workers: int,
+    ) -> tuple[Array, Array] | None:
+        """Derivatives (orders, Q, channels), and which queries are left to the reference.
+
+        `orders` are places in the order of `LimitSurface.jet`; None asks for unit normals instead.
+        Returns None if a query is out of range.
+        """
+        grid = _grid(queries)
+        if grid is not None:
+            found = self._gridded(points, grid, channels, orders, workers)
+            if found is not None:
+                out, rest = found
+                face, place = np.divmod(rest, grid[1].size)
+                some = grid[0][face], grid[1][place], grid[2][place]
+                again = self._scattered(points, some, channels, orders, workers)
+                if again is None:
+                    return None
+                out[:, rest] = again[0]
+                return out, rest[again[1]]
+        return self._scattered(points, queries, channels, orders, workers)
+
+    def _gridded(
+        self,
+        points: evaluation.Points,
+        grid: tuple[Array, Array, Array],
+        channels: int,
+        orders: Sequence[int] | None,
+        workers: int,
+    ) -> tuple[Array, Array] | None:
+        """The same for all parameters on all faces, (faces,), (places,), (places,).
+
+        None where a face or a parameter is out of range or not finite.
+        """
+        from limitsurf._kernels import grids
+
+        faces, u, v = grid
+        if not ((u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)).all():
+            return None
+        normals, n = orders is None, len(u)
+        terms = [_TERMS[k] for k in ((1, 2) if orders is None else orders)]
+        try:
+            weights = self._grid_weights(self.patches.info[faces], u, v, terms)
+        except IndexError:
+            return None
+        position = terms.index((0, 0)) if (0, 0) in terms else -1
+        out = np.empty((1 if normals else len(terms), len(faces) * n, channels))
+        step = max(1, CHUNK // n)
+
+        def work(part: slice) -> Array | None:
+            face = np.array(faces[part], dtype=np.int64)
+            rest = np.empty(len(face) * n, dtype=np.int64)
+            room = np.empty(64), np.empty((6, 3 * grids.PLACES))
+            left = grids.gridded(
+                face, self.patches, self.tables, points, weights, len(terms), n, position, normals,
+                out, part.start, rest, *room,
+            )  # fmt: skip
+            return None if left < 0 else rest[:left]
+
+        rests = list(over_chunks(len(faces), workers, work, step))
+        if any(rest is None for rest in rests):
+            return None
+        return out, np.concatenate([np.zeros(0, dtype=np.int64), *rests])
+
+    def _grid_weights(
+        self, codes: Array, u: Array, v: Array, terms: Sequence[tuple[int, int]]
+    ) -> grids.Weights:
+        """Weights for derivatives at parameters, for kinds and turns of these packed patches."""
+        from limitsurf._kernels import evaluation, grids
+
+        kinds = self.tables.kinds
+        places = -(-len(u) // grids.PLACES) * grids.PLACES
+        start = np.full((len(kinds), 4), -1)
+        parts, at = [np.zeros(0)], 0
+        there = np.bincount((codes[codes >= 0] >> evaluation.TURN) & ~np.int64(4))
+        for both in np.flatnonzero(there).tolist():
+            kind, turn = both >> (evaluation.KIND - evaluation.TURN), both & 3
+            if kind == REGULAR:
+                size, rows = 16, [kernels.bicubic_weights(u, v, nu) for nu in terms]
+            elif kinds[kind, evaluation.MODES] >= 0:
+                size = int(kinds[kind, evaluation.ROWS])
+                found = self._eigen_weights(kind, turn, u, v, terms)
+                if found is None:
+                    continue
+                rows = found
+            else:
+                continue
+            table = np.zeros((len(terms), size, places))
+            for k, weights in enumerate(rows):
+                table[k, : weights.shape[1], : len(u)] = weights.T
+            start[kind, turn] = at
+            at += table.size
+            parts.append(table.reshape(-1))
+        return grids.Weights(start, np.concatenate(parts), places)
+
+    def _eigen_weights(
+        self, kind: int, turn: int, u: Array, v: Array, terms: Sequence[tuple[int, int]]
+    ) -> list[Array] | None:
+        """Weights (places, K - 1) of coefficients in each derivative; None where they overflow."""
+        table = self._sectors[kind]
+        assert table is not None
+        sides = [u, v, 1 - u, 1 - v]
+        s, t = sides[turn], sides[(turn + 1) % 4]
+        place = basis.CornerPlace.of(s, t, np.full(len(u), turn))
+        powers = basis.EigenPowers.of(table, place)
+        rows = []
+        for i, j in terms:
+            sign = (1, (-1) ** i, (-1) ** (i + j), (-1) ** j)[turn]
+            found = basis.eigen_weights(table, place, powers, (j, i) if turn % 2 else (i, j))
+            if np.abs(found.exponent).max() > 900:
+                return None
+            rows.append(sign * kernels.scale_by_two(found.rows, found.exponent[:, None]))
+        return rows
+
+    def _scattered(
+        self,
+        points: evaluation.Points,
+        queries: tuple[Array, Array, Array],
+        channels: int,
+        orders: Sequence[int] | None,
+        workers: int,
+    ) -> tuple[Array, Array] | None:
+        """The same, each query by itself."""
+        from limitsurf._kernels import evaluation
+
+        total, normals = queries[0].size, orders is None
+        which = np.array([1] if orders is None else orders, dtype=np.int64)
+        order = int(np.searchsorted([0, 2, 5], which.max()))
+        out = np.empty((len(which), total, channels))
+        chunk = _chunks(queries)
+
+        def work(part: slice) -> Array | None:
+            face, u, v = chunk(part)
+            rest = np.empty(len(face), dtype=np.int64)
+            room = evaluation.Room.of(self.tables)
+            left = evaluation.scattered(
+                face, u, v, self.patches, self.tables, points, order, which, normals, out,
+                part.start, rest, room,
+            )  # fmt: skip
+            return None if left < 0 else rest[:left]
+
+        rests = list(over_chunks(total, workers, work))
+        if any(rest is None for rest in rests):
+            return None
+        return out, np.concatenate([np.zeros(0, dtype=np.int64), *rests])
+
+
+def _grid(queries: tuple[Array, Array, Array]) -> tuple[Array, Array, Array] | None:
+    """Faces (F,) and parameters (n,), two, if queries are all of these at all of those.
+
+    Broadcasting tells: along the first axes only faces vary, along the others only parameters.
+    """
+    face, u, v = queries
+    for axis in range(1, face.ndim):
+        before, after = range(axis), range(axis, face.ndim)
+        if all(face.shape[k] == 1 or u.strides[k] == v.strides[k] == 0 for k in before) and all(
+            face.shape[k] == 1 or face.strides[k] == 0 for k in after
+        ):
+            faces = face[(slice(None),) * axis + (0,) * len(after)].reshape(-1)
+            u, v = (np.array(x[(0,) * axis].reshape(-1), dtype=float) for x in (u, v))
+            return (faces, u, v) if min(len(faces), len(u)) >= _WORTH else None
+    return None
+
+
+def _over_vertices(patches: PatchTable) -> Any:
+    """Control points that are not vertices of the cage, as sparse rows over these."""
+    from scipy.sparse import csr_array, eye_array, vstack
+
+    parts = [eye_array(patches.n_vertices, format="csr")]
+    for operator in patches.extras:
+        parts.append(operator @ vstack(parts, format="csr"))
+    return vstack([csr_array((0, patches.n_vertices)), *parts[1:]], format="csr")
+
+
+def _chunks(queries: tuple[Array, Array, Array]) -> Callable[[slice], tuple[Array, Array, Array]]:
+    """Parts of flattened queries: contiguous, writeable, of one type, whatever was given."""
+    flat = [x.reshape(-1) if x.flags.c_contiguous else x.flat for x in queries]
+
+    def chunk(part: slice) -> tuple[Array, Array, Array]:
+        face, u, v = (x[part] for x in flat)
+        return np.array(face, dtype=np.int64), np.array(u, dtype=float), np.array(v, dtype=float)
+
+    return chunk
+
+
+def _aligned(shape: tuple[int, int]) -> Array:
+    """Zeros that begin at a cache line."""
+    size = shape[0] * shape[1]
+    room = np.zeros(size + 8)
+    start = -room.ctypes.data // 8 % 8
+    return room[start : start + size].reshape(shape)
+
+
+@lru_cache(maxsize=1024)
+def _left(table: tables.EigenTable) -> Array:
+    """Left eigenvectors, (K, K)."""
+    return np.asarray(basis.eigen_coefficients(table, np.eye(table.size)[None])[0])
+
+
+@lru_cache(maxsize=1024)
+def _fine(table: tables.EigenTable) -> Array:
+    """5 x 5 points after one refinement, those of the three regular pieces, from K, (25, K).
+
+    The point beyond the corner itself belongs to none.
+    """
+    from limitsurf._kernels.evaluation import PIECES
+
+    rational = tables.rational_table(table.scheme, table.sector)
+    dense = np.zeros((rational.n_rows, table.size))
+    dense[rational.rows, rational.columns] = rational.numerators / rational.denominator
+    grid = np.zeros((25, table.size))
+    grid[PIECES] = dense[rational.pieces.reshape(-1)]
+    return grid
+
+
+@lru_cache(maxsize=1024)
+def _powers(table: tables.EigenTable, lead: int) -> Array:
+    """Powers of the ratios of the eigenvalues to number `lead`, (levels, K - 1)."""
+    high, low = basis.ratios(table, lead)
+    rows = np.concatenate([kernels.power(high, low, n) for n in _levels()])
+    rows[np.abs(rows) < 1e-290] = 0  # beside the first they are nothing, and slow
+    return rows
+
+
+@lru_cache(maxsize=1024)
+def _mantissas(table: tables.EigenTable) -> tuple[Array, int]:
+    """Mantissas of powers of the first eigenvalue, (levels,), and its exponent of two."""
+    high, low = table.eigenvalues[:, 1].tolist()
+    powers = [kernels.scaled_power(high, low, n) for n in _levels()]
+    return np.concatenate([mantissa for mantissa, _ in powers]), int(powers[0][1][1])
+
+
+def _levels() -> tuple[Array, Array]:
+    """Levels whose powers are tabulated: those of all others are products of two."""
+    from limitsurf._kernels.evaluation import STEP, STEPS
+
+    return np.arange(STEP), STEP * np.arange(STEPS)
+
+
+def _rounded(n: int) -> int:
+    """Up to whole lanes."""
+    from limitsurf._kernels.evaluation import LANES
+
+    return -(-n // LANES) * LANES
