@@ -8,12 +8,15 @@ import sys
 from itertools import pairwise
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+import zarr
 import zoo
 from click.testing import CliRunner
 
 import limitsurf as ls
-from limitsurf.shell import queries
+from limitsurf.shell import answers, queries
 from limitsurf.shell.cli import main
 
 PROGRAM = [sys.executable, "-W", "error", "-c", "from limitsurf.shell.cli import main; main()"]
@@ -76,9 +79,15 @@ def test_help(arguments):
         assert command in output
 
 
-@pytest.mark.parametrize("command", main.commands)
-def test_every_command_has_help(command):
-    assert "Usage" in succeed(command, "-h")
+@pytest.mark.parametrize("command", ["", *main.commands])
+def test_every_command_has_help_with_examples_that_work(command, cage, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    cage.rename("cage.obj")
+    help = succeed(*command.split(), "--help")
+    examples = [line.split()[1:] for line in help.splitlines() if line.startswith("    limitsurf ")]
+    assert examples
+    for example in examples:
+        succeed(*example)
 
 
 def test_version():
@@ -268,22 +277,50 @@ def test_grid_to_stdout(cage, surface):
     assert len(found.dtype.names) == 3 + 6 * 3 + 3
 
 
-def test_files_hold_the_same_in_every_format(cage, surface, tmp_path):
+FORMATS = ["a.csv", "a.npz", "a.npy", "a.parquet", "a.zarr"]
+
+
+def arrays_in(path):
+    """Arrays of a NPZ, NPY or Zarr file, columns of a CSV or Parquet file, by name."""
+    if path.suffix == ".zarr":
+        return {name: array[:] for name, array in zarr.open_group(path, mode="r").arrays()}
+    if path.suffix == ".parquet":
+        content = pq.read_table(path)
+        return {name: content[name].to_numpy() for name in content.column_names}
+    if path.suffix == ".csv":
+        content = table(path.read_text())
+        return {name: np.atleast_1d(content[name]) for name in content.dtype.names}
+    content = np.load(path)
+    names = content.dtype.names if path.suffix == ".npy" else content.files
+    return {name: content[name] for name in names}
+
+
+def same_arrays(found, expected):
+    assert found.keys() == expected.keys()
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found[name], values)
+
+
+@pytest.mark.parametrize("batch", [queries.BATCH, 13])
+def test_files_hold_the_same_in_every_format(batch, cage, surface, tmp_path, monkeypatch):
+    monkeypatch.setattr(queries, "BATCH", batch)
     command = ["evaluate", cage, "--random", 50, "--order", 1, "--normals", "-o"]
-    for name in ["a.csv", "a.npz", "a.npy"]:
+    for name in FORMATS:
         assert succeed(*command, tmp_path / name) == ""
-    text, rows = table((tmp_path / "a.csv").read_text()), np.load(tmp_path / "a.npy")
-    with np.load(tmp_path / "a.npz") as arrays:
-        assert arrays.files == ["face", "u", "v", "position", "du", "dv", "normal"]
-        assert list(rows.dtype.names) == arrays.files
-        assert arrays["face"].dtype.kind == "i"
-        for name in arrays.files:
-            np.testing.assert_array_equal(rows[name], arrays[name])
-        np.testing.assert_array_equal(columns(text, "x", "y", "z"), arrays["position"])
-        np.testing.assert_array_equal(columns(text, "x_v", "y_v", "z_v"), arrays["dv"])
-        where = arrays["face"], arrays["u"], arrays["v"]
-        same(arrays["position"], surface.evaluate(*where))
-        same(arrays["du"], surface.evaluate(*where, nu=(1, 0)))
+    csv, npz, npy, parquet, store = (arrays_in(tmp_path / name) for name in FORMATS)
+    assert list(npz) == ["face", "u", "v", "position", "du", "dv", "normal"]
+    assert npz["face"].dtype == store["face"].dtype == parquet["face"].dtype == np.int64
+    assert list(npy) == list(npz)
+    assert list(parquet) == list(csv)
+    same_arrays(npy, npz)
+    same_arrays(store, npz)
+    same_arrays(parquet, csv)
+    np.testing.assert_array_equal(columns(csv, "x", "y", "z"), npz["position"])
+    np.testing.assert_array_equal(columns(csv, "x_v", "y_v", "z_v"), npz["dv"])
+    where = npz["face"], npz["u"], npz["v"]
+    same(npz["position"], surface.evaluate(*where))
+    same(npz["du"], surface.evaluate(*where, nu=(1, 0)))
+    same(npz["normal"], surface.normal(*where))
 
 
 @pytest.fixture
@@ -342,6 +379,21 @@ def test_a_seed_repeats_itself(cage):
     assert first == again != other
 
 
+@pytest.mark.parametrize("faces", [1, 10, 3 << 20, 3 << 33])
+def test_random_queries_are_one_stream(faces, monkeypatch):
+    """Whatever the batches: as if all faces, all u and all v had been drawn at once."""
+    monkeypatch.setattr(queries, "BATCH", 7)
+    batches = list(queries.random_queries(faces, 40, seed=3).batches)
+    rng = np.random.default_rng(3)
+    for name, expected in [
+        ("face", rng.integers(faces, size=40)),
+        ("u", rng.random(40)),
+        ("v", rng.random(40)),
+    ]:
+        found = np.concatenate([getattr(batch, name) for batch in batches])
+        np.testing.assert_array_equal(found, expected)
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -349,9 +401,12 @@ def test_a_seed_repeats_itself(cage):
         "3,0.25,1\n0,0,0.1",
         '# a comment\n\n "V" , x, Face,u\r\n1,note,3,0.25 # another\r\n\r\n0.1,,0,0\r\n',
         "\ufeffface,u,v\n3,2.5e-1,1.0\n+0,0.,.1\n",
+        "face,u,v\n\n# a\n\n\n3,0.25,1\n# b\n\n\n\n0,0,0.1\n\n\n\n",
     ],
 )
-def test_queries_as_csv(text, cage, surface, tmp_path):
+@pytest.mark.parametrize("batch", [queries.BATCH, 2])
+def test_queries_as_csv(batch, text, cage, surface, tmp_path, monkeypatch):
+    monkeypatch.setattr(queries, "BATCH", batch)
     path = tmp_path / "q.csv"
     path.write_bytes(text.encode())
     expected = surface.evaluate([3, 0], [0.25, 0.0], [1.0, 0.1])
@@ -362,40 +417,78 @@ def test_queries_as_csv(text, cage, surface, tmp_path):
         same(columns(table(found), "x", "y", "z"), expected)
 
 
-@pytest.mark.parametrize("kind", ["npz", "columns", "rows", "integers"])
-def test_queries_as_numpy_files(kind, cage, surface, tmp_path):
-    face, u, v = np.array([3, 0], np.uint8), np.array([0, 1], np.float32), np.array([1.0, 0.5])
-    path = tmp_path / ("q.npz" if kind == "npz" else "q.npy")
-    if kind == "npz":
-        np.savez(path, v=v, u=u, face=face, other=np.array(["text", "text"]))
+KINDS = ["npz", "packed", "columns", "rows", "fortran", "integers"]
+KINDS += ["parquet", "folder", "pattern", "group", "array"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_queries_as_numbers(kind, cage, surface, tmp_path, monkeypatch):
+    monkeypatch.setattr(queries, "BATCH", 3)
+    rng = np.random.default_rng(0)
+    face = rng.integers(15, size=20).astype(np.uint8)
+    u, v = rng.random(20).astype(np.float32), rng.random(20)
+    if kind == "integers":
+        u, v = rng.integers(2, size=(2, 20))
+    rows = np.stack([face, u, v], axis=1)
+    path = tmp_path / "q.npy"
+    if kind in ("npz", "packed"):
+        path = tmp_path / "q.npz"
+        save = np.savez if kind == "npz" else np.savez_compressed
+        save(path, v=v, u=u, face=face, other=np.array(["text", "text"]))
     elif kind == "columns":
-        rows = np.zeros(2, dtype=[("v", float), ("face", np.uint8), ("u", np.float32)])
-        rows["face"], rows["u"], rows["v"] = face, u, v
-        np.save(path, rows)
-    elif kind == "rows":
-        np.save(path, np.stack([face, u, v], axis=1))
+        structured = np.zeros(20, dtype=[("v", float), ("face", np.uint8), ("u", np.float32)])
+        structured["face"], structured["u"], structured["v"] = face, u, v
+        np.save(path, structured)
+    elif kind in ("rows", "integers", "fortran"):
+        np.save(path, np.asfortranarray(rows) if kind == "fortran" else rows)
+    elif kind == "array":
+        path = tmp_path / "q.zarr"
+        zarr.create_array(path, data=rows, chunks=(7, 2))
+    elif kind == "group":
+        path = tmp_path / "q.zarr"
+        group = zarr.open_group(path, mode="w")
+        for name, values in [("face", face), ("u", u), ("v", v)]:
+            group.create_array(name, data=values, chunks=(7,))
+    elif kind == "parquet":
+        path = tmp_path / "q.parquet"
+        pq.write_table(pa.table({"v": v, "other": face, "u": u, "face": face}), path)
     else:
-        v = np.array([1, 0])
-        np.save(path, np.array([[3, 0, 1], [0, 1, 0]]))
+        folder = tmp_path / "q.parquet"
+        folder.mkdir()
+        for k in range(20):
+            part = slice(k, k + 1)
+            columns_of_part = {"face": face[part], "u": u[part], "v": v[part]}
+            pq.write_table(pa.table(columns_of_part), folder / f"part.{k}.parquet")
+        path = folder if kind == "folder" else folder / "part.*.parquet"
     found = table(succeed("evaluate", cage, "--queries", path))
-    expected = surface.evaluate(face, u.astype(float), v.astype(float))
-    same(columns(found, "x", "y", "z"), expected)
+    np.testing.assert_array_equal(found["face"], face)
+    same(columns(found, "x", "y", "z"), surface.evaluate(face, u.astype(float), v.astype(float)))
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".npz", ".npy"])
-def test_answers_are_queries(suffix, cage, tmp_path):
-    first, again = tmp_path / f"a{suffix}", tmp_path / f"b{suffix}"
+@pytest.mark.parametrize("name", FORMATS)
+def test_answers_are_queries(name, cage, tmp_path):
+    first, again = tmp_path / name, tmp_path / f"again{name}"
     succeed("evaluate", cage, "--random", 7, "-o", first)
     succeed("evaluate", cage, "--queries", first, "-o", again)
-    assert first.read_bytes() == again.read_bytes()
+    same_arrays(arrays_in(again), arrays_in(first))
+    if first.is_file():
+        assert first.read_bytes() == again.read_bytes()
+    succeed("evaluate", cage, "--queries", first, "--normals", "-o", first)  # in place
+    assert len(arrays_in(first)) > len(arrays_in(again))
 
 
-def test_no_queries_no_answers(cage, tmp_path):
+@pytest.mark.parametrize("name", FORMATS)
+def test_no_queries_no_answers(name, cage, tmp_path):
     assert succeed("evaluate", cage, "--random", 0) == "face,u,v,x,y,z\n"
     assert succeed("evaluate", cage, "--queries", "-", stdin="face,u,v\n") == "face,u,v,x,y,z\n"
-    succeed("evaluate", cage, "--random", 0, "--normals", "-o", tmp_path / "a.npz")
-    with np.load(tmp_path / "a.npz") as arrays:
-        assert arrays["position"].shape == arrays["normal"].shape == (0, 3)
+    first, again = tmp_path / name, tmp_path / f"again{name}"
+    succeed("evaluate", cage, "--random", 0, "--normals", "-o", first)
+    succeed("evaluate", cage, "--queries", first, "--normals", "-o", again)
+    if name == "a.csv":
+        assert first.read_text() == again.read_text() == "face,u,v,x,y,z,n_x,n_y,n_z\n"
+        return
+    same_arrays(arrays_in(again), arrays_in(first))
+    assert {len(values) for values in arrays_in(first).values()} == {0}
 
 
 def test_nan_queries_get_nan_answers(cage):
@@ -403,18 +496,71 @@ def test_nan_queries_get_nan_answers(cage):
     assert np.isnan(found["x"]).tolist() == [True, True, False]
 
 
-def test_batches_do_not_show(cage, monkeypatch):
+def test_batches_do_not_show(cage, tmp_path, monkeypatch):
     command = ["evaluate", cage, "--grid", 2, "--order", 1, "--normals"]
     whole = table(succeed(*command))
     monkeypatch.setattr(queries, "BATCH", 7)
-    monkeypatch.setattr(queries, "LINES", 5)
+    monkeypatch.setattr(answers, "LINES", 5)
     pieces = table(succeed(*command))
     for name in whole.dtype.names:
         same(pieces[name], whole[name])
-    text = "0,0,0\n" * 20 + "15,0,0\n"
-    message = fail("evaluate", cage, "--queries", "-", stdin=text)
-    assert "15" in message
-    assert "20" in message
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npy", ".npz", ".parquet", ".zarr"])
+@pytest.mark.parametrize("wrong", ["face", "u", "v"])
+def test_a_bad_query_is_named_by_its_place_in_all(suffix, wrong, cage, tmp_path, monkeypatch):
+    monkeypatch.setattr(queries, "BATCH", 7)
+    rows = {"face": np.zeros(40, int), "u": np.zeros(40), "v": np.zeros(40)}
+    rows[wrong][33] = 15
+    path, place = tmp_path / f"q{suffix}", "row 33"
+    if suffix == ".csv":
+        text = "".join(f"{f},{u},{v}\n" for f, u, v in zip(*rows.values(), strict=True))
+        path.write_text("# queries\nface,u,v\n\n" + text.replace("\n", "\n# between\n"))
+        place = f"line {4 + 2 * 33}"
+    elif suffix == ".npy":
+        np.save(path, np.stack([*rows.values()], axis=1))
+    elif suffix == ".npz":
+        np.savez(path, **rows)
+    elif suffix == ".parquet":
+        pq.write_table(pa.table(rows), path, row_group_size=11)
+    else:
+        group = zarr.open_group(path, mode="w")
+        for name, values in rows.items():
+            group.create_array(name, data=values)
+    before = sorted(tmp_path.iterdir())
+    for target in FORMATS:
+        message = fail("evaluate", cage, "--queries", path, "-o", tmp_path / target)
+        assert message.startswith(f"{path}: {place}: ")
+        assert "15" in message
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_memory_holds_batches_not_files(cage, tmp_path):
+    """Answers to a million queries are 48 MB, which no step may add."""
+    script = f"""
+import resource
+from limitsurf.shell import queries
+from limitsurf.shell.cli import main
+
+queries.BATCH = 1 << 14
+def peak(*options):
+    main(["evaluate", {str(cage)!r}, *options], standalone_mode=False)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # MB
+
+for suffix in ["npz", "npy", "parquet", "zarr"]:
+    peak("--random", "50000", "-o", f"small.{{suffix}}")
+    start = peak("--queries", f"small.{{suffix}}", "-o", "again.npz")
+for name, options in {{
+    "large.npz": ["--random", "1000000"],
+    "large.parquet": ["--queries", "large.npz"],
+    "large.zarr": ["--queries", "large.parquet"],
+    "large.npy": ["--queries", "large.zarr"],
+}}.items():
+    more = peak(*options, "-o", name) - start
+    assert more < 30, f"{{more}} MB more for {{name}}"
+"""
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_boundary_option(tmp_path):
@@ -489,6 +635,50 @@ def test_bad_query_files(cage, tmp_path):
     assert "numbers" in message("text.npz", {"face": ones, "u": ones, "v": np.array(["a", "b"])})
     assert "numbers" in message("complex.npy", np.zeros((2, 3), complex))
 
+    ones, text = np.ones(2000), np.full(2000, "a")
+    np.save(tmp_path / "q.npy", np.ones((2000, 3)))
+    np.savez(tmp_path / "q.npz", face=ones, u=ones, v=ones)
+    np.savez_compressed(tmp_path / "packed.npz", face=ones, u=ones, v=ones)
+    pq.write_table(pa.table({"face": ones, "u": ones, "v": ones}), tmp_path / "q.parquet")
+    for name in ["q.npy", "q.npz", "packed.npz", "q.parquet"]:
+        content = (tmp_path / name).read_bytes()
+        for size in [1, 100, len(content) // 2, len(content) - 1]:
+            message(f"short{size}{name}", content[:size])
+    flipped = bytearray((tmp_path / "q.npz").read_bytes())
+    flipped[10_000] ^= 255
+    assert "CRC" in message("flipped.npz", bytes(flipped))
+
+    def parquet(name, **arrays):
+        pq.write_table(pa.table(arrays), tmp_path / name)
+        return message(name)
+
+    message("none.parquet")
+    (tmp_path / "folder.parquet").mkdir()
+    assert "no Parquet files" in message("folder.parquet")
+    assert "no Parquet files" in message("*?.parquet/x*.parquet")
+    message("noise.parquet", noise)
+    assert "'v'" in parquet("short.parquet", face=ones, u=ones)
+    assert "string" in parquet("text.parquet", face=ones, u=ones, v=text)
+    assert "bool" in parquet("bool.parquet", face=ones, u=ones, v=ones > 0)
+    assert "row 1:" in parquet("null.parquet", face=[1, None], u=[0, 1], v=[0, 1])
+
+    def store(name, **arrays):
+        group = zarr.open_group(tmp_path / name, mode="w")
+        for key, values in arrays.items():
+            group.create_array(key, data=values)
+        return message(name)
+
+    message("none.zarr")
+    (tmp_path / "folder.zarr").mkdir()
+    message("folder.zarr")
+    message("noise.zarr", noise)
+    assert "'u'" in store("short.zarr", face=ones, v=ones)
+    assert "(3,)" in store("ragged.zarr", face=ones, u=np.ones(3), v=ones)
+    assert "shape" in store("deep.zarr", face=ones, u=np.ones((2000, 1)), v=ones)
+    assert "bool" in store("bool.zarr", face=ones, u=ones > 0, v=ones)
+    zarr.create_array(tmp_path / "flat.zarr", data=ones)
+    assert "shape" in message("flat.zarr")
+
 
 @pytest.mark.parametrize(
     "options",
@@ -502,7 +692,6 @@ def test_bad_query_files(cage, tmp_path):
         ["--grid", 1, "--seed", -1],
         ["--grid", 1, "-o", "a.txt"],
         ["--grid", 1, "-o", "a"],
-        ["--random", 10**14],
     ],
 )
 def test_bad_options_of_evaluate(options, cage):
@@ -516,17 +705,72 @@ def test_outputs_that_cannot_be_written(cage, tmp_path):
     assert "nowhere" in fail("plot", cage, "-o", tmp_path / "nowhere" / "a.png", "--size", 9, 9)
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".npz", ".npy"])
-def test_an_output_appears_whole_or_not_at_all(suffix, cage, tmp_path, monkeypatch):
-    path = tmp_path / f"a{suffix}"
-    path.write_text("precious")
-    monkeypatch.setattr(queries, "_structured", lambda _: 1 / 0)
-    monkeypatch.setattr(queries.np, "savez", lambda *_, **__: 1 / 0)
-    monkeypatch.setattr(queries, "_csv", lambda _: iter(["half", None]))
-    before = sorted(tmp_path.iterdir())
-    assert run("evaluate", cage, "--grid", 1, "-o", path).exit_code
-    assert path.read_text() == "precious"
-    assert sorted(tmp_path.iterdir()) == before
+@pytest.mark.parametrize("name", FORMATS)
+def test_an_output_appears_whole_or_not_at_all(name, cage, tmp_path, monkeypatch):
+    path = tmp_path / name
+    succeed("evaluate", cage, "--random", 3, "-o", path)
+    precious, before = arrays_in(path), sorted(tmp_path.rglob("*"))
+    monkeypatch.setattr(queries, "BATCH", 7)
+    evaluate, calls = answers.Question.__call__, []
+
+    def fails_at_last(self, surface, face, u, v):
+        calls.append(face)
+        return evaluate(self, surface, face, u, v) if len(calls) < 3 else 1 / 0
+
+    monkeypatch.setattr(answers.Question, "__call__", fails_at_last)
+    result = run("evaluate", cage, "--grid", 2, "-o", path)
+    assert isinstance(result.exception, ZeroDivisionError)
+    assert len(calls) == 3
+    same_arrays(arrays_in(path), precious)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.npz", "a.parquet"])
+def test_pipes_take_every_format(name, cage, tmp_path):
+    path = tmp_path / name
+    os.mkfifo(path)
+    with (tmp_path / f"copy{name}").open("wb") as copy:
+        reader = subprocess.Popen(["cat", path], stdout=copy)
+        succeed("evaluate", cage, "--random", 20, "-o", path)
+        assert reader.wait(timeout=60) == 0
+    succeed("evaluate", cage, "--random", 20, "-o", tmp_path / f"file{name}")
+    same_arrays(arrays_in(tmp_path / f"copy{name}"), arrays_in(tmp_path / f"file{name}"))
+
+
+def test_only_zarr_directories_are_replaced(cage, tmp_path):
+    folder = tmp_path / "photos.zarr"
+    folder.mkdir()
+    (folder / "holiday.jpg").write_text("precious")
+    assert "something else" in fail("evaluate", cage, "--grid", 1, "-o", folder)
+    assert (folder / "holiday.jpg").exists()
+
+
+@pytest.mark.parametrize(("module", "name"), [("pyarrow", "a.parquet"), ("zarr", "a.zarr")])
+def test_without_the_extra(module, name, cage, tmp_path, monkeypatch):
+    for loaded in [loaded for loaded in sys.modules if loaded.split(".")[0] == module]:
+        monkeypatch.setitem(sys.modules, loaded, None)
+    monkeypatch.setitem(sys.modules, module, None)
+    for options in [["--queries", tmp_path / name], ["--grid", 1, "-o", tmp_path / name]]:
+        message = fail("evaluate", cage, *options)
+        assert f"{module} is needed" in message
+        assert 'pip install "limitsurf[dask]"' in message
+    succeed("evaluate", cage, "--grid", 1, "-o", tmp_path / "a.npy")
+
+
+def test_schedulers_that_are_none(cage, tmp_path, monkeypatch):
+    np.save(tmp_path / "q.npy", np.zeros((2, 3)))
+    options = ["--queries", tmp_path / "q.npy", "-o", tmp_path / "a.zarr", "--scheduler"]
+    assert "tcp://" in fail("evaluate", cage, *options, "nonsense")
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    message = fail("evaluate", cage, *options, "tcp://127.0.0.1:1")
+    assert 'distributed is needed for a cluster: pip install "limitsurf[dask]"' in message
+    for others in [["--grid", 1], options[:2], [*options[:3], "a.csv"]]:
+        message = fail("evaluate", cage, *others, "--scheduler", "tcp://127.0.0.1:1")
+        assert "--scheduler needs" in message
+    (tmp_path / "a.parquet").mkdir()
+    (tmp_path / "a.parquet" / "mine.txt").write_text("precious")
+    options[3] = tmp_path / "a.parquet"
+    assert "something else" in fail("evaluate", cage, *options, "tcp://127.0.0.1:1")
 
 
 def test_a_pipe_is_written_not_replaced(cage, tmp_path):

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from limitsurf.spectra import Eigenbasis as Eigenbasis
     from limitsurf.spectra import eigenbasis as eigenbasis
     from limitsurf.surface import LimitSurface as LimitSurface
+    from limitsurf.surface import precompile as precompile
 
 __version__ = "0.1.0"
 
@@ -56,6 +57,7 @@ _HOME = {
     "eigenbasis": "spectra",
     "from_pyvista": "shell.io",
     "plot": "shell.plot",
+    "precompile": "surface",
     "read": "shell.io",
     "refined": "refine",
     "to_pyvista": "shell.io",

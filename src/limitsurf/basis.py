@@ -120,10 +120,11 @@ class EigenPowers:
 def ratios(table: EigenTable, lead: int) -> Array:
     """Ratios of the eigenvalues after the first to number `lead`, high and low, (2, K - 1).
 
-    Zero for those before the lead.
+    Zero for those before the lead, and to one that is 0.
     """
     exact = [Fraction(h) + Fraction(x) for h, x in table.eigenvalues.T.tolist()]
-    ratios = [x / exact[lead] if k >= lead else Fraction(0) for k, x in enumerate(exact)][1:]
+    zero, whole = Fraction(0), exact[lead]
+    ratios = [x / whole if k >= lead and whole else zero for k, x in enumerate(exact)][1:]
     high = [float(x) for x in ratios]
     return np.array([high, [float(x - Fraction(h)) for x, h in zip(ratios, high, strict=True)]])
 
@@ -311,7 +312,8 @@ def eigen_normals(
     patch = which[corner]
     for pair in table.normal_pairs[::-1]:
         product = np.cross(modes[patch, pair[0]], modes[patch, pair[1]])
-        bound = (size[patch, pair[0]] * size[patch, pair[1]])[:, None]
+        # coefficients are as precise as the largest of them, which is 1
+        bound = (size[patch, pair[0]] + size[patch, pair[1]])[:, None]
         seen = np.abs(product).max(axis=1, keepdims=True) > NOISE * bound
         found[corner] = np.where(seen, product, found[corner])
         error[corner] = np.where(seen, bound, error[corner])

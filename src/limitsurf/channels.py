@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from limitsurf import tables
 from limitsurf.mesh import Mesh
-from limitsurf.rules import CORNER, Rules, Sharpness
+from limitsurf.rules import CORNER, SMOOTH, Rules, Sharpness
 from limitsurf.topology import MeshPart, child_mesh
 
 Array = NDArray[Any]
@@ -88,14 +88,10 @@ class ChannelSharpness(Sharpness):
         geometry = self.geometry.typed(self.geometry.mesh, dtype)
         return replace(super().typed(mesh, dtype), geometry=geometry)
 
-    def _halves(self, number: Array, vertex: Array, sharpness: Array) -> Array:
-        """Sharpness of the halves of sharp edges at their ends."""
-        there = self.geometry.mesh
-        # an edge by its first corner, an end by whether that corner is there
-        corner = self.mesh.edge_corners[number, 0]
-        starts = self.mesh.indices[corner] == vertex
-        end = np.where(starts, there.indices[corner], there.indices[there.next_corner[corner]])
-        halves = self.geometry.halves(there.corner_edge[corner], end)
+    def _halves(self, edge: Array, place: Array, sharpness: Array) -> Array:
+        """Sharpness of the halves of sharp edges at their ends: tails first, then heads."""
+        end = np.repeat([0, 1], len(edge) // 2)
+        halves = self.geometry.halves[end, self.first[edge]]
         return np.where(tables.is_infinite(sharpness), sharpness, halves)
 
     def children(self, mesh: Mesh) -> ChannelSharpness:
@@ -105,9 +101,8 @@ class ChannelSharpness(Sharpness):
         geometry = self.geometry.children(child_mesh(coarse, points))
         children = replace(super().children(mesh), geometry=geometry)
         if self.linear:
-            everywhere = np.full_like(children.half_edges, np.inf)
-            vertices = np.full_like(children.vertices, np.inf)
-            return replace(children, half_edges=everywhere, vertices=vertices)
+            half_edges, vertices = np.full(mesh.n_corners, np.inf), np.full(mesh.n_vertices, np.inf)
+            return replace(children, **_listed(mesh, half_edges), **_listed_vertices(vertices))
         return children._following()
 
     def neighbours(self, corners: Array) -> Array:
@@ -130,11 +125,16 @@ class ChannelSharpness(Sharpness):
         if not len(self.followers):
             return self
         follower, leader = self.followers.T
-        parent, child, share = self.transitions
+        # those that are not concerned are smooth and stay so
+        rules = np.full((2, self.mesh.n_vertices), SMOOTH)
+        share = np.ones(self.mesh.n_vertices, dtype=object)
+        parent, child = rules
+        places = self.concerned
+        parent[places], child[places], share[places] = self.transitions
         there = self.geometry
         decaying = np.zeros(there.mesh.n_vertices, dtype=bool)
-        _, vertex, _, after = there._ends
-        decaying[vertex[(after > 0) & ~tables.is_infinite(after)]] = True
+        _, place, _, after = there._ends
+        decaying[there.concerned[place[(after > 0) & ~tables.is_infinite(after)]]] = True
         at = np.zeros(self.mesh.n_vertices, dtype=np.int64)
         at[self.mesh.indices] = there.mesh.indices
         vertices = self.vertices.copy()
@@ -144,7 +144,7 @@ class ChannelSharpness(Sharpness):
         vertices[follower[stays | (released & decaying[at[follower]])]] = 2
         now = released & ~decaying[at[follower]]
         vertices[follower[now]] = share[leader[now]]
-        return replace(self, vertices=vertices)
+        return replace(self, **_listed_vertices(vertices))
 
 
 def _sharpness(
@@ -158,12 +158,30 @@ def _sharpness(
     vertices = geometry.vertices[vertex]
     pinned, followers = _pinned(mesh, geometry, values, vertex, mode)
     vertices[pinned] = np.inf
-    no_edges = np.zeros(mesh.n_corners, dtype=bool)
-    no_values = np.zeros(len(vertex), dtype=bool)
-    chaikin = rules.creasing == "chaikin"
     return ChannelSharpness(
-        values, half_edges, vertices, no_edges, no_values, chaikin, geometry, followers, linear
+        values,
+        **_listed(values, half_edges),
+        **_listed_vertices(vertices),
+        chaikin=rules.creasing == "chaikin",
+        geometry=geometry,
+        followers=followers,
+        linear=linear,
     )._following()
+
+
+def _listed(mesh: Mesh, half_edges: Array) -> dict[str, Any]:
+    """The members of `Sharpness` for the sharpness of all half-edges (n_corners,), untagged."""
+    sides = np.flatnonzero(half_edges > 0)
+    _, first, edge = np.unique(mesh.corner_edge[sides], return_index=True, return_inverse=True)
+    sharpness, tagged = half_edges[sides[first]].astype(object), np.zeros(len(first), dtype=bool)
+    return {"sides": sides, "edge": edge, "edge_sharpness": sharpness, "edge_tagged": tagged}
+
+
+def _listed_vertices(vertices: Array) -> dict[str, Any]:
+    """The members of `Sharpness` for the sharpness of all vertices, untagged."""
+    vertex = np.flatnonzero(vertices > 0)
+    sharpness, tagged = vertices[vertex].astype(object), np.zeros(len(vertex), dtype=bool)
+    return {"vertex": vertex, "vertex_sharpness": sharpness, "vertex_tagged": tagged}
 
 
 def _pinned(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -12,6 +13,8 @@ from typing import Any, Generic, Self, TypeAlias, TypeVar, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from limitsurf import _kernels
 
 __all__ = ["Mesh", "MeshError"]
 
@@ -61,9 +64,11 @@ class _shared(Generic[T]):
     def __get__(self, mesh: Mesh | None, owner: type) -> Self | T:
         if mesh is None:
             return self
-        if self.name not in mesh._connectivity:
-            mesh._connectivity[self.name] = _frozen(self.compute(mesh))
-        return cast(T, mesh._connectivity[self.name])
+        try:
+            found: T = mesh._connectivity[self.name]
+        except KeyError:
+            mesh._connectivity[self.name] = found = read_only(self.compute(mesh))
+        return found
 
 
 @dataclass(frozen=True)
@@ -104,6 +109,10 @@ class Fans:
 
         Linked lists ranked by pointer doubling, in log2 of the largest valence steps.
         """
+        if mesh._compiled:
+            from limitsurf._kernels import connectivity
+
+            return cls(*connectivity.fans(mesh._steps, read_only(twin), *mesh._around[:2]))
         corner = np.arange(mesh.n_corners)
         clockwise = np.where(twin < 0, corner, mesh.next_corner[twin])
         steps = int(mesh.vertex_faces.max()).bit_length()
@@ -227,9 +236,9 @@ class Mesh:
         channels: Mapping[str, tuple[ArrayLike, ArrayLike, str]] | None = None,
     ) -> None:
         self._connectivity: dict[str, Any] = {}
-        self.points = _frozen(_numbers(points, "vertex"))
+        self.points = read_only(_numbers(points, "vertex"))
         sizes, indices = _face_arrays(faces)
-        self.sizes, self.indices = _frozen(sizes), _frozen(indices)
+        self.sizes, self.indices = read_only(sizes), read_only(indices)
         _check_faces(self)
         self._set_tags(creases, corners, holes, scheme, boundary, creasing, triangles, channels)
 
@@ -245,8 +254,11 @@ class Mesh:
         """A mesh of arrays known to be valid, taken without a copy; tags are as in ``Mesh``."""
         mesh = object.__new__(cls)
         mesh._connectivity = {} if connectivity is None else connectivity
-        mesh.points, mesh.sizes, mesh.indices = _frozen(points), _frozen(sizes), _frozen(indices)
-        mesh._set_tags(**tags)
+        mesh.points, mesh.sizes, mesh.indices = map(read_only, (points, sizes, indices))
+        if tags:
+            mesh._set_tags(**tags)
+        else:
+            mesh.__dict__.update(_NO_TAGS)
         return mesh
 
     def _set_tags(
@@ -264,10 +276,10 @@ class Mesh:
         self.boundary = _choice(boundary, "boundary", BOUNDARY)
         self.creasing = _choice(creasing, "creasing", CREASING)
         self.triangles = _choice(triangles, "triangles", TRIANGLES)
-        self.creases = _frozen(_crease_tags(self, creases))
-        self.corners = _frozen(_corner_tags(self, corners))
-        self.holes = _frozen(_hole_tags(self, holes))
-        self._channels = _frozen(
+        self.creases = read_only(_crease_tags(self, creases))
+        self.corners = read_only(_corner_tags(self, corners))
+        self.holes = read_only(_hole_tags(self, holes))
+        self._channels = read_only(
             {name: _channel(self, name, given) for name, given in (channels or {}).items()}
         )
 
@@ -285,7 +297,7 @@ class Mesh:
                 f"got {len(new_points)} points, need {self.n_vertices}, one for each vertex"
             )
         mesh = object.__new__(type(self))
-        mesh.__dict__.update(self.__dict__, points=_frozen(new_points))
+        mesh.__dict__.update(self.__dict__, points=read_only(new_points))
         return mesh
 
     @property
@@ -345,15 +357,57 @@ class Mesh:
         return preceding
 
     @_shared
+    def _large(self) -> bool:
+        """Whether the mesh, or that which it is a part of, is large enough for compiled kernels."""
+        return _kernels.compiled(self.n_corners)
+
+    @_shared
+    def _compiled(self) -> bool:
+        """Whether to use compiled connectivity, whose corners have 32 bits in places.
+
+        It finds the same integers: once it is loaded, it is used for small meshes too.
+        """
+        loaded = "limitsurf._kernels.connectivity" in sys.modules
+        return self.n_corners < 2**31 and (loaded or self._large)
+
+    @_shared
+    def _steps(self) -> tuple[int, IntArray, IntArray]:
+        """How kernels go around faces: 4 for quads; else 0, and the next and previous corner."""
+        if int(self.sizes.max()) == 4 == int(self.sizes.min()):
+            return 4, np.zeros(0, np.int64), np.zeros(0, np.int64)
+        return 0, self.next_corner, self.previous_corner
+
+    @property
+    def _of_quads(self) -> bool:
+        """Whether all faces are quads."""
+        return self._steps[0] == 4
+
+    def _first(self, faces: IntArray) -> IntArray:
+        """The first corners of faces."""
+        return 4 * faces if self._of_quads else self.offsets[faces]
+
+    def _after(self, corners: IntArray) -> IntArray:
+        """The next corners in the same faces."""
+        size, after, _ = self._steps
+        return corners & ~3 | corners + 1 & 3 if size == 4 else after[corners]
+
+    @_shared
+    def _around(self) -> tuple[IntArray, IntArray, bool]:
+        """The corners at each vertex, and whether a face has a vertex more than once."""
+        from limitsurf._kernels import connectivity
+
+        return connectivity.around(self.indices, self.offsets, self.n_vertices)
+
+    @_shared
     def separate(self) -> BoolArray:
         """Half-edges with an edge of their own, whatever others join their vertices: (n_corners,).
 
         Those from a vertex to itself, and those whose face has run along their edge before.
         """
+        if not self._repeats:
+            return np.zeros(self.n_corners, dtype=bool)
         start, end = self.indices, self.indices[self.next_corner]
         result: BoolArray = np.asarray(start == end)
-        if not self._repeats:
-            return result
         key = np.minimum(start, end) * self.n_vertices + np.maximum(start, end)
         order = np.lexsort((key, self.corner_face))
         key, face = key[order], self.corner_face[order]
@@ -363,6 +417,8 @@ class Mesh:
     @_shared
     def _repeats(self) -> bool:
         """Whether a face has a vertex more than once."""
+        if self._compiled:
+            return self._around[2]
         size = int(self.sizes[0])
         if size <= 4 and (self.sizes == size).all():
             corners = self.indices.reshape(-1, size).T
@@ -375,6 +431,11 @@ class Mesh:
     @_shared
     def _edge_table(self) -> tuple[IntArray, IntArray, IntArray]:
         """``edges``, ``corner_edge``, ``edge_corners``: half-edges sorted by their vertices."""
+        if self._compiled and not self._repeats:
+            from limitsurf._kernels import connectivity
+
+            known = self.indices, self._steps, self.twin
+            return connectivity.edges(*known, *self._around[:2])
         start, end = self.indices, self.indices[self.next_corner]
         key = np.minimum(start, end) * self.n_vertices + np.maximum(start, end)
         alone = self.separate
@@ -453,6 +514,10 @@ class Mesh:
 
         Shape (n_corners,).
         """
+        if self._compiled and not self._repeats:
+            from limitsurf._kernels import connectivity
+
+            return connectivity.twins(self.indices, self._steps, *self._around[:2])
         twin = np.full(self.n_corners, -1)
         one, other = self.edge_corners[self.edge_corners[:, 1] >= 0].T
         twin[one], twin[other] = other, one
@@ -462,15 +527,42 @@ class Mesh:
     def boundary_vertex(self) -> BoolArray:
         """Whether a vertex lies on a boundary edge: shape (n_vertices,)."""
         on_boundary = np.zeros(self.n_vertices, dtype=bool)
-        on_boundary[self.edges[self.boundary_edge]] = True
+        ends, alone, _ = self._rim
+        on_boundary[ends[alone]] = True
         return on_boundary
 
     @_shared
     def nonmanifold_vertex(self) -> BoolArray:
         """Whether a vertex is on a non-manifold edge or of several fans: shape (n_vertices,)."""
-        result = np.bincount(self.fans.vertex, minlength=self.n_vertices) > 1
-        result[self.edges[self.nonmanifold_edge]] = True
+        result = np.asarray((self._valences == 0) & (self.vertex_faces > 0))
+        ends, _, odd = self._rim
+        result[ends[odd]] = True
         return result
+
+    @_shared
+    def _valences(self) -> IntArray:
+        """Faces at each vertex, (n_vertices,); negative on a rim, 0 where they form no one fan."""
+        if self._compiled:
+            from limitsurf._kernels import connectivity
+
+            return connectivity.valences(self._steps, self.twin, *self._around[:2])
+        fans = self.fans
+        valences = np.zeros(self.n_vertices, dtype=np.int64)
+        valences[fans.vertex] = np.where(fans.closed, fans.sizes, -fans.sizes)
+        valences[np.bincount(fans.vertex, minlength=self.n_vertices) > 1] = 0
+        return valences
+
+    @_shared
+    def _rim(self) -> tuple[IntArray, BoolArray, BoolArray]:
+        """Vertices (n, 2) of edges without twins; whether they have one face; are not manifold."""
+        if self._repeats:
+            rim = np.flatnonzero(self.edge_corners[:, 1] < 0)
+            return self.edges[rim], self.boundary_edge[rim], self.nonmanifold_edge[rim]
+        corners = np.flatnonzero(self.twin < 0)
+        one, other = self.indices[corners], self.indices[self._after(corners)]
+        key = np.minimum(one, other) * self.n_vertices + np.maximum(one, other)
+        key, faces = np.unique(key, return_counts=True)
+        return np.stack(np.divmod(key, self.n_vertices), axis=1), faces == 1, faces > 1
 
     @_shared
     def vertex_faces(self) -> IntArray:
@@ -478,6 +570,8 @@ class Mesh:
 
         At an interior vertex this is its valence.
         """
+        if self._compiled:
+            return np.diff(self._around[0])
         return np.bincount(self.indices, minlength=self.n_vertices)
 
     @_shared
@@ -547,24 +641,36 @@ class Mesh:
 
     def __getstate__(self) -> dict[str, Any]:
         # these can be known from how the mesh was made; everything else is computed again
-        given = {k: x for k, x in self._connectivity.items() if k in ("separate", "twin")}
+        known = ("separate", "twin", "_repeats")
+        given = {name: x for name, x in self._connectivity.items() if name in known}
         return {**self.__dict__, "_connectivity": given}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(_frozen(state))
+        self.__dict__.update(read_only(state))
 
 
-def _frozen(value: T) -> T:
+def read_only(value: T) -> T:
     """The same with every array in it, also in tuples, lists and dicts, as a read-only view."""
+    found: Any = value
     if isinstance(value, np.ndarray):
-        view = value.view()
-        view.flags.writeable = False
-        return cast(T, view)
-    if isinstance(value, (tuple, list)):
-        return cast(T, type(value)(map(_frozen, value)))
-    if isinstance(value, dict):
-        return cast(T, {name: _frozen(item) for name, item in value.items()})
-    return value
+        found = value.view()
+        found.setflags(write=False)
+    elif isinstance(value, (tuple, list)):
+        found = type(value)(map(read_only, value))
+    elif isinstance(value, dict):
+        found = {name: read_only(item) for name, item in value.items()}
+    return found  # type: ignore[no-any-return]
+
+
+_NO_TAGS: dict[str, Any] = read_only(
+    {
+        **dict.fromkeys(("scheme", "boundary", "creasing", "triangles")),
+        "creases": (np.zeros((0, 2), np.int64), np.zeros(0)),
+        "corners": (np.zeros(0, np.int64), np.zeros(0)),
+        "holes": np.zeros(0, np.int64),
+        "_channels": {},
+    }
+)
 
 
 def _same(one: Any, other: Any) -> bool:
@@ -629,6 +735,8 @@ def _numbers(values: ArrayLike, row: str, prefix: str = "") -> NDArray[Any]:
     else:
         array = array.astype(np.float64, copy=False)
         infinite = ~np.isfinite(array)
+        if not infinite.any():
+            return array
     _check(
         infinite.reshape(len(array), -1).any(axis=1),
         lambda i: (f"{prefix}{row} {i}: coordinate {array[infinite][0]} is not finite",),
@@ -701,11 +809,12 @@ def _check_faces(mesh: Mesh) -> None:
         need = f"need 0 to {mesh.n_vertices - 1}"
         return f"face {face}: vertex index {vertex} is {reason}, {need}", ("face", face)
 
-    _check((mesh.indices < 0) | (mesh.indices >= mesh.n_vertices), missing)
+    if mesh.indices.min() < 0 or mesh.indices.max() >= mesh.n_vertices:
+        _check((mesh.indices < 0) | (mesh.indices >= mesh.n_vertices), missing)
 
 
-def _sharpness(values: Any, what: str, names: Sequence[Any]) -> NDArray[Any]:
-    """Validated sharpness, float64 or objects, one for each of ``names``."""
+def _sharpness(values: Any, what: str, names: IntArray) -> NDArray[Any]:
+    """Validated sharpness, float64 or objects, one for each of ``names``, numbers or pairs."""
     array = np.array(values) if len(values) else np.zeros(0)
     if array.shape != (len(names),):
         raise MeshError(f"{what}s: got sharpness of shape {array.shape}, need ({len(names)},)")
@@ -721,9 +830,17 @@ def _sharpness(values: Any, what: str, names: Sequence[Any]) -> NDArray[Any]:
             )
     _check(
         ~(array >= 0).astype(bool),  # so is NaN
-        lambda i: (f"{what} {names[i]}: sharpness {array[i]} is not in [0, inf]", (what, names[i])),
+        lambda i: (
+            f"{what} {_name(names[i])}: sharpness {array[i]} is not in [0, inf]",
+            (what, _name(names[i])),
+        ),
     )
     return array
+
+
+def _name(number: IntArray) -> int | tuple[int, ...]:
+    """A vertex or face, or the vertices of an edge, for messages."""
+    return tuple(number.tolist()) if number.ndim else int(number)
 
 
 def _tagged(given: Any, what: str) -> tuple[Any, Any]:
@@ -742,7 +859,7 @@ def _crease_tags(mesh: Mesh, given: Any) -> tuple[IntArray, NDArray[Any]]:
     ends = _integers(keys, "vertices of creases") if len(keys) else np.zeros((0, 2), dtype=np.int64)
     if ends.ndim != 2 or ends.shape[1] != 2:
         raise MeshError(f"creases: got edges of shape {ends.shape}, need (c, 2)")
-    names = list(map(tuple, ends.tolist()))
+    names = ends
     sharpness = _sharpness(values, "crease", names)
     if len(names) == 0:
         return ends, sharpness
@@ -750,7 +867,10 @@ def _crease_tags(mesh: Mesh, given: Any) -> tuple[IntArray, NDArray[Any]]:
     edge = mesh.edge_numbers(ends).clip(max=mesh.n_edges - 1)
     _check(
         (mesh.edges[edge] != ends).any(axis=1),
-        lambda i: (f"crease {names[i]}: the mesh has no such edge", ("crease", names[i])),
+        lambda i: (
+            f"crease {_name(names[i])}: the mesh has no such edge",
+            ("crease", _name(names[i])),
+        ),
     )
     order = _distinct_order(edge, "crease", names)
     return ends[order], sharpness[order]
@@ -759,36 +879,37 @@ def _crease_tags(mesh: Mesh, given: Any) -> tuple[IntArray, NDArray[Any]]:
 def _corner_tags(mesh: Mesh, given: Any) -> tuple[IntArray, NDArray[Any]]:
     keys, values = _tagged(given, "corner")
     vertices = _integers(keys, "vertices of corners")
-    names = _existing(vertices, "corner", mesh.n_vertices)
-    sharpness = _sharpness(values, "corner", names)
-    order = _distinct_order(vertices, "corner", names)
+    _check_range(vertices, "corner", mesh.n_vertices)
+    sharpness = _sharpness(values, "corner", vertices)
+    order = _distinct_order(vertices, "corner", vertices)
     return vertices[order], sharpness[order]
 
 
 def _hole_tags(mesh: Mesh, given: Any) -> IntArray:
     faces = _integers(() if given is None else given, "holes")
-    names = _existing(faces, "hole", mesh.n_faces)
-    return faces[_distinct_order(faces, "hole", names)]
+    _check_range(faces, "hole", mesh.n_faces)
+    return faces[_distinct_order(faces, "hole", faces)]
 
 
-def _existing(indices: IntArray, what: str, end: int) -> list[int]:
-    """The indices as a list, all of which are in range."""
+def _check_range(indices: IntArray, what: str, end: int) -> None:
+    """All indices are less than ``end``."""
     if indices.ndim != 1:
         raise MeshError(f"{what}s: got indices of shape {indices.shape}, need (n,)")
-    names: list[int] = indices.tolist()
     _check(
         (indices < 0) | (indices >= end),
-        lambda i: (f"{what} {names[i]} is out of range, need 0 to {end - 1}", (what, names[i])),
+        lambda i: (
+            f"{what} {indices[i]} is out of range, need 0 to {end - 1}",
+            (what, _name(indices[i])),
+        ),
     )
-    return names
 
 
-def _distinct_order(keys: IntArray, what: str, names: Sequence[Any]) -> IntArray:
+def _distinct_order(keys: IntArray, what: str, names: IntArray) -> IntArray:
     """The order that sorts ``keys``, of which no two may be equal."""
     order = np.argsort(keys, kind="stable")
 
     def twice(i: int) -> tuple[Any, ...]:
-        name = names[order[i + 1]]
+        name = _name(names[order[i + 1]])
         return f"{what} {name} is given more than once", (what, name)
 
     _check(np.diff(keys[order]) == 0, twice)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from limitsurf import basis, tables
 from limitsurf._kernels import reference as kernels
+from limitsurf.caching import cached_property
 from limitsurf.patches import REGULAR, STRIP, PatchTable
 
 if TYPE_CHECKING:
@@ -31,7 +32,6 @@ _WORTH = 4  # faces and parameters from which a grid is one
 
 CHUNK = 1 << 15  # queries; what a thread takes at a time
 _LARGEST = 136  # control points of special patches whose coefficients are kept
-_GATHER = 1 << 22  # numbers handled at once when coefficients are made
 
 
 def threads(workers: int) -> int:
@@ -129,6 +129,7 @@ class Packing:
             np.zeros((n, 2, levels, wide)),
             np.zeros((n, 2)),
             np.zeros((n, levels)),
+            np.zeros((n, levels), dtype=np.int64),
             np.zeros((n, 6, wide)),
             np.zeros((n, pairs)),
             np.zeros((n, chains), dtype=np.int64),
@@ -153,7 +154,7 @@ class Packing:
                 made.ratios[k, lead - 1, :, :size] = _powers(table, lead)
                 value = table.eigenvalues[0, lead]
                 made.inverses[k, lead - 1] = 1 / value if value else 0
-            made.mantissas[k], kinds[k, evaluation.EXPONENT] = _mantissas(table)
+            made.mantissas[k], made.exponents[k] = _mantissas(table)
             for place, nu in enumerate(((1, 0), (0, 1), (2, 0), (1, 1), (0, 2)), start=1):
                 made.corners[k, place, :size] = basis.corner_derivative(table, nu)
             made.angles[k, : len(table.pairs)] = table.angles
@@ -161,49 +162,39 @@ class Packing:
             made.pairs[k, : len(table.pairs)] = table.pairs - 1
         return made, rows, patches
 
-    def points(self, high: Array, low: Array) -> evaluation.Points:
-        """Control points (n_points, d), unevaluated sums high + low, ready for evaluation."""
-        from limitsurf._kernels import evaluation
+    def points(self, points: Array) -> evaluation.Points:
+        """Points of the cage (n_vertices, d), ready for evaluation."""
+        from limitsurf._kernels import coefficients, evaluation
 
-        n, d = high.shape
-        width, inner = _rounded(d), self._patches.n_vertices
-        wide = _aligned((n, width))
-        wide[:, :d] = high
-        extra = np.zeros((n - inner, width))
-        extra[:, :d] = low[inner:]
+        d = points.shape[1]
+        patches, kinds, width = self._patches, self.tables.kinds, _rounded(d)
+        high = _aligned((patches.n_vertices, width))
+        high[:, :d] = points
+        extras = _aligned((patches.n_points - patches.n_vertices, 2 * width))
+        start = 0
+        for operator in patches.extras:
+            indptr, indices = (x.astype(np.int64) for x in (operator.indptr, operator.indices))
+            coefficients.extend(indptr, indices, operator.data, high, extras, start)
+            start += operator.shape[0]
         modes = _aligned((self._n_rows, width))
         fine = _aligned((self._n_special * evaluation.FINE, width))
+        sums = np.empty((coefficients.SIX, evaluation.LANES))
         for kind, table in enumerate(self._sectors):
-            start, size = self.tables.kinds[kind, [evaluation.MODES, evaluation.ROWS]].tolist()
-            if table is None or start < 0:
+            begin, size, patch = kinds[
+                kind, [evaluation.MODES, evaluation.ROWS, evaluation.PATCH]
+            ].tolist()
+            if table is None or begin < 0:
                 continue
-            ids = self._patches.controls[kind]
-            first = int(self.tables.kinds[kind, evaluation.PATCH]) * evaluation.FINE
-            grids = fine[first : first + len(ids) * evaluation.FINE]
-            grids = grids.reshape(-1, evaluation.FINE, width)
-            blocks = modes[start : start + len(ids) * (size + 3)].reshape(-1, size + 3, width)
-            step = max(1, _GATHER // (table.size * width))
-            for begin in range(0, len(ids), step):
-                columns = ids[begin : begin + step].T  # (K, P)
-                own = columns[0]
-                points = high[columns] - high[own]
-                if (columns >= inner).any():
-                    points += low[columns] - low[own]
-                points = points.reshape(table.size, -1)
-                grid = grids[begin : begin + step]
-                grid[:, :25, :d] = (_fine(table) @ points).reshape(25, -1, d).transpose(1, 0, 2)
-                grid[:, 25, :d], grid[:, 26, :d] = low[own], high[own]
-                found = _left(table) @ points
-                found = found.reshape(table.size, -1, d).transpose(1, 0, 2)  # (P, K, d)
-                block = blocks[begin : begin + step]
-                block[:, : table.size, :d] = found
-                block[:, 0, :d] += low[own]
-                block[:, size + 1, :d] = high[own]
-                sizes = np.abs(found[:, 1:])
-                block[:, size + 2, 0] = sizes.max(axis=(1, 2), initial=0)
-                # NaN, too, occurs
-                block[:, size + 2, 1] = 1 + (sizes != 0).any(axis=2).argmax(axis=1)
-        return evaluation.Points(wide, extra, modes.reshape(-1), fine)
+            ids = patches.controls[kind]
+            blocks = modes[begin : begin + len(ids) * (size + 3)]
+            grids = fine[patch * evaluation.FINE : (patch + len(ids)) * evaluation.FINE]
+            matrix = _projections(table)
+            near = np.zeros(matrix.shape[1] * evaluation.LANES)
+            coefficients.coefficients(
+                ids, high, extras, matrix, blocks.reshape(len(ids), -1, width),
+                grids.reshape(len(ids), -1, width), near, sums,
+            )  # fmt: skip
+        return evaluation.Points(high, extras, modes.reshape(-1), fine)
 
     @cached_property
     def _controls(self) -> rows.Controls:
@@ -244,8 +235,7 @@ class Packing:
         indptr = np.zeros(total + 1, dtype=np.int64)
 
         def measure(part: slice) -> int:
-            room = indptr[1:][part]
-            return rows.lengths(*chunk(part), *known, room)
+            return rows.lengths(*chunk(part), *known, order, indptr[1:][part])
 
         if any(found < 0 for found in over_chunks(total, workers, measure)):
             return None
@@ -256,7 +246,8 @@ class Packing:
         data = np.empty(indptr[-1])
 
         def fill(part: slice) -> None:
-            room = evaluation.Room.of(self.tables), np.empty(self._controls.left.shape[2] + 16)
+            most = self._controls.left.shape[2] + 16
+            room = evaluation.Room.of(self.tables), np.empty(most), np.empty(most, np.int64)
             places = indptr[:-1][part], ends[part], indices, data
             rows.fill(*chunk(part), *known, order, term, *places, *room)
 
@@ -325,7 +316,7 @@ class Packing:
         def work(part: slice) -> Array | None:
             face = np.array(faces[part], dtype=np.int64)
             rest = np.empty(len(face) * n, dtype=np.int64)
-            room = np.empty(64), np.empty((6, 3 * grids.PLACES))
+            room = np.empty(64), np.empty((6, 3, weights.places))
             left = grids.gridded(
                 face, self.patches, self.tables, points, weights, len(terms), n, position, normals,
                 out, part.start, rest, *room,
@@ -426,7 +417,7 @@ def _grid(queries: tuple[Array, Array, Array]) -> tuple[Array, Array, Array] | N
     Broadcasting tells: along the first axes only faces vary, along the others only parameters.
     """
     face, u, v = queries
-    for axis in range(1, face.ndim):
+    for axis in range(1, face.ndim if face.size else 0):
         before, after = range(axis), range(axis, face.ndim)
         if all(face.shape[k] == 1 or u.strides[k] == v.strides[k] == 0 for k in before) and all(
             face.shape[k] == 1 or face.strides[k] == 0 for k in after
@@ -473,19 +464,21 @@ def _left(table: tables.EigenTable) -> Array:
 
 
 @lru_cache(maxsize=1024)
-def _fine(table: tables.EigenTable) -> Array:
-    """5 x 5 points after one refinement, those of the three regular pieces, from K, (25, K).
+def _projections(table: tables.EigenTable) -> Array:
+    """Left eigenvectors, then 5 x 5 refined points, as rows over K control points; filled up.
 
-    The point beyond the corner itself belongs to none.
+    The refined points are those of the three regular pieces: the one beyond the corner is none.
     """
+    from limitsurf._kernels.coefficients import SIX
     from limitsurf._kernels.evaluation import PIECES
 
     rational = tables.rational_table(table.scheme, table.sector)
     dense = np.zeros((rational.n_rows, table.size))
     dense[rational.rows, rational.columns] = rational.numerators / rational.denominator
-    grid = np.zeros((25, table.size))
-    grid[PIECES] = dense[rational.pieces.reshape(-1)]
-    return grid
+    result = np.zeros((-(-(table.size + 25) // SIX) * SIX, _rounded(table.size)))
+    result[: table.size, : table.size] = _left(table)
+    result[table.size + PIECES, : table.size] = dense[rational.pieces.reshape(-1)]
+    return result
 
 
 @lru_cache(maxsize=1024)
@@ -493,16 +486,17 @@ def _powers(table: tables.EigenTable, lead: int) -> Array:
     """Powers of the ratios of the eigenvalues to number `lead`, (levels, K - 1)."""
     high, low = basis.ratios(table, lead)
     rows = np.concatenate([kernels.power(high, low, n) for n in _levels()])
-    rows[np.abs(rows) < 1e-290] = 0  # beside the first they are nothing, and slow
+    rows[np.abs(rows) < 2.0**-1022] = 0  # not worth the time that such numbers take
     return rows
 
 
 @lru_cache(maxsize=1024)
-def _mantissas(table: tables.EigenTable) -> tuple[Array, int]:
-    """Mantissas of powers of the first eigenvalue, (levels,), and its exponent of two."""
+def _mantissas(table: tables.EigenTable) -> tuple[Array, Array]:
+    """Powers of the first eigenvalue as mantissas (levels,) and exponents of two (levels,)."""
     high, low = table.eigenvalues[:, 1].tolist()
     powers = [kernels.scaled_power(high, low, n) for n in _levels()]
-    return np.concatenate([mantissa for mantissa, _ in powers]), int(powers[0][1][1])
+    mantissas, more = np.frexp(np.concatenate([mantissa for mantissa, _ in powers]))
+    return mantissas, more + np.concatenate([exponent for _, exponent in powers])
 
 
 def _levels() -> tuple[Array, Array]:

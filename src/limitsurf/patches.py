@@ -12,6 +12,7 @@ regular vertices, or has no influence.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,9 @@ from numpy.typing import NDArray
 
 from limitsurf import tables
 from limitsurf._kernels import reference as kernels
-from limitsurf.mesh import Mesh
-from limitsurf.refine import entries, refinement_stages, sparse_operator
-from limitsurf.rules import ASTRAY, CREASE, Rules, Sectors, Sharpness
+from limitsurf.mesh import Mesh, read_only
+from limitsurf.refine import ExactOperator, refinement_stages
+from limitsurf.rules import ASTRAY, Rules, Sectors, Sharpness
 from limitsurf.topology import MeshPart, child_mesh, first_limit_face
 
 Array = NDArray[Any]
@@ -60,264 +61,208 @@ class PatchTable:
     """
 
     def __init__(self, mesh: Mesh, rules: Rules, dtype: Any) -> None:
-        self.n_limit_faces = int(first_limit_face(mesh)[-1])
+        limit_faces = first_limit_face(mesh)
+        self.n_limit_faces = int(limit_faces[-1])
         self.n_vertices = self.n_points = mesh.n_vertices
         self.extras: list[Any] = []
         self._dtype = dtype
-        self._codes = [np.full(self.n_limit_faces, NO_LIMIT)]
-        self._n_codes = self.n_limit_faces
-        self._patches: list[tuple[Array, Array, Array]] = [(np.zeros(0, np.int64),) * 3]
-        self._n_patches = 0
+        self.codes = np.full(self.n_limit_faces, NO_LIMIT, dtype=np.int32)
+        self.kind, self.row = np.zeros((2, 0), np.int32)
+        self.turn = np.zeros(0, np.int8)
         self.sectors: list[tables.Sector | None] = [None, None]
-        self._controls: list[list[Array]] = [[np.zeros((0, 16), np.int32)] for _ in range(2)]
+        self.controls = [np.zeros((0, 16), np.int32) for _ in self.sectors]
+        self.sharpness = np.zeros(0, dtype=dtype)
         self._kinds: dict[tables.Sector, int] = {}
-        self._sharpness = [np.zeros(0, dtype=dtype)]
-        self._build(mesh, rules)
-        self.codes = np.concatenate(self._codes).astype(np.int32)
-        self.kind, self.row, self.turn = (
-            np.concatenate(x).astype(kind)
-            for x, kind in zip(
-                zip(*self._patches, strict=True), (np.int32, np.int32, np.int8), strict=True
-            )
-        )
-        self.controls = [np.concatenate(rows) for rows in self._controls]
-        self.sharpness = np.concatenate(self._sharpness)
-        del self._codes, self._patches, self._controls, self._kinds, self._sharpness
+        self._combined: list[tuple[Array, Array, Array]] = []
+        self._early: list[int] = []  # rows of `controls` from before there was any of these
+        self._build(mesh, rules, limit_faces)
         self._drop_unused()
+        del self._kinds, self._combined, self._early
 
-    def _build(self, mesh: Mesh, rules: Rules) -> None:
+    def _build(self, cage: Mesh, rules: Rules, limit_faces: Array) -> None:
         """Fill the table level by level; most faces of most cages end at the first."""
-        faces = np.flatnonzero(~rules.without_limit(mesh))
-        ids = np.arange(mesh.n_vertices)
-        slot = first_limit_face(mesh)[faces]
-        turn = np.zeros(len(faces), dtype=np.int64)
-        sharpness = Sharpness.of(mesh, rules, self._dtype)
-        _refuse_astray(Sectors.of(sharpness), faces)
-        while len(faces):
-            sectors = Sectors.of(sharpness)
-            quad = mesh.sizes[faces] == 4
-            corners = mesh.offsets[faces][:, None] + np.where(quad[:, None], np.arange(4), 0)
-            fan = sectors.fans.fan[corners]  # (F, 4)
-            beside_ngon = np.zeros(len(sectors.kind), dtype=bool)
-            beside_ngon[sectors.fans.fan[mesh.sizes[mesh.corner_face] != 4]] = True
-            simple = quad & ~beside_ngon[fan].any(axis=1)
-            regular = sectors.regular[fan]
-            settled = simple & (sectors.kind[fan] >= 0).all(axis=1)
-            special = settled & (regular.sum(axis=1) == 3)
-            plain = settled & regular.all(axis=1)
-            crease = self._crease(sharpness, sectors, corners, simple)
-            strip = crease >= 0
-            # first corner of the patch: that at (0, 0), the special one, or that before the crease
-            start = np.where(strip, crease, np.where(special, (~regular).argmax(axis=1), -turn % 4))
-            for kind, members, ring in self._kinds_of(sectors, corners, start, special):
-                grid = self._grid(mesh, sectors.twin, ids, corners[members], start[members])
-                sector = self.sectors[kind]
-                assert sector is not None
-                outer = [4 * j + i for i, j in sector.outer]
-                control = np.concatenate([ids[ring], grid[:, outer]], axis=1)
-                square = (turn[members] + start[members]) % 4
-                self._add(kind, control, slot[members], square)
-            for kind, which in ((REGULAR, plain), (STRIP, strip)):
-                members = np.flatnonzero(which)
-                grid = self._grid(mesh, sectors.twin, ids, corners[members], start[members])
-                square = (turn[members] + start[members]) % 4
-                self._add(kind, grid, slot[members], square)
-            side = corners[strip, crease[strip]]
-            self._sharpness.append(sharpness.half_edges[side])
-            split = ~(plain | special | strip)
-            sharpness, ids, faces, slot, turn = self._split(
-                sharpness, ids, rules, faces[split], slot[split], turn[split]
-            )
-            mesh = sharpness.mesh
+        faces = np.flatnonzero(~rules.without_limit(cage))
+        sharpness = Sharpness.of(cage, rules, self._dtype)
+        turn = np.zeros(len(faces), dtype=np.int8)
+        level = _Level(sharpness, cage.indices, faces, limit_faces[faces], turn)
+        while len(level.faces):
+            mesh = level.mesh
+            level = level.of_faces(self._add_smooth(level))
+            if len(level.faces) == 0:
+                break
+            level, near = level.part()
+            if len(level.sharpness.concerned):
+                sectors = Sectors.of(level.sharpness)
+                if mesh is cage:
+                    _refuse_astray(sectors, level.faces, near)
+                level = level.of_faces(self._add_sharp(level, sectors))
+            if len(level.faces) == 0:
+                break
+            level = self._split(level, rules)
 
-    @staticmethod
-    def _crease(sharpness: Sharpness, sectors: Sectors, corners: Array, simple: Array) -> Array:
-        """Side of each face (F,) along which a semi-sharp crease runs straight; -1 if none does.
+    def _add_smooth(self, level: _Level) -> Array:
+        """Add the patches of faces amid smooth quads; return which faces these are not."""
+        mesh, numbers, slot, turn = level.mesh, level.numbers, level.slot, level.turn
+        valence = np.maximum(mesh._valences, 0)
+        valence[level.sharpness.concerned] = 0
+        if not mesh._of_quads:
+            valence[mesh.indices[mesh.sizes[mesh.corner_face] != 4]] = 0
+        first = mesh._first(level.faces)
+        found, start = smooth_quads(mesh, first, turn, valence)
+        plain, odd = np.flatnonzero(found == 4), np.flatnonzero((found != 4) & (found != 0))
+        grid = grids(mesh, mesh.twin, numbers, first[plain], start[plain])
+        self._add(REGULAR, grid, slot[plain], np.zeros(len(plain), dtype=np.int8))
+        for n in np.unique(found[odd]).tolist():
+            here = odd[found[odd] == n]
+            kind = self._kind(tables.Sector("interior", n, 0))
+            control = specials(mesh, numbers, first[here], start[here], n, self._outer(kind))
+            self._add(kind, control, slot[here], (turn[here] + start[here]) % 4)
+        return np.flatnonzero(found == 0)
 
-        Both ends are in the midst of four faces with no other sharp edge, the other two corners
-        are regular.
-        """
-        mesh = sharpness.mesh
-        along = sharpness.half_edges[corners]  # (F, 4)
-        soft = (along > 0) & ~tables.is_infinite(along)
-        alone = simple & (soft.sum(axis=1) == 1)
-        side = np.where(alone, soft.argmax(axis=1), 0)
-        each = np.arange(len(corners))
-        far = [corners[each, (side + k) % 4] for k in (2, 3)]
-        fine = alone
-        for h in far:
-            fine &= sectors.regular[sectors.fans.fan[h]]
-        value = along[each, side]
-        ends = corners[each, side], corners[each, (side + 1) % 4]
-        for h in ends:
-            vertex, fan = mesh.indices[h], sectors.fans.fan[h]
-            fine &= sectors.fans.closed[fan] & (sectors.fans.sizes[fan] == 4)
-            fine &= (sharpness.rule[vertex] == CREASE) & (sharpness.straight[vertex] == value)
-        # opposite to the side: two edges on from it, three from the face's next edge
-        for h, steps in zip(ends, (2, 3), strict=True):
-            for _ in range(steps):
-                h = np.where(fine, sectors.twin[mesh.previous_corner[h]], 0)
-            fine &= sharpness.half_edges[h] > 0
-        return np.where(fine, side, -1)
+    def _add_sharp(self, level: _Level, sectors: Sectors) -> Array:
+        """Add the patches of faces at sharp edges and vertices; return which are to be split."""
+        first = level.mesh._first(level.faces)
+        found, start = sharp_quads(level.sharpness, sectors, first, level.turn)
+        whole = np.flatnonzero(found)
+        found, start, first, slot = found[whole], start[whole], first[whole], level.slot[whole]
+        turn = (level.turn[whole] + start) % 4
+        grid = self._grid(level.mesh, sectors.twin, level.numbers, first, start)
+        points = level.points
+        for kind, members, ring in self._kinds_of(sectors, first + start, found == 2):
+            control = np.concatenate([points[ring], grid[members[:, None], self._outer(kind)]], 1)
+            self._add(kind, control, slot[members], turn[members])
+        for kind, which in ((REGULAR, found == 1), (STRIP, found == 3)):
+            members = np.flatnonzero(which)
+            self._add(kind, grid[members], slot[members], turn[members])
+        side = level.sharpness.half_edges[(first + start)[members]]
+        self.sharpness = np.concatenate([self.sharpness, side])
+        return np.delete(np.arange(len(level.faces)), whole)
 
     def _kinds_of(
-        self, sectors: Sectors, corners: Array, start: Array, special: Array
+        self, sectors: Sectors, corners: Array, special: Array
     ) -> Iterator[tuple[int, Array, Array]]:
-        """Special faces by kind: number of the kind, faces, rings of their corners (n, ring)."""
+        """Special corners by kind: number of the kind, which, rings around them (n, ring)."""
         members = np.flatnonzero(special)
-        corner = corners[members, start[members]]
-        fan, position = sectors.fans.fan[corner], sectors.fans.position[corner]
+        fan, position = (x[corners[members]] for x in (sectors.fans.fan, sectors.fans.position))
         kinds, sizes = sectors.kind[fan], sectors.fans.sizes[fan]
         alike = np.isin(kinds, [tables.KINDS.index(name) for name in ("interior", "cone")])
-        key = np.stack([kinds, sizes, np.where(alike, 0, position)])
-        unique, which = np.unique(key, axis=1, return_inverse=True)
-        for k, (kind, faces, place) in enumerate(unique.T.tolist()):
-            sector = tables.Sector(tables.KINDS[kind], faces, place)
-            here = np.flatnonzero(which.ravel() == k)
-            begin = position[here] if alike[here[0]] else 0
-            number = self._kinds.setdefault(sector, len(self.sectors))
-            if number == len(self.sectors):
-                self.sectors.append(sector)
-                self._controls.append([])
-            yield number, members[here], sectors.ring(sector.kind, faces, fan[here], begin)
+        place = np.where(alike, 0, position)
+        most = 1 + int(sizes.max(initial=0))
+        key = (kinds * most + sizes) * most + place
+        for code in np.unique(key).tolist():
+            here = np.flatnonzero(key == code)
+            one = here[0]
+            faces = int(sizes[one])
+            sector = tables.Sector(tables.KINDS[kinds[one]], faces, int(place[one]))
+            begin = position[here] if alike[one] else 0
+            ring = sectors.ring(sector.kind, faces, fan[here], begin)
+            yield self._kind(sector), members[here], ring
+
+    def _kind(self, sector: tables.Sector) -> int:
+        """The number of a kind, a new one when it is met first."""
+        number = self._kinds.setdefault(sector, len(self.sectors))
+        if number == len(self.sectors):
+            self.sectors.append(sector)
+            self.controls.append(np.zeros((0, sector.size), np.int32))
+        return number
+
+    def _outer(self, kind: int) -> Array:
+        """Positions in the grid of the control points of a kind beyond its ring."""
+        sector = self.sectors[kind]
+        assert sector is not None
+        return np.array([4 * j + i for i, j in sector.outer])
 
     def _add(self, kind: int, controls: Array, slot: Array, turn: Array) -> None:
-        n = len(controls)
-        rows = sum(map(len, self._controls[kind])) + np.arange(n)
-        self._controls[kind].append(controls.astype(np.int32))
-        self._patches.append((np.full(n, kind), rows, turn))
-        self._fill(slot, self._n_patches + np.arange(n))
-        self._n_patches += n
+        """Append patches of a kind."""
+        n, start, row = len(controls), len(self.kind), len(self.controls[kind])
+        self.codes[slot] = np.arange(start, start + n, dtype=np.int32)
+        self.kind = _appended(self.kind, np.full(n, kind, dtype=np.int32))
+        self.row = _appended(self.row, np.arange(row, row + n, dtype=np.int32))
+        self.turn = _appended(self.turn, turn)
+        self.controls[kind] = _appended(self.controls[kind], controls)
 
-    def _fill(self, slot: Array, code: Array) -> None:
-        """Write codes at places in the concatenation of all blocks."""
-        start = 0
-        for block in self._codes:
-            here = (slot >= start) & (slot < start + len(block))
-            block[slot[here] - start] = code[here]
-            start += len(block)
-
-    def _grid(self, mesh: Mesh, twins: Array, ids: Array, corners: Array, start: Array) -> Array:
-        """4 x 4 control points (P, 16) of quads from their corner `start` on, index 4 j + i.
+    def _grid(self, mesh: Mesh, twin: Array, numbers: Array, first: Array, start: Array) -> Array:
+        """4 x 4 control points (P, 16) of quads from a corner on, with reflections as new points.
 
         What lies beyond a special corner, or beyond a sharp edge at it, is meaningless and not
         used.
         """
-        h = np.take_along_axis(corners, (start[:, None] + np.arange(4)) % 4, axis=1)  # (P, 4)
-        after, before = mesh.next_corner, mesh.previous_corner
-        tail, twin = mesh.indices, twins
-        t, s = twin[h], twin[before[h]]
-        grid = np.empty((len(h), 16), dtype=np.int64)
-        grid[:, _CORNER] = ids[tail[h]]
-        # beyond each corner: across its own edge, across the edge before it, and diagonally
-        grid[:, _ACROSS] = ids[tail[after[after[t]]]]
-        grid[:, _BESIDE] = ids[tail[before[s]]]
-        grid[:, _BEYOND] = ids[tail[before[twin[after[t]]]]]
-        rim = t < 0  # (P, 4): side k, from corner k to k + 1, is on the boundary
-        for k in range(4):
-            left, right = (k - 1) % 4, (k + 1) % 4
-            place = np.flatnonzero(rim[:, k])
-            for target, on, inner in (
-                (_ACROSS[k], _CORNER[k], _CORNER[left]),
-                (_BESIDE[right], _CORNER[right], _CORNER[(k + 2) % 4]),
-            ):
-                self._reflect(grid, place, target, ((on, 2), (inner, -1)))
-            place = np.flatnonzero(rim[:, k] & ~rim[:, left])
-            terms = ((_BESIDE[k], 2), (_ACROSS[left], -1))
-            self._reflect(grid, place, _BEYOND[k], terms)
-            place = np.flatnonzero(rim[:, k] & ~rim[:, right])
-            terms = ((_ACROSS[right], 2), (_BESIDE[(k + 2) % 4], -1))
-            self._reflect(grid, place, _BEYOND[right], terms)
-            place = np.flatnonzero(rim[:, k] & rim[:, left])
-            corner = ((_CORNER[k], 4), (_CORNER[left], -2), (_CORNER[right], -2))
-            self._reflect(grid, place, _BEYOND[k], (*corner, (_CORNER[(k + 2) % 4], 1)))
+        grid = grids(mesh, twin, numbers, first, start)
+        sides = first[:, None] + (start[:, None] + np.arange(4)) % 4
+        rim = twin[sides] < 0  # (P, 4): side k, from corner k to k + 1, is on the boundary
+        left, right = np.roll(rim, 1, axis=1), np.roll(rim, -1, axis=1)
+        cases = [rim, rim, rim & ~left, rim & ~right, rim & left]
+        place, case = np.nonzero(np.concatenate(cases, axis=1))
+        if len(place):
+            columns, weights = grid[place[:, None], _FROM[case]], _WEIGHTS[case]
+            used = weights != 0
+            values = weights[used]
+            values = kernels.exact(values) if self._dtype == object else values.astype(float)
+            grid[place, _TARGET[case]] = self._extend(used.sum(axis=1), columns[used], values)
         return grid
 
-    def _reflect(
-        self, grid: Array, place: Array, target: int, terms: tuple[tuple[int, int], ...]
-    ) -> None:
-        """Make new control points at `target` of the grids `place`: integer combinations."""
-        if len(place) == 0:
-            return
-        columns = np.concatenate([grid[place, position] for position, _ in terms])
-        weights = np.repeat([weight for _, weight in terms], len(place))
-        values = kernels.exact(weights) if self._dtype == object else weights.astype(float)
-        rows = np.tile(np.arange(len(place)), len(terms))
-        grid[place, target] = self._extend(
-            sparse_operator(rows, columns, values, (len(place), self.n_points))
-        )
+    def _extend(self, counts: Array, columns: Array, values: Array) -> Array:
+        """Append control points, each combined of `counts` others in turn; return their numbers."""
+        if not self._combined:
+            self._early = list(map(len, self.controls))
+        self._combined.append((counts, columns, values))
+        start = self.n_points
+        self.n_points += len(counts)
+        return np.arange(start, self.n_points, dtype=np.int32)
 
-    def _extend(self, operator: Any) -> Array:
-        """Append the rows of an operator as control points; return their numbers."""
-        numbers = self.n_points + np.arange(operator.shape[0])
-        self.extras.append(operator)
-        self.n_points += operator.shape[0]
-        return numbers
-
-    def _split(
-        self, sharpness: Sharpness, ids: Array, rules: Rules, faces: Array, slot: Array, turn: Array
-    ) -> tuple[Sharpness, Array, Array, Array, Array]:
-        """Refine the neighbourhood of `faces`; return it with the children of these faces.
+    def _split(self, level: _Level, rules: Rules) -> _Level:
+        """Refine the mesh of a level; return it with the children of the faces.
 
         Quads become splits, and the limit faces of n-gons go straight to their children.
         """
-        if len(faces) == 0:
-            return sharpness, ids, faces, slot, turn
-        mesh = sharpness.mesh
-        wanted = np.zeros(mesh.n_faces, dtype=bool)
-        wanted[faces] = True
-        near = MeshPart.of(mesh, sharpness.neighbours(wanted[mesh.corner_face]))
-        part = near.mesh
-        inner = sharpness.part(near)
-        # points of the part, then its face points, then its vertex and edge points, all numbered
-        numbers = ids[near.vertices]
-        face_points, refined = refinement_stages(part, rules, inner, self._dtype)
-        centres = self._extend(_renumbered(face_points, numbers, self.n_points))
-        numbers = np.concatenate([numbers, centres])
-        count = refined.shape[0] - part.n_faces
-        others = self._extend(_renumbered(refined, numbers, self.n_points, count))
-        new = np.concatenate([others, centres])
-        children = child_mesh(part, np.arange(len(new)))
-        local = np.searchsorted(near.faces, faces)
-        sizes = part.sizes[local]
-        corner = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-        child = np.repeat(part.offsets[local], sizes) + corner
+        mesh, sharpness, faces, slot = level.mesh, level.sharpness, level.faces, level.slot
+        # points of the mesh, then its face points, then its vertex and edge points, all numbered
+        face_points, refined = refinement_stages(mesh, rules, sharpness, self._dtype)
+        centres = self._extend(*_rows(face_points, level.points))
+        points = np.concatenate([level.points, centres])
+        others = self._extend(*_rows(refined, points, refined.shape[0] - mesh.n_faces))
+        new = np.concatenate([others, centres]).astype(np.int64)
+        children = child_mesh(mesh, np.arange(len(new)))
+        sizes = mesh.sizes[faces]
+        child, corner = _corners(mesh, faces)
         quad = np.repeat(sizes == 4, sizes)
         # only the first level has n-gons: there the slot of a face is its first limit face
-        n_splits = int((sizes == 4).sum())
-        split = (self._n_codes - self.n_limit_faces) // 4 + np.arange(n_splits)
-        self._fill(slot[sizes == 4], -2 - split)
-        self._codes.append(np.full(4 * n_splits, NO_LIMIT))
-        square = (np.repeat(turn, sizes) + corner) % 4
+        n_codes, n_splits = len(self.codes), int((sizes == 4).sum())
+        split = (n_codes - self.n_limit_faces) // 4 + np.arange(n_splits)
+        self.codes[slot[sizes == 4]] = -2 - split
+        self.codes = np.append(self.codes, np.full(4 * n_splits, NO_LIMIT, dtype=np.int32))
+        square = (np.repeat(level.turn, sizes) + corner) % 4
         quadrant = np.array([0, 1, 3, 2])[square]
-        new_slot = np.repeat(slot, sizes) + corner
-        new_slot[quad] = self._n_codes + np.repeat(4 * np.arange(n_splits), 4) + quadrant[quad]
-        self._n_codes += 4 * n_splits
-        return inner.children(children), new, child, new_slot, np.where(quad, square, 0)
+        slot = np.repeat(slot, sizes) + corner
+        slot[quad] = n_codes + np.repeat(4 * np.arange(n_splits), 4) + quadrant[quad]
+        turn = np.where(quad, square, 0).astype(np.int8)
+        return _Level(sharpness.children(children), new[children.indices], child, slot, turn)
 
     def _drop_unused(self) -> None:
         """Leave out control points that no patch needs, and number the others anew."""
+        if not self._combined:
+            return
         needed = np.zeros(self.n_points, dtype=bool)
         needed[: self.n_vertices] = True
-        for control in self.controls:
+        starts = self._early + [0] * (len(self.controls) - len(self._early))
+        late = [control[start:] for control, start in zip(self.controls, starts, strict=True)]
+        for control in late:
             needed[control] = True
-        starts = self.n_vertices + np.cumsum([0, *(x.shape[0] for x in self.extras)])
-        for operator, start in zip(self.extras[::-1], starts[-2::-1], strict=True):
-            rows, columns, _ = entries(operator)
-            needed[columns[needed[start + rows]]] = True
-        number = np.cumsum(needed) - 1
         kept = []
-        for operator, start in zip(self.extras, starts, strict=False):
-            rows, columns, values = entries(operator)
-            place = np.cumsum(needed[start : start + operator.shape[0]]) - 1
-            here = needed[start + rows]
-            shape = (int(place[-1]) + 1, int(number[start - 1]) + 1)
-            if shape[0]:
-                new = place[rows[here]], number[columns[here]]
-                kept.append(sparse_operator(*new, values[here], shape))
-        self.extras = kept
-        self.controls = [number[control].astype(np.int32) for control in self.controls]
-        self.n_points = int(needed.sum())
+        end = self.n_points
+        for counts, columns, values in self._combined[::-1]:
+            start = end - len(counts)
+            kept.append(_needed_rows(counts, columns, values, needed, start))
+            end = start
+        number = np.cumsum(needed, dtype=np.int32) - np.int32(1)
+        self.n_points = self.n_vertices
+        for counts, columns, values in kept[::-1]:
+            if len(counts):
+                rows = counts, number[columns], values
+                self.extras.append(_operator(*rows, self.n_points))
+                self.n_points += len(counts)
+        for control in late:
+            np.take(number, control, out=control, mode="clip")
 
     def locate(self, face: Array, u: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Patch (Q,), -1 without limit, parameters in it (Q,), and its depth in the tree (Q,).
@@ -350,14 +295,223 @@ class PatchTable:
         return [(reason, number) for reason, number in counts if number]
 
 
-def _refuse_astray(sectors: Sectors, faces: Array) -> None:
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """Faces of a mesh that are still to be covered by patches.
+
+    Attributes
+    ----------
+    sharpness : Sharpness
+    numbers : (n_corners,) int
+        The control point at each corner of the mesh.
+    faces : (n,) int
+    slot : (n,) int
+        The place of each face in the codes; of the first limit face of an n-gon.
+    turn : (n,) int
+        Where in the parameter square of the limit face or quadrant its first corner lies.
+    """
+
+    sharpness: Sharpness
+    numbers: Array
+    faces: Array
+    slot: Array
+    turn: Array
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh of the faces."""
+        return self.sharpness.mesh
+
+    @property
+    def points(self) -> Array:
+        """The control points at the vertices, (n_vertices,) int32."""
+        result = np.empty(self.mesh.n_vertices, dtype=np.int32)
+        result[self.mesh.indices] = self.numbers
+        return result
+
+    def of_faces(self, which: Array) -> _Level:
+        """The same for some of the faces."""
+        faces, slot, turn = self.faces[which], self.slot[which], self.turn[which]
+        return replace(self, faces=faces, slot=slot, turn=turn)
+
+    def part(self) -> tuple[_Level, MeshPart]:
+        """The same on that part of the mesh on which patches and children of the faces depend."""
+        wanted = np.zeros(self.mesh.n_corners, dtype=bool)
+        wanted[_corners(self.mesh, self.faces)[0]] = True
+        near = MeshPart.of(self.mesh, self.sharpness.neighbours(wanted))
+        sharpness, numbers = self.sharpness.part(near), self.numbers[near.corners]
+        faces = np.searchsorted(near.faces, self.faces)
+        return replace(self, sharpness=sharpness, numbers=numbers, faces=faces), near
+
+
+def smooth_quads(mesh: Mesh, first: Array, turn: Array, valence: Array) -> tuple[Array, Array]:
+    """Quads amid quads with at most one corner of a valence other than 4.
+
+    Parameters
+    ----------
+    first : (n,) int
+        First corners of faces.
+    turn : (n,) int
+        Where in the parameter square these lie.
+    valence : (n_vertices,) int
+        0 where faces may not be such quads, as everywhere around other faces.
+
+    Returns
+    -------
+    found : (n,) int32
+        The valence of that corner, or 4; 0 for other faces.
+    start : (n,) int8
+        That corner, or the one at (0, 0).
+    """
+    if mesh._compiled:
+        from limitsurf._kernels import connectivity
+
+        return connectivity.smooth_quads(mesh.indices, *map(read_only, (first, turn, valence)))
+    # a triangle that is the last face has no fourth corner, nor any that counts
+    corners = np.minimum(first[:, None] + np.arange(4), mesh.n_corners - 1)
+    here = valence[mesh.indices[corners]]
+    odd = here != 4
+    special = odd.argmax(axis=1)
+    each = np.arange(len(first))
+    found = np.where(odd.any(axis=1), here[each, special], 4)
+    found[odd.sum(axis=1) > 1] = 0
+    start = np.where(found == 0, 0, np.where(found == 4, -turn % 4, special))
+    return found.astype(np.int32), start.astype(np.int8)
+
+
+def sharp_quads(
+    sharpness: Sharpness, sectors: Sectors, first: Array, turn: Array
+) -> tuple[Array, Array]:
+    """Quads that are one patch, be it at sharp edges.
+
+    Parameters
+    ----------
+    first : (n,) int
+        First corners of faces.
+    turn : (n,) int
+        Where in the parameter square these lie.
+
+    Returns
+    -------
+    found : (n,) int8
+        1 for regular patches; 2 for those with a special corner; 3 for strips, along one side of
+        which a semi-sharp crease runs straight; 0 for other faces. Both ends of that side are amid
+        four faces and have no other sharp edge, and the other corners are regular.
+    start : (n,) int8
+        The corner at (0, 0), the special one, or that where the side begins.
+    """
+    mesh, fans = sharpness.mesh, sectors.fans
+    # by fan: -1 with others than quads, 0 semi-sharp, 1 special, 2 regular
+    state = np.minimum(sectors.kind + 1, 1).clip(0) + sectors.regular
+    if not mesh._of_quads:
+        state[fans.fan[mesh.sizes[mesh.corner_face] != 4]] = -1
+    around = np.where(fans.closed, fans.sizes, 0)
+    edges, through = sharpness.codes
+    if mesh._compiled:
+        from limitsurf._kernels import connectivity
+
+        known = sectors.twin, fans.fan, state, around, edges, through, first, turn
+        return connectivity.sharp_quads(mesh.indices, mesh._steps, *map(read_only, known))
+    # a triangle that is the last face has no fourth corner, nor any that counts
+    corners = np.minimum(first[:, None] + np.arange(4), mesh.n_corners - 1)
+    here = state[fans.fan[corners]]  # (n, 4)
+    simple = (here >= 0).all(axis=1)
+    settled = simple & (here > 0).all(axis=1)
+    special = settled & ((here == 2).sum(axis=1) == 3)
+    plain = settled & (here == 2).all(axis=1)
+    soft = edges[corners] > 0
+    strip = simple & (soft.sum(axis=1) == 1)
+    side = np.where(strip, soft.argmax(axis=1), 0)
+    each = np.arange(len(first))
+    for k in (2, 3):
+        strip &= here[each, (side + k) % 4] == 2
+    code = edges[corners[each, side]]
+    for k in (0, 1):
+        corner = corners[each, (side + k) % 4]
+        strip &= (around[fans.fan[corner]] == 4) & (through[mesh.indices[corner]] == code)
+        # opposite to the side: two edges on from it, three from the face's next edge
+        for _ in range(2 + k):
+            corner = np.where(strip, sectors.twin[mesh.previous_corner[corner]], 0)
+        strip &= edges[corner] == code
+    found = np.where(strip, 3, np.where(special, 2, plain))
+    start = np.where(strip, side, np.where(special, (here == 1).argmax(axis=1), -turn % 4))
+    return found.astype(np.int8), np.where(found > 0, start, 0).astype(np.int8)
+
+
+def grids(mesh: Mesh, twin: Array, numbers: Array, first: Array, start: Array) -> Array:
+    """Control points of quads and around them, (n, 16), -1 where there are none.
+
+    From the corner ``first + start`` on, index ``4 j + i``; `numbers` (n_corners,) are the control
+    points of corners, `twin` (n_corners,) joins faces.
+    """
+    if mesh._compiled:
+        from limitsurf._kernels import connectivity
+
+        return connectivity.grids(*read_only((numbers, mesh._steps, twin, first, start)))
+    corners = first[:, None] + (start[:, None] + np.arange(4)) % 4
+    after, before = mesh.next_corner, mesh.previous_corner
+    other = twin[corners]
+    leaving = after[other]
+    last = twin[leaving]
+    grid = np.empty((len(first), 16), dtype=np.int32)
+    grid[:, _OWN] = numbers[corners]
+    grid[:, _ACROSS] = np.where(other < 0, -1, numbers[after[leaving]])
+    grid[:, _BESIDE] = np.where(other < 0, -1, numbers[before[other]])
+    grid[:, _BEYOND] = np.where((other < 0) | (last < 0), -1, numbers[before[last]])
+    return grid
+
+
+def specials(
+    mesh: Mesh, numbers: Array, first: Array, start: Array, valence: int, outer: Array
+) -> Array:
+    """Control points (n, K) of quads with an interior vertex of that valence at ``first + start``.
+
+    Those around it as in `Sectors.ring`, then those at `outer` positions of `grids`.
+    """
+    if mesh._compiled:
+        from limitsurf._kernels import connectivity
+
+        known = numbers, mesh._steps, mesh.twin, first, start, valence, outer
+        return connectivity.specials(*read_only(known))
+    corners = first + start
+    parts = [numbers[corners]]
+    for _ in range(valence):
+        leaving = mesh.next_corner[corners]
+        parts += [numbers[leaving], numbers[mesh.next_corner[leaving]]]
+        corners = mesh.twin[mesh.previous_corner[corners]]
+    grid = grids(mesh, mesh.twin, numbers, first, start)
+    return np.concatenate([np.stack(parts, axis=1).astype(np.int32), grid[:, outer]], axis=1)
+
+
+def _corners(mesh: Mesh, faces: Array) -> tuple[Array, Array]:
+    """All corners of some faces, and which of its face each is."""
+    if mesh._of_quads:
+        corner = np.tile(np.arange(4), len(faces))
+        return np.repeat(4 * faces, 4) + corner, corner
+    sizes = mesh.sizes[faces]
+    corner = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return np.repeat(mesh._first(faces), sizes) + corner, corner
+
+
+def _appended(array: Array, more: Array) -> Array:
+    """An array, of which there are no views, with more rows; without a copy where memory allows."""
+    start = len(array)
+    if start == 0:
+        return more.astype(array.dtype, copy=False)
+    array.resize((start + len(more), *array.shape[1:]), refcheck=False)
+    array[start:] = more
+    return array
+
+
+def _refuse_astray(sectors: Sectors, faces: Array, near: MeshPart) -> None:
     """Complain of faces at a vertex that follows a crease on which they do not border."""
     mesh = sectors.mesh
     wanted = np.zeros(mesh.n_faces, dtype=bool)
     wanted[faces] = True
     astray = np.flatnonzero((sectors.kind == ASTRAY)[sectors.fans.fan] & wanted[mesh.corner_face])
     if len(astray):
-        vertex, face = mesh.indices[astray[0]], mesh.corner_face[astray[0]]
+        vertex = near.vertices[mesh.indices[astray[0]]]
+        face = near.faces[mesh.corner_face[astray[0]]]
         raise NotImplementedError(
             f"vertex {vertex} follows a crease of non-manifold edges, but face {face} belongs to "
             "others there, a cone or a loop, that do not lie between the two edges of that crease: "
@@ -366,16 +520,62 @@ def _refuse_astray(sectors: Sectors, faces: Array) -> None:
         )
 
 
-def _renumbered(operator: Any, numbers: Array, n_columns: int, n_rows: int | None = None) -> Any:
-    """The first rows of an operator, on columns `numbers` of `n_columns`."""
-    n_rows = operator.shape[0] if n_rows is None else n_rows
-    rows, columns, values = entries(operator)
-    kept = rows < n_rows
-    return sparse_operator(rows[kept], numbers[columns[kept]], values[kept], (n_rows, n_columns))
+def _rows(operator: Any, numbers: Array, n: int | None = None) -> tuple[Array, Array, Array]:
+    """The first rows of an operator, as `PatchTable._extend` takes them; its columns' numbers."""
+    if isinstance(operator, ExactOperator):
+        starts, columns, values = operator.indptr, operator.columns, operator.values
+    else:
+        starts, columns, values = operator.indptr, operator.indices, operator.data
+    counts = np.diff(starts[: None if n is None else n + 1])
+    end = starts[len(counts)]
+    return counts, numbers[columns[:end]], values[:end]
 
 
-# grid positions 4 j + i of the corners of the quad and of the points beyond them
-_CORNER = np.array([5, 6, 10, 9])
+def _needed_rows(
+    counts: Array, columns: Array, values: Array, needed: Array, start: int
+) -> tuple[Array, Array, Array]:
+    """Those of some rows, numbered from `start` on, that are needed; so are then their columns."""
+    used = needed[start : start + len(counts)]
+    if not used.all():
+        entries = np.repeat(used, counts)
+        counts, columns, values = counts[used], columns[entries], values[entries]
+    needed[columns] = True
+    return counts, columns, values
+
+
+def _operator(counts: Array, columns: Array, values: Array, width: int) -> Any:
+    """An operator from the number of entries of each row, their columns and values."""
+    shape = len(counts), width
+    if values.dtype == object:
+        return ExactOperator(np.repeat(np.arange(len(counts)), counts), columns, values, shape)
+    from scipy.sparse import csr_array
+
+    starts = np.zeros(len(counts) + 1, dtype=np.int32)
+    np.cumsum(counts, out=starts[1:])
+    return csr_array((values, columns, starts), shape=shape)
+
+
+# grid positions 4 j + i by side of the quad: its corner, the points across it beside its two
+# corners, that diagonally beyond its corner
+_OWN = np.array([5, 6, 10, 9])
 _ACROSS = np.array([1, 7, 14, 8])
-_BESIDE = np.array([4, 2, 11, 13])
+_BESIDE = np.array([2, 11, 13, 4])
 _BEYOND = np.array([0, 3, 15, 12])
+
+# reflections at sides k on the boundary: both points across it, those beyond its first and its
+# second corner where the next side there is not on the boundary, that beyond both; (20,), (20, 4)
+_LEFT, _RIGHT, _FAR = (np.arange(4) + 3) % 4, (np.arange(4) + 1) % 4, (np.arange(4) + 2) % 4
+_TARGET = np.concatenate([_ACROSS, _BESIDE, _BEYOND, _BEYOND[_RIGHT], _BEYOND])
+_FROM = np.concatenate(
+    [
+        np.stack(terms, axis=1)
+        for terms in (
+            (_OWN, _OWN[_LEFT], _OWN, _OWN),
+            (_OWN[_RIGHT], _OWN[_FAR], _OWN, _OWN),
+            (_BESIDE[_LEFT], _ACROSS[_LEFT], _OWN, _OWN),
+            (_ACROSS[_RIGHT], _BESIDE[_RIGHT], _OWN, _OWN),
+            (_OWN, _OWN[_LEFT], _OWN[_RIGHT], _OWN[_FAR]),
+        )
+    ]
+)
+_WEIGHTS = np.repeat([[2, -1, 0, 0]] * 4 + [[4, -2, -2, 1]], 4, axis=0)

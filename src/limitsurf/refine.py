@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from fractions import Fraction
-from functools import cached_property
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import tables
+from limitsurf import _kernels, tables
 from limitsurf._kernels import reference as kernels
+from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
-from limitsurf.mesh import Mesh
+from limitsurf.mesh import Mesh, read_only
 from limitsurf.rules import PENDING, Rules, Sectors, Sharpness
-from limitsurf.topology import MeshPart, child_mesh, first_limit_face
+from limitsurf.topology import (
+    MeshPart,
+    child_mesh,
+    first_limit_face,
+    quad_offsets,
+    without_points,
+)
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -106,7 +114,7 @@ def sparse_operator(rows: Array, columns: Array, values: Array, shape: tuple[int
 
 
 def refinement_stages(
-    mesh: Mesh, rules: Rules, sharpness: Sharpness, dtype: Any
+    mesh: Mesh, rules: Rules, sharpness: Sharpness, dtype: Any, compiled: bool | None = None
 ) -> tuple[Any, Any]:
     """One level of refinement as two sparse operators.
 
@@ -115,84 +123,255 @@ def refinement_stages(
     their product it would cost n^2.
     """
     V, E, F = mesh.n_vertices, mesh.n_edges, mesh.n_faces
-    faces = sparse_operator(
-        mesh.corner_face,
-        mesh.indices,
-        tables.corner_weights(rules.scheme, mesh.sizes, dtype),
-        (F, V),
-    )
     edge, crease_edge, crease_vertex = tables.rule_weights(rules.scheme, dtype)
-    entries: list[tuple[Array, Array, Array]] = []
-
-    def add(rows: Array, columns: Array, weight: Array) -> None:
-        entries.append((rows, columns, np.broadcast_to(weight, rows.shape)))
-
-    tail, head = mesh.indices, mesh.indices[mesh.next_corner]
     one = tables.one(dtype)
     # vertex points: shares of the smooth, crease and corner masks; unused vertices stay
-    smooth, corner, along = (x.astype(dtype) for x in sharpness.vertex_masks)
-    used = mesh.vertex_faces > 0
-    smooth_vertices = np.flatnonzero(used & (smooth != 0))
-    share = np.where(used, corner, one)
-    weights = np.zeros((V, 3), dtype=dtype)
-    weights[smooth_vertices] = tables.vertex_weights(
-        rules.scheme, mesh.vertex_faces[smooth_vertices], dtype
-    )
+    smooth, share = np.full(V, one), np.full(V, 0 * one)
+    masks = (x.astype(dtype) for x in sharpness.vertex_masks)
+    smooth[sharpness.concerned], share[sharpness.concerned], along = masks
+    unused = mesh.vertex_faces == 0
+    smooth[unused], share[unused] = 0 * one, one
+    rough = np.flatnonzero(smooth == 0)
+    weights = _vertex_weights(mesh, rules, rough, dtype)[mesh.vertex_faces]
     weights *= smooth[:, None]
-    h = np.flatnonzero((smooth != 0)[tail])
-    add(tail[h], head[h], weights[tail[h], 1])
-    add(tail[h], V + mesh.corner_face[h], weights[tail[h], 2])
-    number, end = sharpness.sharp_ends
-    other = mesh.edges[number].sum(axis=1) - end
+    end, other = sharpness.sharp_ends
     on = np.flatnonzero(along != 0)
-    add(end[on], other[on], along[on] * crease_vertex[1])
-    own = weights[:, 0] + share
+    end, other, along = end[on], other[on], along[on]
     # each of the two ends of a crease brings half of its mask
-    np.add.at(own, end[on], along[on] * (crease_vertex[0] / 2))
-    rows = np.flatnonzero(own != 0)
-    add(rows, rows, own[rows])
+    np.add.at(share, end, along * (crease_vertex[0] / 2))
     # edge points
-    middle = sharpness.edge_masks.astype(dtype)
+    middle = np.zeros(E, dtype=dtype)
+    middle[mesh.corner_edge[sharpness.sharp_edges]] = sharpness.edge_masks.astype(dtype)
+    towards = np.zeros(E, dtype=dtype)
+    inner = np.flatnonzero((mesh.edge_corners[:, 1] >= 0) & (middle != 1))
     contribution = tables.edge_face_weights(rules.scheme, rules.triangles == "smooth", dtype)
-    inner = np.flatnonzero((mesh.twin >= 0) & (middle != 1)[mesh.corner_edge])
-    triangle = (mesh.sizes != 3).astype(np.int64)[mesh.corner_face]
-    towards = contribution[triangle[inner]] / 2 + contribution[triangle[mesh.twin[inner]]] / 2
-    rows = V + np.arange(E)
+    if (contribution == contribution[1]).all():
+        towards[inner] = contribution[1]
+    else:
+        both = mesh.corner_face[mesh.edge_corners[inner]]
+        towards[inner] = contribution[(mesh.sizes != 3).astype(int)[both]].sum(axis=1) / 2
     ends = np.full(E, edge[0], dtype=dtype)
-    ends[mesh.corner_edge[inner]] += edge[1] - towards
+    ends[inner] += edge[1] - towards[inner]
     ends = (1 - middle) * ends + middle * crease_edge[0]
-    towards = towards * (1 - middle[mesh.corner_edge[inner]])
-    add(V + mesh.corner_edge[inner], V + mesh.corner_face[inner], towards)
-    add(rows, mesh.edges[:, 0], ends)
-    add(rows, mesh.edges[:, 1], ends)
-    # face points
-    add(V + E + np.arange(F), V + np.arange(F), one)
-    rows, columns, values = (np.concatenate(parts) for parts in zip(*entries, strict=True))
-    return faces, sparse_operator(rows, columns, values, (V + E + F, V + F))
+    towards *= 1 - middle
+    # rows in which no column is met twice
+    own = weights[:, 0] + share
+    rows = np.flatnonzero(own != 0)
+    every = np.arange(max(E, F))
+    parts = [
+        (rows, rows, own[rows]),
+        (V + every[:E], mesh.edges[:, 0], ends),
+        (V + every[:E], mesh.edges[:, 1], ends),
+        (V + E + every[:F], V + every[:F], np.broadcast_to(one, F)),
+    ]
+    while len(end):
+        found, here = np.unique(end, return_index=True)
+        parts.append((found, other[here], along[here] * crease_vertex[1]))
+        end, other, along = (np.delete(x, here) for x in (end, other, along))
+    corner_weights = _corner_weights(mesh, rules, dtype)
+    shapes = (F, V), (V + E + F, V + F)
+    if compiled is None:
+        compiled = dtype != object and mesh._large
+    if not compiled:
+        tail, head = mesh.indices, mesh.indices[mesh.next_corner]
+        h = np.flatnonzero((smooth != 0)[tail])
+        parts.append((tail[h], head[h], weights[tail[h], 1]))
+        parts.append((tail[h], V + mesh.corner_face[h], weights[tail[h], 2]))
+        h = np.flatnonzero((towards != 0)[mesh.corner_edge])
+        parts.append(
+            (V + mesh.corner_edge[h], V + mesh.corner_face[h], towards[mesh.corner_edge[h]])
+        )
+        rows, columns, values = (np.concatenate(x) for x in zip(*parts, strict=True))
+        faces = sparse_operator(mesh.corner_face, mesh.indices, corner_weights, shapes[0])
+        return faces, sparse_operator(rows, columns, values, shapes[1])
+    from limitsurf._kernels import refinement
+
+    counts = np.zeros(V + E + F, dtype=np.int64)
+    counts[:V] = 2 * mesh.vertex_faces * (weights[:, 1:] != 0).any(axis=1)
+    counts[V : V + E] = 2 * (towards != 0)
+    for rows, _, _ in parts:
+        counts[rows] += 1
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    columns, values = np.empty(starts[-1], np.int32), np.empty(starts[-1])
+    place = starts[:-1].copy()
+    for rows, column, value in parts:
+        at = place[rows]
+        columns[at], values[at] = column, value
+        place[rows] += 1
+    refinement.operator_rows(
+        mesh.indices,
+        quad_offsets(mesh),
+        mesh.corner_edge,
+        weights,
+        towards,
+        place,
+        columns,
+        values,
+    )
+    stage = _csr(starts, columns, values, shapes[1])
+    if mesh._repeats or (smooth[sharpness.sharp_ends[0][on]] != 0).any():
+        # an edge neighbour may be met twice
+        stage.sum_duplicates()
+    return _csr(mesh.offsets, mesh.indices, corner_weights, shapes[0]), stage
 
 
-def limit_operators(
-    sharpness: Sharpness, rules: Rules, dtype: Any, tangents: bool, wanted: Array | None = None
-) -> list[Any]:
-    """Limits at the vertices of an all-quad mesh by masks, a row for each fan of its `Sectors`.
+def _csr(starts: Array, columns: Array, values: Array, shape: tuple[int, int]) -> csr_array[Any]:
+    """A sparse matrix by its rows, with indices of 32 bits if these suffice."""
+    from scipy.sparse import csr_array
 
-    One operator (n_fans, n_vertices) gives limit positions; or, with `tangents`, four give two
-    pairs of vectors, from differences from the vertex: the cross product of the first pair points
-    along the limit normal, or that of the second if it is 0. A fan without such a limit has no
-    entries, nor have others than those `wanted` (n_fans,) bool.
+    short = np.int32 if max(starts[-1], *shape) < 2**31 else np.int64
+    return csr_array((values, columns.astype(short, copy=False), starts.astype(short)), shape=shape)
+
+
+def _corner_weights(mesh: Mesh, rules: Rules, dtype: Any) -> Array:
+    """Weight of every face corner in its face point, (n_corners,)."""
+    if mesh._steps[0] == 4:
+        return np.tile(tables.corner_weights(rules.scheme, np.array([4]), dtype), mesh.n_faces)
+    return tables.corner_weights(rules.scheme, mesh.sizes, dtype)
+
+
+def _vertex_weights(mesh: Mesh, rules: Rules, rough: Array, dtype: Any) -> Array:
+    """Smooth masks by number of faces at a vertex, (largest + 1, 3); 0 where all are `rough`."""
+    most, valences = _smooth_valences(mesh, rough)
+    table = np.zeros((most + 1, 3), dtype=dtype)
+    table[valences] = tables.vertex_weights(rules.scheme, np.array(valences, dtype=int), dtype)
+    return table
+
+
+def multiplied(one: Any, other: Any, compiled: bool) -> Any:
+    """The product of two operators; columns of sparse matrices ascend."""
+    if not compiled:
+        result = one @ other
+        if not isinstance(result, ExactOperator):
+            result.sort_indices()
+        return result
+    from limitsurf._kernels import refinement
+
+    # room for as many entries as there are products; memory beyond what remains is never touched
+    most = int(np.diff(other.indptr)[one.indices].sum(dtype=np.int64))
+    columns, values = np.empty(most, other.indices.dtype), np.empty(most)
+    starts = np.empty(one.shape[0] + 1, np.int64)
+    seen, total = np.full(other.shape[1], -1), np.empty(other.shape[1])
+    refinement.product(
+        *(one.indptr, one.indices, one.data, other.indptr, other.indices, other.data),
+        *(seen, total, starts, columns, values),
+    )
+    columns, values = columns[: starts[-1]], values[: starts[-1]]
+    result = _csr(starts, columns, values, (one.shape[0], other.shape[1]))
+    result.has_sorted_indices = result.has_canonical_format = True
+    return result
+
+
+def refined_values(
+    mesh: Mesh, rules: Rules, sharpness: Sharpness, values: Array, compiled: bool
+) -> Array:
+    """One level of refinement of values at the vertices, (n_vertices, d)."""
+    if not compiled:
+        faces, vertices = refinement_stages(mesh, rules, sharpness, values.dtype, False)
+        return np.asarray(vertices @ np.concatenate([values, faces @ values]))
+    from limitsurf._kernels import refinement
+
+    smooth, _, along = (x.astype(float)[:, None] for x in sharpness.vertex_masks)
+    middle = sharpness.edge_masks.astype(float)[:, None]
+    _, crease_edge, crease_vertex = tables.rule_weights(rules.scheme, float)
+    offsets = quad_offsets(mesh)
+    result = np.empty((mesh.n_vertices + mesh.n_edges + mesh.n_faces, values.shape[1]))
+    known = (
+        read_only(values),
+        mesh.indices,
+        offsets,
+        mesh.corner_face if len(offsets) else offsets,
+        mesh.twin,
+        mesh.corner_edge,
+        mesh.vertex_faces,
+        mesh.n_edges,
+        _smooth_masks(mesh, rules, sharpness.concerned[smooth[:, 0] == 0]),
+    )
+    for first, channels in _channels(values.shape[1]):
+        refinement.refined_points(*known, first, channels, result)
+    # what is sharp moves less towards the smooth point, and along creases
+    place, (end, other) = sharpness.concerned, sharpness.sharp_ends
+    result[place] = values[place] + smooth * (result[place] - values[place])
+    np.add.at(result, end, along * crease_vertex[1] * (values[other] - values[end]))
+    edge = mesh.n_vertices + mesh.corner_edge[sharpness.sharp_edges]
+    ends = crease_edge * (values[end] + values[other])[: len(edge)]
+    result[edge] = middle * ends + (1 - middle) * result[edge]
+    return np.asarray(result)
+
+
+def _channels(count: int) -> Iterator[tuple[int, tuple[int, ...]]]:
+    """The first of each three channels, and three numbers, then of each that is left, and one."""
+    first = 0
+    while first < count:
+        channels = (0, 0, 0) if count - first >= 3 else (0,)
+        yield first, channels
+        first += len(channels)
+
+
+def _smooth_masks(mesh: Mesh, rules: Rules, rough: Array) -> tuple[Array, Array, Array, Array]:
+    """The masks that the kernel `refined_points` needs, but for those of `rough` vertices."""
+    sizes = [4] if mesh._steps[0] == 4 else np.flatnonzero(np.bincount(mesh.sizes)).tolist()
+    most, valences = _smooth_valences(mesh, rough)
+    return _rounded_masks(rules, tuple(sizes), most, tuple(valences))
+
+
+@lru_cache(maxsize=64)
+def _rounded_masks(
+    rules: Rules, sizes: tuple[int, ...], most: int, valences: tuple[int, ...]
+) -> tuple[Array, Array, Array, Array]:
+    """Masks in float64 of faces of some sizes, and of vertices of some numbers of faces."""
+    number = np.array(sizes)
+    start = np.zeros(number[-1] + 1, dtype=np.int64)
+    start[number] = np.cumsum(number) - number
+    weights = np.zeros((most + 1, 2))
+    faces = np.array(valences, dtype=int)
+    weights[faces] = tables.vertex_weights(rules.scheme, faces, float)[:, 1:]
+    contribution = tables.edge_face_weights(rules.scheme, rules.triangles == "smooth", float)
+    masks = start, tables.corner_weights(rules.scheme, number, float), weights, contribution
+    return read_only(masks)
+
+
+def _limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Array) -> Array:
+    """Limits of the `wanted` (n_vertices,) bool vertices of an all-quad mesh, NaN elsewhere."""
+    sectors = Sectors.of(sharpness)
+    vertex = sectors.fans.vertex
+    result = np.full_like(points, np.nan)
+    for kind, faces, fans in sectors.groups(np.flatnonzero(wanted[vertex] & (sectors.kind >= 0))):
+        own = points[vertex[fans]]
+        step = np.zeros_like(own)
+        mask = tables.limit_mask(rules.scheme, kind, faces, points.dtype)
+        for weight, beside in zip(mask[1:], sectors.ring(kind, faces, fans).T[1:], strict=True):
+            step = step + weight * (points[beside] - own)
+        result[vertex[fans]] = own + step
+    # where something is semi-sharp, the limit is that after one more refinement
+    pending = np.zeros(len(wanted), dtype=bool)
+    pending[vertex[sectors.kind == PENDING]] = True
+    pending &= wanted
+    if pending.any():
+        near = MeshPart.of(sharpness.mesh, sharpness.neighbours(pending[sharpness.mesh.indices]))
+        inner = sharpness.part(near)
+        compiled = points.dtype != object and near.mesh._large
+        finer = refined_values(near.mesh, rules, inner, points[near.vertices], compiled)
+        later = np.zeros(len(finer), dtype=bool)
+        later[: near.mesh.n_vertices] = pending[near.vertices]
+        inner = inner.children(child_mesh(near.mesh, finer))
+        limits = _limit_points(inner, rules, finer, later)
+        result[pending] = limits[later]
+    return result
+
+
+def _normal_operators(sharpness: Sharpness, rules: Rules, wanted: Array) -> list[Any]:
+    """Four operators (n_fans, n_vertices) on differences from the vertex of an all-quad mesh.
+
+    They give two pairs of vectors for each fan of the `Sectors`: the cross product of the first
+    pair points along the limit normal, or that of the second if it is 0. A fan without a normal
+    has no entries, nor have others than those `wanted` (n_fans,) bool.
     """
     mesh, sectors = sharpness.mesh, Sectors.of(sharpness)
-    if wanted is None:
-        wanted = np.ones(len(sectors.kind), dtype=bool)
-    n_fans = len(sectors.fans.vertex)
-    count = 4 if tangents else 1
-    parts: list[list[tuple[Array, Array, Array]]] = [[] for _ in range(count)]
+    parts: list[list[tuple[Array, Array, Array]]] = [[] for _ in range(4)]
     for kind, faces, fans in sectors.groups(np.flatnonzero(wanted & (sectors.kind >= 0))):
         ring = sectors.ring(kind, faces, fans)
-        if tangents:
-            masks = tables.normal_masks(rules.scheme, kind, faces).reshape(-1, ring.shape[1])
-        else:
-            masks = tables.limit_mask(rules.scheme, kind, faces, dtype)[None]
+        masks = tables.normal_masks(rules.scheme, kind, faces).reshape(-1, ring.shape[1])
         for part, mask in zip(parts, masks, strict=False):
             used = np.flatnonzero(mask != 0)
             values = np.broadcast_to(mask[used], (len(fans), len(used)))
@@ -200,29 +379,72 @@ def limit_operators(
     # where something is semi-sharp, the limit is that after one more refinement
     pending = np.flatnonzero(wanted & (sectors.kind == PENDING))
     if len(pending):
-        corners = np.isin(sectors.fans.fan, pending)
-        near = MeshPart.of(mesh, sharpness.neighbours(corners))
+        near = MeshPart.of(mesh, sharpness.neighbours(np.isin(sectors.fans.fan, pending)))
         inner = sharpness.part(near)
-        faces_stage, stage = refinement_stages(near.mesh, rules, inner, dtype)
+        faces_stage, stage = refinement_stages(near.mesh, rules, inner, float)
         child = child_mesh(near.mesh, np.zeros(stage.shape[0]))
         later = inner.children(child)
         first = np.searchsorted(near.corners, sectors.fans.corners[sectors.fans.offsets[pending]])
         child_fans = Sectors.of(later).fans
         fan = np.full(len(child_fans.vertex), -1)
         fan[child_fans.fan[4 * first]] = pending
-        both = stacked([_identity(near.mesh.n_vertices, dtype), faces_stage])
-        for part, limit in zip(
-            parts, limit_operators(later, rules, dtype, tangents, fan >= 0), strict=True
-        ):
-            rows, columns, values = entries(limit @ (stage @ both))
-            here = fan[rows] >= 0
-            part.append((fan[rows[here]], near.vertices[columns[here]], values[here]))
+        both = stacked([_identity(near.mesh.n_vertices, float), faces_stage])
+        limits = _normal_operators(later, rules, fan >= 0)
+        for part, finer in zip(parts, limits, strict=True):
+            rows, columns, values = entries((finer @ stage) @ both)
+            part.append((fan[rows], near.vertices[columns], values))
     operators = []
     for part in parts:
-        part.append((np.zeros(0, int), np.zeros(0, int), np.zeros(0, dtype=dtype)))
+        part.append((np.zeros(0, int), np.zeros(0, int), np.zeros(0)))
         rows, columns, values = (np.concatenate(x) for x in zip(*part, strict=True))
-        operators.append(sparse_operator(rows, columns, values, (n_fans, mesh.n_vertices)))
+        operators.append(sparse_operator(rows, columns, values, (len(wanted), mesh.n_vertices)))
     return operators
+
+
+def _limit_normals(sharpness: Sharpness, rules: Rules, points: Array, wanted: Array) -> Array:
+    """Limit normals by corner, (n_corners, 3), at the `wanted` vertices of an all-quad mesh."""
+    mesh, fans = sharpness.mesh, Sectors.of(sharpness).fans
+    operators = _normal_operators(sharpness, rules, wanted[fans.vertex])
+    vectors = [_from_own(operator, points, fans.vertex) for operator in operators]
+    ring = np.zeros((mesh.n_vertices, 1))
+    edge = points[mesh.edges[:, 0]] - points[mesh.edges[:, 1]]
+    length = np.abs(edge).max(axis=1, initial=0)[:, None]
+    for end in mesh.edges.T:
+        np.maximum.at(ring, end, length)
+    noise = 16 * np.finfo(float).eps * ring[fans.vertex]
+    first, second = (
+        kernels.unit_normals(vectors[k], vectors[k + 1], (noise, noise)) for k in (0, 2)
+    )
+    return np.asarray(np.where(np.isnan(first), second, first)[fans.fan])
+
+
+def _smooth_valences(mesh: Mesh, rough: Array) -> tuple[int, list[int]]:
+    """The most faces at a vertex; the numbers of faces at any but the `rough` vertices."""
+    faces = np.bincount(mesh.vertex_faces)
+    most = len(faces) - 1
+    faces -= np.bincount(mesh.vertex_faces[rough], minlength=len(faces))
+    return most, (1 + np.flatnonzero(faces[1:])).tolist()
+
+
+def _ring_weights(mesh: Mesh, rules: Rules, rough: Array) -> Array:
+    """Weights of each edge neighbour and face corner in a limit, by number of faces at a vertex."""
+    most, valences = _smooth_valences(mesh, rough)
+    weights = np.zeros((most + 1, 2))
+    for N in valences:
+        weights[N] = tables.limit_mask(rules.scheme, "interior", N, float)[1:3]
+    return read_only(weights)
+
+
+def _normal_weights(mesh: Mesh, rules: Rules, rough: Array) -> tuple[Array, Array, Array]:
+    """Number of faces at a vertex, where its masks begin, -1 for none, and all masks."""
+    most, valences = _smooth_valences(mesh, rough)
+    start, masks = np.full(most + 1, -1), [np.zeros(0)]
+    for N in valences:
+        found = tables.normal_masks(rules.scheme, "interior", N)[:1].ravel()
+        if len(found):
+            start[N] = sum(map(len, masks))
+            masks.append(found)
+    return read_only((mesh.vertex_faces, start, np.concatenate(masks)))
 
 
 class RefinedMesh(Mesh):
@@ -243,12 +465,45 @@ class RefinedMesh(Mesh):
     ([0, 0.5, 0.5], [4.0])
     """
 
-    parent_face: Array
-    parent_u: Array
-    parent_v: Array
     _rules: Rules
     _sharpness: Sharpness
     _channel_meshes: dict[str, ChannelMesh]
+    _lineage: tuple[Mesh, ...]  # from the cage to this mesh, without points
+
+    @cached_property
+    def _parents(self) -> tuple[Array, Array, Array]:
+        """Parent face and parameters, taken in a vertex's first face, one with a limit if any."""
+        limit_face, uv = _cage_parameters(self._lineage[0])
+        for mesh in self._lineage[:-1]:
+            limit_face, uv = _child_parameters(mesh, limit_face, uv)
+        face = np.full(self.n_vertices, -1)
+        u, v = np.full((2, self.n_vertices), np.nan)
+        without = self._rules.without_limit(self)[self.corner_face]
+        # the last to be written stays
+        for corners in (np.flatnonzero(without)[::-1], np.flatnonzero(~without)[::-1]):
+            vertex = self.indices[corners]
+            face[vertex] = limit_face[corners]
+            u[vertex], v[vertex] = uv[corners].T
+        return read_only((face, u, v))
+
+    @property
+    def parent_face(self) -> Array:
+        """Limit face of the original mesh that each vertex is on."""
+        return self._parents[0]
+
+    @property
+    def parent_u(self) -> Array:
+        """First parameter of each vertex in its limit face."""
+        return self._parents[1]
+
+    @property
+    def parent_v(self) -> Array:
+        """Second parameter of each vertex in its limit face."""
+        return self._parents[2]
+
+    def __getstate__(self) -> dict[str, Any]:
+        _ = self._parents
+        return {name: x for name, x in super().__getstate__().items() if name != "_lineage"}
 
     @cached_property
     def limit_points(self) -> Array:
@@ -257,22 +512,29 @@ class RefinedMesh(Mesh):
         Exact rationals if the points are. NaN at vertices without a limit: unused ones, and those
         on untagged boundaries under boundary="none".
         """
-        if (self.sizes != 4).any():
+        if self._steps[0] != 4:
             finer = refined(self, **vars(self._rules))
             return np.asarray(finer.limit_points[: self.n_vertices])
-        dtype = self.points.dtype
-        sharpness = Sharpness.of(self, self._rules, dtype)
-        (operator,) = limit_operators(sharpness, self._rules, dtype, False)
-        vertex = Sectors.of(sharpness).fans.vertex
-        points = self.points.reshape(self.n_vertices, -1)
-        if dtype == object:
-            limits = operator @ points
+        points, rules = self.points.reshape(self.n_vertices, -1), self._rules
+        sharpness = Sharpness.of(self, rules, points.dtype)
+        if points.dtype == object or not self._large:
+            result = _limit_points(sharpness, rules, points, self.vertex_faces > 0)
         else:
-            limits = points[vertex] + _from_own(operator, points, vertex)
-        result = np.full_like(points, np.nan)
-        found = np.diff(operator.indptr) > 0
-        result[vertex[found]] = limits[found]
-        result[self._rules.loose_vertices(self)] = np.nan
+            from limitsurf._kernels import refinement
+
+            result = np.empty_like(points)
+            masks = _ring_weights(self, rules, sharpness.concerned)
+            for first, channels in _channels(points.shape[1]):
+                known = points, self.indices, self.vertex_faces, masks
+                refinement.limit_points(*known, first, channels, result)
+            result[self.vertex_faces == 0] = np.nan
+            rough = sharpness.sharp_vertices
+            if rough.any():
+                near = MeshPart.of(self, rough[self.indices])
+                inner, own = sharpness.part(near), rough[near.vertices]
+                limits = _limit_points(inner, rules, points[near.vertices], own)
+                result[near.vertices[own]] = limits[own]
+        result[rules.loose_vertices(self)] = np.nan
         return np.asarray(result.reshape(self.points.shape))
 
     @cached_property
@@ -295,26 +557,32 @@ class RefinedMesh(Mesh):
                 "float64 (or mpf or sympy ones, where these are supported): "
                 f"got {self.points.dtype} {self.points.shape}"
             )
-        if (self.sizes != 4).any():
+        if self._steps[0] != 4:
             finer = refined(self, **vars(self._rules))
             # the first corner of child h is corner h
             return np.asarray(finer.limit_normals[::4])
-        sharpness = Sharpness.of(self, self._rules, float)
-        fans = Sectors.of(sharpness).fans
-        operators = limit_operators(sharpness, self._rules, float, True)
-        vectors = [_from_own(operator, self.points, fans.vertex) for operator in operators]
-        ring = np.zeros((self.n_vertices, 1))
-        edge = self.points[self.edges[:, 0]] - self.points[self.edges[:, 1]]
-        length = np.abs(edge).max(axis=1, initial=0)[:, None]
-        for end in self.edges.T:
-            np.maximum.at(ring, end, length)
-        noise = 16 * np.finfo(float).eps * ring[fans.vertex]
-        first, second = (
-            kernels.unit_normals(vectors[k], vectors[k + 1], (noise, noise)) for k in (0, 2)
-        )
-        by_corner = np.where(np.isnan(first), second, first)[fans.fan]
-        by_corner[self._rules.without_limit(self)[self.corner_face]] = np.nan
-        return np.asarray(by_corner)
+        rules, sharpness = self._rules, Sharpness.of(self, self._rules, float)
+        if not self._large:
+            result = _limit_normals(sharpness, rules, self.points, self.vertex_faces > 0)
+        else:
+            from limitsurf._kernels import refinement
+
+            by_vertex, seen = np.empty((self.n_vertices, 3)), sharpness.sharp_vertices
+            masks = _normal_weights(self, rules, sharpness.concerned)
+            refinement.limit_normals(self.points, self.indices, self.twin, *masks, seen, by_vertex)
+            result = by_vertex.take(self.indices, axis=0)
+            # sharp ones, and those for which the first pair of vectors will not do
+            rough = sharpness.sharp_vertices
+            rough[np.isnan(by_vertex[:, 0]) & (self.vertex_faces > 0)] = True
+            if rough.any():
+                near = MeshPart.of(self, rough[self.indices])
+                inner, own = sharpness.part(near), rough[near.vertices]
+                around = self.points[near.vertices]
+                normals = _limit_normals(inner, rules, around, own)
+                own = own[near.mesh.indices]
+                result[near.corners[own]] = normals[own]
+        result.reshape(-1, 4, 3)[rules.without_limit(self)] = np.nan
+        return np.asarray(result)
 
     def with_points(self, points: ArrayLike) -> Self:
         """A copy with other points, (n_vertices, ...); limits are computed afresh."""
@@ -412,47 +680,55 @@ def refined(
     if dtype == object:
         points = kernels.exact(points)
     total = _identity(mesh.n_vertices, dtype) if operator else None
-    coarse, limit_face, uv, holes = mesh, *_cage_parameters(mesh), rules.without_limit(mesh)
+    # decided once, so that equal calls have equal results, to the last digit
+    compiled = dtype != object and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
+    coarse, holes = mesh, np.flatnonzero(rules.without_limit(mesh))
     sharpness = Sharpness.of(mesh, rules, dtype)
+    lineage = []
     for _ in range(levels):
-        faces, vertices = refinement_stages(coarse, rules, sharpness, dtype)
-        points = vertices @ np.concatenate([points, faces @ points])
         if operator:
-            total = vertices @ stacked([total, faces @ total])
-        limit_face, uv = _child_parameters(coarse, limit_face, uv)
-        holes = np.repeat(holes, coarse.sizes)
+            faces, vertices = refinement_stages(coarse, rules, sharpness, dtype, compiled)
+            both = stacked([total, multiplied(faces, total, compiled)])
+            total = multiplied(vertices, both, compiled)
+        points = refined_values(coarse, rules, sharpness, points, compiled)
+        holes = _corners(coarse, holes)
+        lineage.append(without_points(coarse))
         coarse = child_mesh(coarse, points)
         sharpness = sharpness.children(coarse)
     channels = {
-        name: _refined_channel(ChannelMesh.of(mesh, name, rules), levels, np.flatnonzero(holes))
+        name: _refined_channel(ChannelMesh.of(mesh, name, rules), levels, holes)
         for name in mesh.channels
     }
-    indices = coarse.indices
     fine = RefinedMesh._from_valid(
         points.reshape(len(points), *mesh.points.shape[1:]),
         coarse.sizes,
-        indices,
+        coarse.indices,
         coarse._connectivity,
-        **sharpness.tags(),
-        holes=np.flatnonzero(holes) if levels else mesh.holes,
         scheme=rules.scheme if scheme is not None else mesh.scheme,
         boundary=boundary if boundary is not None else mesh.boundary,
         creasing=creasing if creasing is not None else mesh.creasing,
         triangles=triangles if triangles is not None else mesh.triangles,
-        channels={
-            name: (channel.points, channel.indices, mesh.channels[name][2])
-            for name, channel in channels.items()
-        },
     )
+    # valid as they are made: no edge is looked for
+    tags: dict[str, Any] = {**sharpness.tags()}
+    tags["holes"] = holes if levels else mesh.holes
+    tags["_channels"] = {
+        name: (channel.points, channel.indices, mesh.channels[name][2])
+        for name, channel in channels.items()
+    }
+    vars(fine).update(read_only(tags))
     fine._rules, fine._sharpness, fine._channel_meshes = rules, sharpness, channels
-    # the parent of a vertex is taken in its first face, one with a limit if there is any
-    order = np.argsort(holes[fine.corner_face], kind="stable")
-    vertex, place = np.unique(indices[order], return_index=True)
-    fine.parent_face = np.full(len(points), -1)
-    fine.parent_u, fine.parent_v = np.full((2, len(points)), np.nan)
-    fine.parent_face[vertex] = limit_face[order[place]]
-    fine.parent_u[vertex], fine.parent_v[vertex] = uv[order[place]].T
+    fine._lineage = *lineage, without_points(coarse)
     return (fine, total) if operator else fine
+
+
+def _corners(mesh: Mesh, faces: Array) -> Array:
+    """All corners of some faces."""
+    if not len(faces):
+        return faces
+    sizes = mesh.sizes[faces]
+    place = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return np.asarray(np.repeat(mesh.offsets[faces], sizes) + place)
 
 
 def _refined_channel(channel: ChannelMesh, levels: int, holes: Array) -> ChannelMesh:
@@ -463,9 +739,9 @@ def _refined_channel(channel: ChannelMesh, levels: int, holes: Array) -> Channel
         values = kernels.exact(values)
     mesh: Mesh = channel
     sharpness = Sharpness.of(channel, channel._rules, dtype)
+    compiled = dtype != object and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
     for _ in range(levels):
-        faces, vertices = refinement_stages(mesh, channel._rules, sharpness, dtype)
-        values = vertices @ np.concatenate([values, faces @ values])
+        values = refined_values(mesh, channel._rules, sharpness, values, compiled)
         mesh = child_mesh(mesh, values)
         sharpness = sharpness.children(mesh)
     values = values.reshape(len(values), *channel.points.shape[1:])

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from limitsurf import tables
 from limitsurf._kernels import reference as kernels
+from limitsurf.caching import cached_property
 from limitsurf.mesh import Fans, Mesh
 from limitsurf.topology import MeshPart
 
@@ -88,22 +88,34 @@ class Rules:
 class Sharpness:
     """Sharpness at one level of refinement, and what follows from it.
 
+    It lists what is sharp: S edges, by the n half-edges at all their sides, and M vertices. Those
+    that are tagged with 0 may be among them. All others have sharpness 0.
+
     Attributes
     ----------
     mesh : Mesh
-    half_edges : (n_corners,)
-        Sharpness of each corner's half-edge, the same on all sides of an edge; float64 or exact.
-    vertices : (n_vertices,)
-    tagged_half_edges, tagged_vertices : bool
+    sides : (n,) int
+        Half-edges.
+    edge : (n,) int
+        Which of the S edges each is a side of.
+    edge_sharpness : (S,)
+        Float64 or exact.
+    edge_tagged : (S,) bool
         Where the sharpness comes from tags.
+    vertex : (M,) int
+        Ascending.
+    vertex_sharpness, vertex_tagged : (M,)
     chaikin : bool
     """
 
     mesh: Mesh
-    half_edges: Array
-    vertices: Array
-    tagged_half_edges: Array
-    tagged_vertices: Array
+    sides: Array
+    edge: Array
+    edge_sharpness: Array
+    edge_tagged: Array
+    vertex: Array
+    vertex_sharpness: Array
+    vertex_tagged: Array
     chaikin: bool
 
     @classmethod
@@ -113,191 +125,301 @@ class Sharpness:
         if isinstance(known, Sharpness) and mesh._rules == rules:  # type: ignore[attr-defined]
             return known.typed(mesh, dtype)
         # rules change where a sharpness reaches 0: rounding must not decide it
-        given = mesh.creases[1], mesh.corners[1]
-        averaged = rules.creasing == "chaikin" and len(given[0]) > 0
-        if averaged or object in [x.dtype for x in given]:
+        (ends, creases), (vertices, corners) = mesh.creases, mesh.corners
+        averaged = rules.creasing == "chaikin" and len(creases) > 0
+        if averaged or object in [creases.dtype, corners.dtype]:
             dtype = np.dtype(object)
-        edges, vertices = (_typed(np.zeros(n), dtype) for n in (mesh.n_edges, mesh.n_vertices))
-        tagged = mesh.edge_numbers(mesh.creases[0])
-        edges[tagged] = _typed(mesh.creases[1], dtype)
-        edges[mesh.edge_corners[:, 1] < 0] = np.inf
-        vertices[mesh.corners[0]] = _typed(mesh.corners[1], dtype)
-        vertices[_pinned(mesh, rules)] = np.inf
+        marked = mesh.twin < 0
+        numbers = mesh.edge_numbers(ends) if len(ends) else np.zeros(0, np.int64)
+        if len(ends):
+            tagged = np.zeros(mesh.n_edges, dtype=bool)
+            tagged[numbers] = True
+            marked |= tagged[mesh.corner_edge]
+        sides = np.flatnonzero(marked)
+        if len(ends) or (len(sides) and mesh.separate[sides].any()):
+            key = mesh.corner_edge[sides]
+        else:
+            pairs = mesh.indices[np.stack([sides, mesh._after(sides)])]
+            key = pairs.min(axis=0) * mesh.n_vertices + pairs.max(axis=0)
+        unique, edge = np.unique(key, return_inverse=True)
+        is_open = np.zeros(len(unique), dtype=bool)
+        is_open[edge[mesh.twin[sides] < 0]] = True
+        place = np.searchsorted(unique, numbers)
+        edge_sharpness = _typed(np.zeros(len(unique)), dtype)
+        edge_sharpness[place] = _typed(creases, dtype)
+        edge_sharpness[is_open] = np.inf
         # on a boundary only an infinite tag means anything, see Rules.loose_vertices
-        tagged_edges = np.zeros(mesh.n_edges, dtype=bool)
-        inner = mesh.edge_corners[tagged, 1] >= 0
-        tagged_edges[tagged] = inner | tables.is_infinite(mesh.creases[1])
-        tagged_vertices = np.zeros(mesh.n_vertices, dtype=bool)
-        tagged_vertices[mesh.corners[0]] = True
-        return cls(
-            mesh,
-            edges[mesh.corner_edge],
-            vertices,
-            tagged_edges[mesh.corner_edge],
-            tagged_vertices,
-            rules.creasing == "chaikin",
-        )
+        edge_tagged = np.zeros(len(unique), dtype=bool)
+        edge_tagged[place] = ~is_open[place] | tables.is_infinite(creases)
+        pinned = np.flatnonzero(_pinned(mesh, rules))
+        vertex = np.union1d(vertices, pinned)
+        place = np.searchsorted(vertex, vertices)
+        vertex_sharpness = _typed(np.zeros(len(vertex)), dtype)
+        vertex_sharpness[place] = _typed(corners, dtype)
+        vertex_sharpness[np.searchsorted(vertex, pinned)] = np.inf
+        vertex_tagged = np.zeros(len(vertex), dtype=bool)
+        vertex_tagged[place] = True
+        chaikin = rules.creasing == "chaikin"
+        edges = sides, edge, edge_sharpness, edge_tagged
+        return cls(mesh, *edges, vertex, vertex_sharpness, vertex_tagged, chaikin)
 
     def typed(self, mesh: Mesh, dtype: Any) -> Self:
         """The same on a copy of the mesh, at least as exact as another number type."""
-        if self.half_edges.dtype == object:
+        if self.edge_sharpness.dtype == object:
             return replace(self, mesh=mesh)
-        half_edges, vertices = _typed(self.half_edges, dtype), _typed(self.vertices, dtype)
-        return replace(self, mesh=mesh, half_edges=half_edges, vertices=vertices)
+        edges, vertices = (_typed(x, dtype) for x in (self.edge_sharpness, self.vertex_sharpness))
+        return replace(self, mesh=mesh, edge_sharpness=edges, vertex_sharpness=vertices)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @cached_property
+    def half_edges(self) -> Array:
+        """Sharpness by half-edge: shape (n_corners,)."""
+        result = _typed(np.zeros(self.mesh.n_corners), self.edge_sharpness.dtype)
+        result[self.sides] = self.edge_sharpness[self.edge]
+        return result
 
     @cached_property
     def edges(self) -> Array:
         """Sharpness by edge: shape (n_edges,)."""
-        return np.asarray(self.half_edges[self.mesh.edge_corners[:, 0]])
+        result = _typed(np.zeros(self.mesh.n_edges), self.edge_sharpness.dtype)
+        result[self.mesh.corner_edge[self.sides]] = self.edge_sharpness[self.edge]
+        return result
+
+    @cached_property
+    def vertices(self) -> Array:
+        """Sharpness by vertex: shape (n_vertices,)."""
+        result = _typed(np.zeros(self.mesh.n_vertices), self.vertex_sharpness.dtype)
+        result[self.vertex] = self.vertex_sharpness
+        return result
+
+    @cached_property
+    def first(self) -> Array:
+        """The lowest side of each edge, (S,)."""
+        result = np.full(len(self.edge_sharpness), self.mesh.n_corners)
+        np.minimum.at(result, self.edge, self.sides)
+        return result
 
     @cached_property
     def _ends(self) -> tuple[Array, Array, Array, Array]:
-        """Sharp edges (S,), twice; their ends, first and second; sharpness; that of the halves."""
-        sharp = np.flatnonzero(self.edges > 0)
-        vertex = self.mesh.edges[sharp].T.ravel()
-        sharpness = np.tile(self.edges[sharp], 2)
-        after = self._halves(np.tile(sharp, 2), vertex, sharpness)
-        return np.tile(sharp, 2), vertex, sharpness, after
+        """Edges of positive sharpness, twice, (2 S,): their tails by `first`, then their heads.
 
-    def _halves(self, number: Array, vertex: Array, sharpness: Array) -> Array:
-        """Sharpness of the halves of sharp edges (2 S,) at their ends."""
+        Which of the edges, the place of the vertex in `concerned`, their sharpness, and that of
+        their halves there.
+        """
+        sharp = np.flatnonzero(self.edge_sharpness > 0)
+        place = self._places[1]
+        edge, place = np.tile(sharp, 2), place[len(place) - 2 * len(sharp) :]
+        sharpness = self.edge_sharpness[edge]
+        return edge, place, sharpness, self._halves(edge, place, sharpness)
+
+    @cached_property
+    def _pairs(self) -> Array:
+        """Tails and heads of the edges of positive sharpness, (2, S)."""
+        first = self.first[self.edge_sharpness > 0]
+        return np.stack([self.mesh.indices[h] for h in (first, self.mesh._after(first))])
+
+    @property
+    def concerned(self) -> Array:
+        """Vertices that are sharp or at the end of a sharp edge, ascending: shape (K,)."""
+        return self._places[0]
+
+    @cached_property
+    def _places(self) -> tuple[Array, Array]:
+        """`concerned`, and the places in there of the sharp vertices, then of `sharp_ends`."""
+        sharp = self.vertex[self.vertex_sharpness > 0]
+        return _numbered(np.concatenate([sharp, self._pairs.ravel()]), self.mesh.n_vertices)
+
+    @cached_property
+    def _own(self) -> Array:
+        """Sharpness of the vertices that are concerned: shape (K,)."""
+        result = _typed(np.zeros(len(self.concerned)), self.vertex_sharpness.dtype)
+        sharp = self.vertex_sharpness[self.vertex_sharpness > 0]
+        result[self._places[1][: len(sharp)]] = sharp
+        return result
+
+    def _halves(self, edge: Array, place: Array, sharpness: Array) -> Array:
+        """Sharpness of the halves of sharp edges at their ends, all (2 S,) as in `_ends`."""
         after = sharpness
         if self.chaikin:
             share = tables.chaikin_weights(sharpness.dtype)[1]
             soft = ~tables.is_infinite(sharpness)
-            total = self._sum(vertex[soft], sharpness[soft])
-            others = np.bincount(vertex[soft], minlength=len(total))[vertex] - 1
+            total = self._sum(place[soft], sharpness[soft])
+            others = np.bincount(place[soft], minlength=len(total))[place] - 1
             averaged = np.flatnonzero(soft & (others > 0))
-            rest = total[vertex[averaged]] - sharpness[averaged]
+            rest = total[place[averaged]] - sharpness[averaged]
             after = sharpness.copy()
             # exactly what it was where all are equal
             after[averaged] += share * (rest / others[averaged] - sharpness[averaged])
         return np.asarray(np.maximum(after - 1, 0))
 
-    def halves(self, number: Array, vertex: Array) -> Array:
-        """Sharpness of the halves of some edges at one of their ends, (n,)."""
-        return np.asarray(self._by_end[(vertex != self.mesh.edges[number, 0]).astype(int), number])
+    @cached_property
+    def _by_side(self) -> tuple[Array, Array]:
+        """Sharpness of the halves of each side's edge, at its tail and at its head: (n,) each."""
+        edge, _, _, after = self._ends
+        halves = _typed(np.zeros((2, len(self.edge_sharpness))), after.dtype)
+        halves[:, edge[: len(edge) // 2]] = after.reshape(2, -1)
+        other = (self.mesh.indices[self.sides] != self.mesh.indices[self.first[self.edge]]) * 1
+        return halves[other, self.edge], halves[1 - other, self.edge]
 
     @cached_property
-    def _by_end(self) -> Array:
-        """Sharpness of the first and the second half of every edge, (2, n_edges)."""
-        number, vertex, _, after = self._ends
-        result = _typed(np.zeros((2, self.mesh.n_edges)), self.half_edges.dtype)
-        result[(vertex != self.mesh.edges[number, 0]).astype(int), number] = after
+    def halves(self) -> Array:
+        """Sharpness of the halves of every half-edge, at its tail and its head: (2, n_corners)."""
+        result = _typed(np.zeros((2, self.mesh.n_corners)), self.edge_sharpness.dtype)
+        result[:, self.sides] = self._by_side
         return result
 
-    def _sum(self, vertex: Array, values: Array) -> Array:
-        """Values summed by vertex, (n_vertices,)."""
-        total = _typed(np.zeros(self.mesh.n_vertices), values.dtype)
-        np.add.at(total, vertex, values)
+    def _sum(self, place: Array, values: Array) -> Array:
+        """Values summed by place in `concerned`, (K,)."""
+        total = _typed(np.zeros(len(self.concerned)), values.dtype)
+        np.add.at(total, place, values)
         return total
 
     @cached_property
     def rule(self) -> Array:
         """Rule of each vertex: shape (n_vertices,)."""
-        return self._rule(self.vertices, np.ones(len(self._ends[0]), dtype=bool))
+        result = np.full(self.mesh.n_vertices, SMOOTH)
+        result[self.concerned] = self.transitions[0]
+        return result
 
-    def _rule(self, vertices: Array, sharp: Array) -> Array:
-        counts = np.bincount(self._ends[1][sharp], minlength=len(vertices))
-        return np.where(vertices > 0, CORNER, np.minimum(counts, CORNER))
+    def _rule(self, own: Array, sharp: Array) -> Array:
+        counts = np.bincount(self._ends[1][sharp], minlength=len(own))
+        return np.where(own > 0, CORNER, np.minimum(counts, CORNER))
 
     @cached_property
     def transitions(self) -> tuple[Array, Array, Array]:
-        """Rule of each vertex and of its child, and the share of the first, all (n_vertices,)."""
-        _, vertex, sharpness, after = self._ends
-        later = np.maximum(self.vertices - 1, 0)
-        child = self._rule(later, after > 0)
+        """Rule of the `concerned` vertices and their children, and the share of the first: (K,)."""
+        _, place, sharpness, after = self._ends
+        later = np.maximum(self._own - 1, 0)
+        parent, child = self._rule(self._own, sharpness > 0), self._rule(later, after > 0)
         # the mean of what falls to zero
-        fallen = (after == 0) & (sharpness > 0)
-        total = self._sum(vertex[fallen], sharpness[fallen])
-        count = np.bincount(vertex[fallen], minlength=len(total))
-        own = (self.vertices > 0) & (later == 0)
-        total[own] += self.vertices[own]
+        fallen = after == 0
+        total = self._sum(place[fallen], sharpness[fallen])
+        count = np.bincount(place[fallen], minlength=len(total))
+        own = (self._own > 0) & (later == 0)
+        total[own] += self._own[own]
         count[own] += 1
         one = tables.one(sharpness.dtype)[0]
         share = np.minimum(total / np.maximum(count, 1), one)
         # smooth and darts never change
-        share = np.where((self.rule == child) | (self.rule <= DART), one, share)
-        return self.rule, child, share
+        share = np.where((parent == child) | (parent <= DART), one, share)
+        return parent, child, share
 
     @cached_property
     def vertex_masks(self) -> tuple[Array, Array, Array]:
-        """Shares of the three masks in each vertex point.
+        """Shares of the three masks in the points of `concerned` vertices.
 
-        The shares of the smooth and the corner mask, both (n_vertices,), and, as an array (2 S,)
-        for the ends of the sharp edges, those of the crease mask that runs along the edge.
+        The shares of the smooth and the corner mask, both (K,), and, as an array (2 S,) for the
+        `sharp_ends`, those of the crease mask that runs along the edge.
         """
-        _, vertex, sharpness, after = self._ends
+        _, place, sharpness, after = self._ends
         parent, child, share = self.transitions
         one = tables.one(sharpness.dtype)[0]
         rest = one - share
         smooth = np.where(parent <= DART, one, np.where(child <= DART, rest, 0 * one))
         corner = np.where(parent == CORNER, share, 0 * one)
         corner = corner + np.where((child == CORNER) & (parent != CORNER), rest, 0 * one)
-        along = np.where(parent[vertex] == CREASE, share[vertex], 0 * one)
-        stays = (after > 0) & (child[vertex] == CREASE) & (parent[vertex] == CORNER)
-        along = along + np.where(stays, rest[vertex], 0 * one)
+        along = np.where(parent[place] == CREASE, share[place], 0 * one)
+        stays = (after > 0) & (child[place] == CREASE) & (parent[place] == CORNER)
+        along = along + np.where(stays, rest[place], 0 * one)
         return smooth, corner, along
 
     @cached_property
-    def straight(self) -> Array:
-        """Sharpness of the crease through each vertex, 0 unless it is one on both sides: (V,)."""
-        _, vertex, sharpness, _ = self._ends
-        result = _typed(np.zeros(self.mesh.n_vertices), sharpness.dtype)
-        through = (self.rule == CREASE)[vertex]
-        result[vertex[through]] = sharpness[through]  # one of the two
-        differ = through & (sharpness != result[vertex])
-        result[vertex[differ]] = 0
-        return result
+    def codes(self) -> tuple[Array, Array]:
+        """Numbers for finite sharpness from 1 on; -1 is infinite, and 0 none.
+
+        Of half-edges, (n_corners,); and of the creases through vertices, (n_vertices,): those that
+        come in and go on with the same sharpness.
+        """
+        _, found = np.unique(self.edge_sharpness, return_inverse=True)
+        code = np.where(tables.is_infinite(self.edge_sharpness), -1, found + 1)
+        code[self.edge_sharpness == 0] = 0
+        by_corner = np.zeros(self.mesh.n_corners, dtype=np.int64)
+        by_corner[self.sides] = code[self.edge]
+        edge, place, *_ = self._ends
+        crease = np.zeros(len(self.concerned), dtype=np.int64)
+        ends = code[edge]
+        crease[place] = ends  # one of the two
+        crease[self.transitions[0] != CREASE] = 0
+        crease[place[ends != crease[place]]] = 0
+        by_vertex = np.zeros(self.mesh.n_vertices, dtype=np.int64)
+        by_vertex[self.concerned] = crease
+        return by_corner, by_vertex
 
     @cached_property
     def edge_masks(self) -> Array:
-        """Share of the midpoint in each edge point, the rest being smooth: shape (n_edges,)."""
-        number, _, sharpness, after = self._ends
-        half = len(number) // 2
+        """Share of the midpoint in the point of each of `sharp_edges`, the rest being smooth."""
+        _, _, sharpness, after = self._ends
+        half = len(sharpness) // 2
         one = tables.one(sharpness.dtype)[0]
         both = (after[:half] > 0) & (after[half:] > 0)
-        result = _typed(np.zeros(self.mesh.n_edges), sharpness.dtype)
-        result[number[:half]] = np.where(both, one, np.minimum(sharpness[:half], one))
-        return result
+        return np.asarray(np.where(both, one, np.minimum(sharpness[:half], one)))
 
     @cached_property
     def unsettled(self) -> Array:
         """Vertices that are semi-sharp or at the end of a semi-sharp edge, (n_vertices,) bool."""
-        result = (self.vertices > 0) & ~tables.is_infinite(self.vertices)
-        _, vertex, sharpness, _ = self._ends
-        result[vertex[~tables.is_infinite(sharpness)]] = True
-        return np.asarray(result, dtype=bool)
+        _, place, sharpness, _ = self._ends
+        soft = (self._own > 0) & ~tables.is_infinite(self._own)
+        soft[place[~tables.is_infinite(sharpness)]] = True
+        result = np.zeros(self.mesh.n_vertices, dtype=bool)
+        result[self.concerned[soft]] = True
+        return result
+
+    @cached_property
+    def infinite_creases(self) -> Array:
+        """Vertices at two infinitely sharp edges that are not so themselves, (n_vertices,) bool."""
+        _, place, sharpness, _ = self._ends
+        ends = np.bincount(place[tables.is_infinite(sharpness)], minlength=len(self.concerned))
+        result = np.zeros(self.mesh.n_vertices, dtype=bool)
+        result[self.concerned] = (ends == 2) & ~tables.is_infinite(self._own)
+        return result
+
+    @property
+    def sharp_vertices(self) -> Array:
+        """Vertices that are sharp or at the end of a sharp edge, (n_vertices,) bool."""
+        result = np.zeros(self.mesh.n_vertices, dtype=bool)
+        result[self.concerned] = True
+        return result
+
+    @property
+    def sharp_edges(self) -> Array:
+        """A side of each edge of positive sharpness: shape (S,)."""
+        return np.asarray(self.first[self.edge_sharpness > 0])
 
     @property
     def sharp_ends(self) -> tuple[Array, Array]:
-        """Sharp edges, twice, (2 S,), and their ends, first and second, (2 S,)."""
-        return self._ends[0], self._ends[1]
+        """The vertices at the ends of `sharp_edges` and those at the other end.
+
+        Tails, then heads, (2 S,).
+        """
+        return self._pairs.ravel(), self._pairs[::-1].ravel()
 
     def children(self, mesh: Mesh) -> Self:
         """The sharpness of the refined mesh."""
         coarse = self.mesh
-        # by child corner: corner to midpoint, to face point, to midpoint before, to corner
-        edge, tail = coarse.corner_edge, coarse.indices
-        leaving = self.halves(edge, tail)
-        before = coarse.previous_corner
-        arriving = self.halves(edge[before], tail)
-        nothing = _typed(np.zeros(coarse.n_corners), leaving.dtype)
-        half_edges = np.stack([leaving, nothing, nothing, arriving], axis=1).ravel()
-        tags = self.tagged_half_edges
-        no = np.zeros_like(tags)
-        tagged = np.stack([tags, no, no, tags[before]], axis=1).ravel()
-        vertices = _typed(np.zeros(mesh.n_vertices), self.vertices.dtype)
-        vertices[: coarse.n_vertices] = np.maximum(self.vertices - 1, 0)
-        tagged_vertices = np.zeros(mesh.n_vertices, dtype=bool)
-        tagged_vertices[: coarse.n_vertices] = self.tagged_vertices
+        at_tail, at_head = self._by_side
+        tail, head = coarse.indices[self.sides], coarse.indices[self.first[self.edge]]
+        # child h goes from corner to midpoint, to face point, to midpoint before, to corner
+        sides = np.concatenate([4 * self.sides, 4 * coarse._after(self.sides) + 3])
+        edge = np.concatenate([2 * self.edge + (tail != head), 2 * self.edge + (tail == head)])
+        sharpness = np.concatenate([at_tail, at_head])
+        kept = np.flatnonzero(sharpness > 0)
+        halves, edge = _numbered(edge[kept], 2 * len(self.edge_sharpness))
+        half_sharpness = np.empty(len(halves), dtype=sharpness.dtype)
+        half_sharpness[edge] = sharpness[kept]
+        later = np.maximum(self.vertex_sharpness - 1, 0)
+        stay = np.flatnonzero(later > 0)
         return replace(
             self,
             mesh=mesh,
-            half_edges=half_edges,
-            vertices=vertices,
-            tagged_half_edges=tagged & (half_edges > 0),
-            tagged_vertices=tagged_vertices & (vertices > 0),
+            sides=sides[kept],
+            edge=edge,
+            edge_sharpness=half_sharpness,
+            edge_tagged=self.edge_tagged[halves // 2],
+            vertex=self.vertex[stay],
+            vertex_sharpness=later[stay],
+            vertex_tagged=self.vertex_tagged[stay],
         )
 
     def neighbours(self, corners: Array) -> Array:
@@ -317,27 +439,58 @@ class Sharpness:
 
     def part(self, part: MeshPart) -> Self:
         """The sharpness of a part of the mesh."""
+        inside, sides = _found(part.corners, self.sides)
+        edges, edge = _numbered(self.edge[inside], len(self.edge_sharpness))
+        here, vertex = _found(part.vertices, self.vertex)
         return replace(
             self,
             mesh=part.mesh,
-            half_edges=self.half_edges[part.corners],
-            vertices=self.vertices[part.vertices],
-            tagged_half_edges=self.tagged_half_edges[part.corners],
-            tagged_vertices=self.tagged_vertices[part.vertices],
+            sides=sides,
+            edge=edge,
+            edge_sharpness=self.edge_sharpness[edges],
+            edge_tagged=self.edge_tagged[edges],
+            vertex=vertex,
+            vertex_sharpness=self.vertex_sharpness[here],
+            vertex_tagged=self.vertex_tagged[here],
         )
 
     def tags(self) -> dict[str, tuple[Array, Array]]:
         """What comes from tags, as ``creases`` and ``corners`` of a mesh."""
-        h = np.flatnonzero(self.tagged_half_edges)
-        ends = np.sort(
-            np.stack([self.mesh.indices[h], self.mesh.indices[self.mesh.next_corner[h]]]), 0
-        )
-        edges, place = np.unique(ends.T, axis=0, return_index=True)
-        v = np.flatnonzero(self.tagged_vertices)
+        tagged = np.flatnonzero(self.edge_tagged)
+        h = self.first[tagged]
+        pairs = self.mesh.indices[np.stack([h, self.mesh._after(h)])]
+        key = pairs.min(axis=0) * self.mesh.n_vertices + pairs.max(axis=0)
+        key, place = np.unique(key, return_index=True)
+        edges = np.stack(np.divmod(key, self.mesh.n_vertices), axis=1)
+        vertices = self.vertex_tagged
         return {
-            "creases": (edges, self.half_edges[h[place]]),
-            "corners": (v, self.vertices[v]),
+            "creases": (edges, self.edge_sharpness[tagged[place]]),
+            "corners": (self.vertex[vertices], self.vertex_sharpness[vertices]),
         }
+
+
+def _numbered(values: Array, most: int) -> tuple[Array, Array]:
+    """The distinct ones of integers below `most`, ascending, and the place of each among them."""
+    present = np.zeros(most, dtype=bool)
+    present[values] = True
+    distinct = np.flatnonzero(present)
+    place = np.empty(most, dtype=np.int64)  # by and large untouched
+    place[distinct] = np.arange(len(distinct))
+    return distinct, place[values]
+
+
+def _found(members: Array, wanted: Array) -> tuple[Array, Array]:
+    """Which of `wanted` are among the ascending `members`, and where in them."""
+    place = np.searchsorted(members, wanted)
+    inside = np.flatnonzero(np.append(members, -1)[place] == wanted)
+    return inside, place[inside]
+
+
+# by rule of the vertex, where its fan is not closed
+_KINDS = np.array([tables.KINDS.index(name) for name in ("interior", "dart", "crease", "corner")])
+
+# the number of faces of regular fans by kind, 0 for kinds that never are
+_REGULAR = np.array([{"interior": 4, "crease": 2, "corner": 1}.get(k, 0) for k in tables.KINDS])
 
 
 @dataclass(frozen=True, eq=False)
@@ -365,22 +518,27 @@ class Sectors:
     def of(cls, sharpness: Sharpness) -> Sectors:
         """Part the faces at each vertex."""
         mesh = sharpness.mesh
-        cut = tables.is_infinite(sharpness.half_edges)
-        twin = np.where(cut, -1, mesh.twin)
-        fans = mesh.fans if np.array_equal(twin, mesh.twin) else Fans.of(mesh, twin)
-        settled = ~sharpness.unsettled
+        infinite = tables.is_infinite(sharpness.edge_sharpness)
+        twin = mesh.twin
+        cut = sharpness.sides[infinite[sharpness.edge]]
+        cut = cut[twin[cut] >= 0]
+        if len(cut):
+            twin = twin.copy()
+            twin[cut] = -1
+        fans = Fans.of(mesh, twin) if len(cut) else mesh.fans
         rule = sharpness.rule[fans.vertex]
-        kinds = [tables.KINDS.index(name) for name in ("interior", "dart", "crease", "corner")]
-        kind = np.array(kinds)[rule]
+        kind = _KINDS[rule]
         kind[(rule == CORNER) & fans.closed] = tables.KINDS.index("cone")
-        kind[~settled[fans.vertex]] = PENDING
+        kind[sharpness.unsettled[fans.vertex]] = PENDING
         # at the crease of a fin there can be fans that do not lie between its two edges
-        sharp = mesh.edges[tables.is_infinite(sharpness.edges)].ravel()
-        ends = np.bincount(sharp, minlength=mesh.n_vertices)
-        crease = (ends == 2) & ~tables.is_infinite(sharpness.vertices)
-        first, last = fans.corners[fans.offsets[:-1]], fans.corners[fans.offsets[1:] - 1]
-        loop = mesh.corner_edge[first] == mesh.corner_edge[mesh.previous_corner[last]]
-        kind[crease[fans.vertex] & (fans.closed | loop)] = ASTRAY
+        crease = np.flatnonzero(sharpness.infinite_creases[fans.vertex])
+        if len(crease):
+            first, last = (
+                fans.corners[fans.offsets[crease]],
+                fans.corners[fans.offsets[crease + 1] - 1],
+            )
+            loop = mesh.corner_edge[first] == mesh.corner_edge[mesh.previous_corner[last]]
+            kind[crease[fans.closed[crease] | loop]] = ASTRAY
         return cls(mesh, twin, fans, kind)
 
     @cached_property
@@ -389,10 +547,7 @@ class Sectors:
 
         Four smooth faces, two along a crease, or one in a corner.
         """
-        faces = np.zeros(len(tables.KINDS), dtype=np.int64)
-        for kind, number in (("interior", 4), ("crease", 2), ("corner", 1)):
-            faces[tables.KINDS.index(kind)] = number
-        return np.asarray((self.kind >= 0) & (self.fans.sizes == faces[self.kind]))
+        return np.asarray((self.kind >= 0) & (self.fans.sizes == _REGULAR[self.kind]))
 
     def groups(self, fans: Array) -> Iterator[tuple[str, int, Array]]:
         """The given fans by kind and number of faces: kind, number, fans."""

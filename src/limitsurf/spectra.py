@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from limitsurf.caching import cached_property
 from limitsurf.exact.matrices import Sector
 from limitsurf.exact.scheme import Scheme
 from limitsurf.tables import eigen_table, find_scheme

@@ -26,7 +26,7 @@ import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import lcm
 from pathlib import Path
 from types import MappingProxyType
@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf._kernels import reference as kernels
+from limitsurf.caching import cached_property
 from limitsurf.exact.catmull_clark import CATMULL_CLARK
 from limitsurf.exact.creases import CHAIKIN, INFINITE
 from limitsurf.exact.matrices import KINDS as KINDS
@@ -620,10 +621,20 @@ def strip_tables(scheme: Scheme, sharpness: Array, dtype: Any) -> StripTables:
     return StripTables(first, depth, pieces)
 
 
+@lru_cache(maxsize=4096)
+def _face_mask(scheme: Scheme, corners: int) -> tuple[Fraction, ...]:
+    return tuple(scheme.face_mask(corners))
+
+
+@lru_cache(maxsize=4096)
+def _vertex_mask(scheme: Scheme, valence: int) -> tuple[Fraction, ...]:
+    return tuple(scheme.vertex_mask(valence))
+
+
 def corner_weights(scheme: Scheme, sizes: Array, dtype: Any) -> Array:
     """Weight of every face corner in its face point, (sum of sizes,)."""
     unique, kind = np.unique(sizes, return_inverse=True)
-    table = _numbers([w for n in unique.tolist() for w in scheme.face_mask(n)], dtype)
+    table = _numbers([w for n in unique.tolist() for w in _face_mask(scheme, n)], dtype)
     # row starts of the masks in `table`, of the faces in the result
     mask_start = np.concatenate([[0], np.cumsum(unique)[:-1]])
     position = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
@@ -633,7 +644,7 @@ def corner_weights(scheme: Scheme, sizes: Array, dtype: Any) -> Array:
 def vertex_weights(scheme: Scheme, valences: Array, dtype: Any) -> Array:
     """Weights of interior vertices, their edge neighbours, their face points, (n, 3)."""
     unique, kind = np.unique(valences, return_inverse=True)
-    table = _numbers([w for n in unique.tolist() for w in scheme.vertex_mask(n)], dtype)
+    table = _numbers([w for n in unique.tolist() for w in _vertex_mask(scheme, n)], dtype)
     return np.asarray(table.reshape(-1, 3)[kind])
 
 

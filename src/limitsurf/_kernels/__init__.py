@@ -4,8 +4,23 @@
 Numba, for float64 and integers; importing one loads Numba, so callers ask `compiled` first.
 """
 
+import os
+import threading
+from importlib import import_module
+
 _PAYS = 100_000  # queries, or corners of faces: about a tenth of a second in NumPy
+_MODULES = ("coefficients", "connectivity", "evaluation", "grids", "refinement", "rows")
 _always = False
+_loaded = False
+
+# a fork while another thread imports must not leave modules half imported in the child
+_loading = threading.RLock()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(
+        before=_loading.acquire,
+        after_in_parent=_loading.release,
+        after_in_child=_loading.release,
+    )
 
 
 def compiled(items: int) -> bool:
@@ -18,10 +33,23 @@ def compiled(items: int) -> bool:
     Examples
     --------
     >>> from limitsurf import _kernels
-    >>> _kernels.compiled(10_000_000)
-    True
+    >>> _kernels.compiled(1000)
+    False
     """
-    return _always or items >= _PAYS
+    if not _always and items < _PAYS:
+        return False
+    _load()
+    return True
+
+
+def _load() -> None:
+    """Import all kernels, before anybody uses one."""
+    global _loaded
+    if not _loaded:
+        with _loading:
+            for name in _MODULES:
+                import_module(f"{__name__}.{name}")
+            _loaded = True
 
 
 def always() -> None:

@@ -1,8 +1,8 @@
 """Compiled evaluation of scattered queries: each is located, weighted and summed in one pass.
 
-Memory, not arithmetic, is what random queries on a large cage wait for. So they are taken in
-blocks: what all queries of a block need is asked for before the first is evaluated, in the order of
-the caller, and results are written where they belong.
+Memory, not arithmetic, is what random queries on a large cage wait for. So what a query needs is
+asked for some queries ahead of it. They are taken in blocks, sorted by what their patches are but
+otherwise in the order of the caller, and results are written where they belong.
 
 Around a special corner the first halving leads to three regular pieces, three quarters of the
 patch, whose control points are kept. Nearer the corner eigenfunctions take over.
@@ -23,6 +23,7 @@ from limitsurf._kernels.jit import (
     bicubic,
     bits,
     combination,
+    differences,
     inlined,
     lean,
     of_bits,
@@ -42,10 +43,9 @@ LANES = 4  # channels that are evaluated at once
 # fields of a special kind: number of eigenfunctions but the constant one, and that rounded up to
 # whole lanes; first row of its blocks (coefficients from the constant one on, filled up with zeros,
 # the control point that they are relative to, their size and the first that occurs); numbers of
-# chains and of complex pairs; exponent of two of the first eigenvalue; whether odd levels flip
-# normals; number of the first patch in `Points.fine`; coefficients whose cross product is along the
-# normal at the corner itself, or -1
-SIZE, ROWS, MODES, CHAINS, PAIRS, EXPONENT, FLIP, PATCH, ALONG, ACROSS, FIELDS = range(11)
+# chains and of complex pairs; whether odd levels flip normals; number of the first patch in
+# `Points.fine`; coefficients whose cross product is along the normal at the corner itself, or -1
+SIZE, ROWS, MODES, CHAINS, PAIRS, FLIP, PATCH, ALONG, ACROSS, FIELDS = range(10)
 FIRST, SECOND = 0, 1  # the eigenvalue that powers are relative to
 FINE = 27  # rows of a special patch in `Points.fine`
 # the grids of the three pieces (right, diagonal, up) in 5 x 5 refined points around a corner
@@ -54,9 +54,11 @@ PIECES = np.array(
     dtype=np.int32,
 )
 
-_BLOCK = 64  # queries whose memory is asked for at once
+_BLOCK = 256  # queries that are sorted by what their patches are
+_AHEAD = 4  # queries that memory is asked for ahead of time; many more at once hinder each other
 _ROW = (1 << TURN) - 1
 _NEVER = 1 << 40
+DEEPEST = 1000  # level beyond which second derivatives are left to the reference
 # which derivative in patch parameters each one is, by turn mod 2; and its sign, by turn
 TURNED = np.array([[0, 1, 2, 3, 4, 5], [0, 2, 1, 5, 4, 3]])
 SIGN = np.array([
@@ -88,7 +90,8 @@ class Tables(NamedTuple):
     pieces: Array  # (kinds, 3, 16, W)
     ratios: Array  # (kinds, 2, STEP + STEPS, W): powers of ratios to the first, second eigenvalue
     inverses: Array  # (kinds, 2): of these eigenvalues
-    mantissas: Array  # (kinds, STEP + STEPS): of the first's powers
+    mantissas: Array  # (kinds, STEP + STEPS): of the first's powers, which are in [0.5, 1)
+    exponents: Array  # (kinds, STEP + STEPS) int64: of two, with them
     corners: Array  # (kinds, 6, W): derivatives at the corner itself
     angles: Array  # (kinds, pairs)
     chains: Array  # (kinds, chains) int64: ends of Jordan chains
@@ -98,8 +101,8 @@ class Tables(NamedTuple):
 class Points(NamedTuple):
     """What is evaluated, in rows of a multiple of four channels."""
 
-    high: Array  # (control points, width)
-    low: Array  # (those that are not vertices of the cage, width): what rounding took from them
+    high: Array  # (vertices, width)
+    extras: Array  # (other control points, 2 width): each with what rounding took from it
     modes: Array  # flat: blocks (ROWS + 3, width) of special patches
     fine: Array  # (27 of each special patch, width): 5 x 5 refined points, low and high origin
 
@@ -288,7 +291,7 @@ def _crossed(found: Array, noise: float, other: float, out: Array, query: int) -
     c0, c1, c2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
     length = sqrt(c0 * c0 + c1 * c1 + c2 * c2)
     # the scaled vectors are at most sqrt(3) long
-    if not length > 6 * (noise * a + other * b) + NOISE:
+    if not length > 6 * (noise * a + other * b):
         return False
     scale = 1 / length
     out[0, query, 0], out[0, query, 1], out[0, query, 2] = c0 * scale, c1 * scale, c2 * scale
@@ -358,23 +361,6 @@ def _eigen_normal(
 
 
 @inlined
-def _differences(points: Points, ids: Array, at: int, channel: int, near: Array) -> None:
-    """16 control points, high and low parts, relative to number 5, into `near` (16, LANES)."""
-    inner = len(points.high) - len(points.low)
-    own = np.int64(ids[at + 5])
-    for j in range(16):
-        i = np.int64(ids[at + j])
-        for c in range(channel, channel + LANES):
-            x = points.high[i, c] - points.high[own, c]
-            rest = 0.0
-            if i >= inner:
-                rest += points.low[i - inner, c]
-            if own >= inner:
-                rest -= points.low[own - inner, c]
-            near[j, c - channel] = x + rest
-
-
-@inlined
 def _spline(
     order: int, sized: bool, points: Array, ids: Array, at: int, base: int, channel: int,
     weights: Array, found: Array,
@@ -392,17 +378,17 @@ def _spline(
 
 @inlined
 def _write(
-    found: Array, which: Array, turn: int, mantissa: float, exponent: int, step: int, out: Array,
-    query: int, channel: int,
+    order: int, found: Array, which: Array, turn: int, mantissa: float, exponent: int, step: int,
+    out: Array, query: int, channel: int,
 ) -> None:  # fmt: skip
-    """Write derivatives in patch parameters as such in those of the limit face.
+    """Write derivatives up to an order in patch parameters as such in those of the limit face.
 
     Those of order o > 0 are multiplied by mantissa 2^(exponent + o step).
     """
-    first, second = exponent + step, exponent + 2 * step
+    first, second = exponent + step, exponent + 2 * step if order > 1 else 0
     slope = bend = 1.0
     deep = min(first, second) < -1000 or max(first, second) > 1000
-    if not deep:
+    if not deep and order > 0:
         slope = mantissa * of_bits((first + 1023) << 52)
         bend = mantissa * of_bits((second + 1023) << 52)
     for j in range(len(which)):
@@ -441,6 +427,27 @@ def located(face: int, s: float, t: float, patches: Patches) -> tuple[int, int, 
     return code, depth, s, t, True
 
 
+@inlined
+def _ask(i: int, n: int, queries: Array, codes: Array, patches: Patches, points: Points) -> None:
+    """Prefetch what the regular patches of queries some way beyond number i need."""
+    if i == 0:
+        for j in range(min(2 * _AHEAD, n)):
+            prefetch(patches.ids, (codes[queries[j]] & _ROW) * 16)
+    j = i + 2 * _AHEAD
+    if j < n and codes[queries[j]] >> KIND <= 1:
+        prefetch(patches.ids, (codes[queries[j]] & _ROW) * 16)
+    j = i + _AHEAD
+    if j < n and codes[queries[j]] >> KIND <= 1 and codes[queries[j]] != codes[queries[j - 1]]:
+        at = (codes[queries[j]] & _ROW) * 16
+        width, inner = points.high.shape[1], len(points.high)
+        for k in range(16):
+            number = np.int64(patches.ids[at + k])
+            if number < inner:
+                prefetch(points.high, number * width)
+            else:
+                prefetch(points.extras, (number - inner) * 2 * width)
+
+
 @lean
 def scattered(
     face: Array, u: Array, v: Array, patches: Patches, tables: Tables, points: Points, order: int,
@@ -462,12 +469,14 @@ def scattered(
         room.rows,
     )
     first_strip = len(ids) // 16 - len(patches.strips)
+    inner = len(points.high)
     left = 0
     for begin in range(0, len(face), _BLOCK):
         size = min(_BLOCK, len(face) - begin)
         simple = splines = special = 0
-        last = -1
         for k in range(size):
+            if begin + k + 4 * _AHEAD < len(face):
+                prefetch(patches.info, face[begin + k + 4 * _AHEAD])
             code, depth, s, t, fine = located(face[begin + k], u[begin + k], v[begin + k], patches)
             if not fine:
                 return -1
@@ -477,41 +486,25 @@ def scattered(
                     for c in range(d):
                         out[j, start + begin + k, c] = np.nan
             elif code >> KIND > 1:
-                room.special[special] = k
-                special += 1
                 kind, turn = code >> KIND, code >> TURN & 3
                 s, t = turned(s, t, turn)
                 level, piece, room.s[k], room.t[k] = place_around(s, t, turn)
                 room.places[k] = piece + 4 * (level + 1)
-                if level == 0:
-                    block = (tables.kinds[kind, PATCH] + (code & _ROW)) * FINE * width
-                    for line in range(0, FINE * width, 8):
-                        prefetch(points.fine, block + line)
-                else:
-                    length = (tables.kinds[kind, ROWS] + 3) * width
-                    block = tables.kinds[kind, MODES] * width + (code & _ROW) * length
-                    for line in range(0, length, 8):
-                        prefetch(modes, block + line)
-            else:
-                if code > _ROW or depth or d != 3:
+                if level == 0 and tables.kinds[kind, MODES] >= 0:
                     room.splines[splines] = k
                     splines += 1
                 else:
-                    room.simple[simple] = k
-                    simple += 1
-                if code != last:
-                    prefetch(ids, (code & _ROW) * 16)
-            last = code
-        last = -1
-        for i in range(simple + splines):
-            k = room.simple[i] if i < simple else room.splines[i - simple]
-            code = room.codes[k]
-            if code != last:
-                for j in range(16):
-                    prefetch(points.high, np.int64(ids[(code & _ROW) * 16 + j]) * width)
-            last = code
+                    room.special[special] = k
+                    special += 1
+            elif code > _ROW or depth or d != 3:
+                room.splines[splines] = k
+                splines += 1
+            else:
+                room.simple[simple] = k
+                simple += 1
 
         for i in range(simple):
+            _ask(i, simple, room.simple, room.codes, patches, points)
             k = room.simple[i]
             at, query = room.codes[k] * 16, start + begin + k
             cubic_weights(room.s[k], order, 0, weights)
@@ -530,39 +523,68 @@ def scattered(
                     out[j, query, c] = found[LANES * which[j] + c]
 
         for i in range(splines):
+            if i + _AHEAD < splines and room.codes[room.splines[i + _AHEAD]] >> KIND > 1:
+                code = room.codes[room.splines[i + _AHEAD]]
+                base = (tables.kinds[code >> KIND, PATCH] + (code & _ROW)) * FINE * width
+                for line in range(base, base + FINE * width, 8):
+                    prefetch(points.fine, line)
+            else:
+                _ask(i, splines, room.splines, room.codes, patches, points)
             k = room.splines[i]
             code, query = room.codes[k], start + begin + k
-            row, turn = code & _ROW, code >> TURN & 3
-            s, t = turned(room.s[k], room.t[k], turn)
-            cubic_weights(s, order, 0, weights)
-            if code >> KIND == 0:
-                cubic_weights(t, order, 4 * order + 4, weights)
+            kind, row, turn = code >> KIND, code & _ROW, code >> TURN & 3
+            s, t, step = room.s[k], room.t[k], room.depths[k]
+            grid, numbers, at, base = points.high, ids, row * 16, 0
+            if kind > 1:
+                piece = room.places[k] & 3
+                grid, numbers, at = points.fine, PIECES, piece * 16
+                base = (tables.kinds[kind, PATCH] + row) * FINE
+                step += 1
             else:
+                s, t = turned(s, t, turn)
+            cubic_weights(s, order, 0, weights)
+            if kind == 1:
                 first = patches.strips[row - first_strip, 0]
                 depth = patches.strips[row - first_strip, 1]
                 up = turn == 1 or turn == 2
                 pieces = patches.strip_pieces
                 strip_weights(t, order, up, pieces, first, depth, 4 * order + 4, weights)
-            own = np.int64(ids[row * 16 + 5])
-            extra = own - (len(points.high) - len(points.low))
+            else:
+                cubic_weights(t, order, 4 * order + 4, weights)
+            own = base + np.int64(numbers[at + 5])
+            extra = own - inner if kind <= 1 else -1
+            far = kind <= 1 and code >> FAR & 1
             for channel in range(0, d, LANES):
-                if code >> FAR & 1:
-                    _differences(points, ids, row * 16, channel, room.near)
-                    _spline(order, normals, room.near, _SAME, 0, 0, 0, weights, found)
-                else:
-                    _spline(order, normals, points.high, ids, row * 16, 0, channel, weights, found)
+                column = channel
+                if far:
+                    differences(points.high, points.extras, ids, row * 16, channel, room.near)
+                    grid, numbers, at, column = room.near, _SAME, 0, 0
+                _spline(order, normals, grid, numbers, at, base, column, weights, found)
                 if normals:
                     if not _spline_normal(weights, found, out, query):
                         rest[left] = query
                         left += 1
                     break
                 for c in range(LANES):
-                    if extra >= 0:
-                        found[c] += points.low[extra, channel + c]
-                    found[c] += points.high[own, channel + c]
-                _write(found, which, turn, 1.0, 0, room.depths[k], out, query, channel)
+                    value = found[c]
+                    if kind > 1:
+                        value += grid[own, channel + c] + points.fine[base + 25, channel + c]
+                        value += points.fine[base + 26, channel + c]
+                    elif extra >= 0:
+                        value += points.extras[extra, width + channel + c]
+                        value += points.extras[extra, channel + c]
+                    else:
+                        value += points.high[own, channel + c]
+                    found[c] = value
+                _write(order, found, which, turn, 1.0, 0, step, out, query, channel)
 
         for i in range(special):
+            if i + 1 < special:
+                code = room.codes[room.special[i + 1]]
+                length = (tables.kinds[code >> KIND, ROWS] + 3) * width
+                base = tables.kinds[code >> KIND, MODES] * width + (code & _ROW) * length
+                for line in range(base, base + length, 8):
+                    prefetch(modes, line)
             k = room.special[i]
             code, query = room.codes[k], start + begin + k
             kind, turn = code >> KIND, code >> TURN & 3
@@ -570,37 +592,23 @@ def scattered(
             block = (at + (code & _ROW) * (n + 3)) * width
             piece, level = room.places[k] & 3, (room.places[k] >> 2) - 1
             S, T = room.s[k], room.t[k]
-            if level == 0 and at >= 0:
-                cubic_weights(S, order, 0, weights)
-                cubic_weights(T, order, 4 * order + 4, weights)
-                base = (tables.kinds[kind, PATCH] + (code & _ROW)) * FINE
-                own = base + PIECES[piece * 16 + 5]
-                for channel in range(0, d, LANES):
-                    _spline(
-                        order, normals, points.fine, PIECES, piece * 16, base, channel, weights,
-                        found,
-                    )  # fmt: skip
-                    if normals:
-                        if not _spline_normal(weights, found, out, query):
-                            rest[left] = query
-                            left += 1
-                        break
-                    for c in range(LANES):
-                        value = found[c] + points.fine[own, channel + c]
-                        value += points.fine[base + FINE - 2, channel + c]
-                        found[c] = value + points.fine[base + FINE - 1, channel + c]
-                    _write(found, which, turn, 1.0, 0, room.depths[k] + 1, out, query, channel)
-                continue
-            # what the reference does: coefficients too many to keep, degenerate points
+            # what the reference does: coefficients too many to keep, degenerate points, second
+            # derivatives where what they come from is nothing beside the first eigenfunction
             if normals and level < 0 and at >= 0:
                 # (where there is none, or degenerate points hide it, the reference knows why)
                 along, across = tables.kinds[kind, ALONG], tables.kinds[kind, ACROSS]
                 for c in range(3):
                     found[LANES + c] = modes[block + along * width + c]
                     found[2 * LANES + c] = modes[block + across * width + c]
-                if along >= 0 and _crossed(found, 0.0, 0.0, out, query):
+                noise = NOISE * modes[block + (n + 2) * width]
+                if along >= 0 and _crossed(found, noise, noise, out, query):
                     continue
-            if at < 0 or modes[block + (n + 2) * width + 1] != 1 or (normals and level < 0):
+            if (
+                at < 0
+                or modes[block + (n + 2) * width + 1] != 1
+                or (normals and level < 0)
+                or (order == 2 and level > DEEPEST)
+            ):
                 rest[left] = query
                 left += 1
                 continue
@@ -622,7 +630,8 @@ def scattered(
                 powered(kind, FIRST, level, count, tables, rows)
                 mantissa = tables.mantissas[kind, level % STEP]
                 mantissa *= tables.mantissas[kind, STEP + level // STEP]
-                exponent = tables.kinds[kind, EXPONENT] * level
+                exponent = tables.exponents[kind, level % STEP]
+                exponent += tables.exponents[kind, STEP + level // STEP]
                 step += level + 1
             for channel in range(0, d, LANES):
                 at = block + channel
@@ -635,5 +644,5 @@ def scattered(
                 for c in range(LANES):
                     value = scale_by_two(found[c] * mantissa, exponent) + modes[at + c]
                     found[c] = value + modes[at + (n + 1) * width + c]
-                _write(found, which, turn, mantissa, exponent, step, out, query, channel)
+                _write(order, found, which, turn, mantissa, exponent, step, out, query, channel)
     return left

@@ -43,19 +43,18 @@ class Weights(NamedTuple):
 
 
 @inlined
-def _across(sums: Array, q: int, size: float, out: Array, query: int) -> bool:
-    """The unit vector across both derivatives in `sums`; False if rounding errors might decide."""
-    a0, a1, a2 = sums[0, q], sums[0, PLACES + q], sums[0, 2 * PLACES + q]
-    b0, b1, b2 = sums[1, q], sums[1, PLACES + q], sums[1, 2 * PLACES + q]
-    c0, c1, c2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
-    a, b = a0 * a0 + a1 * a1 + a2 * a2, b0 * b0 + b1 * b1 + b2 * b2
-    c = c0 * c0 + c1 * c1 + c2 * c2
+def _across(sums: Array, places: int, size: float) -> None:
+    """Unit vectors across both derivatives in `sums` into its third row; 0 where in doubt."""
     least = (_LEAST * size) ** 2
-    if not (a > least and b > least and c > _CLEAR**2 * a * b and 1e-280 < c < 1e280):
-        return False
-    scale = 1 / sqrt(c)
-    out[0, query, 0], out[0, query, 1], out[0, query, 2] = c0 * scale, c1 * scale, c2 * scale
-    return True
+    for q in range(places):
+        a0, a1, a2 = sums[0, 0, q], sums[0, 1, q], sums[0, 2, q]
+        b0, b1, b2 = sums[1, 0, q], sums[1, 1, q], sums[1, 2, q]
+        c0, c1, c2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+        a, b = a0 * a0 + a1 * a1 + a2 * a2, b0 * b0 + b1 * b1 + b2 * b2
+        c = c0 * c0 + c1 * c1 + c2 * c2
+        clear = (a > least) & (b > least) & (c > _CLEAR**2 * a * b) & (c > 1e-280) & (c < 1e280)
+        scale = 1 / sqrt(c) if clear else 0.0
+        sums[2, 0, q], sums[2, 1, q], sums[2, 2, q] = c0 * scale, c1 * scale, c2 * scale
 
 
 @lean
@@ -69,7 +68,7 @@ def gridded(
     Results are written to ``out[k, (start + f) * places + place, channel]`` for the `count`
     derivatives k of the weights, of which number `position` (or -1) is the position; normals need
     two, along u and v. Queries that are left to others are written to `rest`; returned is how many
-    there are, or -1 if a face is out of range. near (64,) and sums (6, 3 `PLACES`) are room.
+    there are, or -1 if a face is out of range. near (64,) and sums (6, 3, weights.places) are room.
     """
     width, d = points.high.shape[1], out.shape[2]
     channels = 3 if d == 3 else 1
@@ -103,39 +102,52 @@ def gridded(
                         reach = max(reach, abs(x))
             else:
                 reach = points.modes[block + (size + 2) * width]
-            for begin in range(0, weights.places, PLACES):
-                most = min(PLACES, places - begin)
-                query = (start + f) * places + begin
-                for k in range(count):
-                    at = table + k * size * weights.places + begin
-                    stride, first = weights.places, block + width + channel
+            stride, first = weights.places, block + width + channel
+            for k in range(count):
+                for begin in range(0, stride, PLACES):
+                    at = table + k * size * stride + begin
                     if kind <= 1 and channels == 3:
-                        _products3(weights.table, at, size, stride, near, 0, 4, sums[k])
+                        _products3(weights.table, at, size, stride, near, 0, 4, sums, k, begin)
                     elif kind <= 1:
-                        _products1(weights.table, at, size, stride, near, 0, 4, sums[k])
+                        _products1(weights.table, at, size, stride, near, 0, 4, sums, k, begin)
                     elif channels == 3:
                         _products3(
-                            weights.table, at, size, stride, points.modes, first, width, sums[k]
-                        )
+                            weights.table, at, size, stride, points.modes, first, width, sums, k,
+                            begin,
+                        )  # fmt: skip
                     else:
                         _products1(
-                            weights.table, at, size, stride, points.modes, first, width, sums[k]
-                        )
-                if normals:
-                    for q in range(most):
-                        if not _across(sums, q, reach, out, query + q):
-                            rest[left] = query + q
-                            left += 1
-                    continue
-                for k in range(count):
-                    for c in range(channels):
-                        high = low = 0.0
-                        if k == position and kind <= 1:
-                            high = points.high[own, channel + c]
-                        elif k == position:
-                            low = points.modes[block + channel + c]
-                            high = points.modes[block + (size + 1) * width + channel + c]
-                        for q in range(most):
-                            value = sums[k, c * PLACES + q] + low
-                            out[k, query + q, channel + c] = value + high
+                            weights.table, at, size, stride, points.modes, first, width, sums, k,
+                            begin,
+                        )  # fmt: skip
+            query = (start + f) * places
+            if normals:
+                _across(sums, places, reach)
+                for q in range(places):
+                    out[0, query + q, 0] = sums[2, 0, q]
+                    out[0, query + q, 1] = sums[2, 1, q]
+                    out[0, query + q, 2] = sums[2, 2, q]
+                for q in range(places):
+                    if not abs(sums[2, 0, q]) + abs(sums[2, 1, q]) + abs(sums[2, 2, q]) > 0:
+                        rest[left] = query + q
+                        left += 1
+                continue
+            if position >= 0:
+                for c in range(channels):
+                    if kind <= 1:
+                        high, low = points.high[own, channel + c], 0.0
+                    else:
+                        low = points.modes[block + channel + c]
+                        high = points.modes[block + (size + 1) * width + channel + c]
+                    for q in range(places):
+                        sums[position, c, q] = (sums[position, c, q] + low) + high
+            for k in range(count):
+                if channels == 3:
+                    for q in range(places):
+                        out[k, query + q, 0] = sums[k, 0, q]
+                        out[k, query + q, 1] = sums[k, 1, q]
+                        out[k, query + q, 2] = sums[k, 2, q]
+                else:
+                    for q in range(places):
+                        out[k, query + q, channel] = sums[k, 0, q]
     return left

@@ -33,12 +33,19 @@ def kernel(function: F) -> F:
     Products and sums may fuse; nothing else of the order of operations changes, so NaN, infinity,
     signed zeros and comparisons mean what they say.
     """
-    return cast(F, numba.njit(nogil=True, cache=True, **_OPTIONS)(function))
+    return _cached(function, _OPTIONS)
 
 
 def lean(function: F) -> F:
     """The same for a kernel that allocates nothing: callers bring room to work in."""
-    return cast(F, numba.njit(nogil=True, cache=True, **_LEAN)(function))
+    return _cached(function, _LEAN)
+
+
+def _cached(function: F, options: dict[str, Any]) -> F:
+    try:
+        return cast(F, numba.njit(nogil=True, cache=True, **options)(function))
+    except RuntimeError:  # nowhere to write: neither beside the package nor in the user's cache
+        return cast(F, numba.njit(nogil=True, **options)(function))
 
 
 def inlined(function: F) -> F:
@@ -289,6 +296,50 @@ def scaling(count: int) -> Any:
     return scale
 
 
+@intrinsic
+def differences(
+    typing: Any, points: Any, extras: Any, ids: Any, at: Any, channel: Any, near: Any
+) -> Any:
+    """``f(points, extras, ids, at, channel, near)``: 16 control points relative to number 5.
+
+    points (n, width) float64; flat ids from `at` on are rows of it, or from n on of extras
+    (m, 2 width), unevaluated sums of two. near (16, 4) gets four channels.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        given = signature.args
+        data, more, ids, near = (
+            _data(context, builder, given[k], arguments[k]) for k in (0, 1, 2, 5)
+        )
+        array = context.make_array(given[0])(context, builder, arguments[0])
+        n, width = (builder.extract_value(array.shape, axis) for axis in (0, 1))
+        nothing = cgutils.alloca_once(builder, _FOUR)
+        builder.store(ir.Constant(_FOUR, None), nothing)
+        nothing = builder.bitcast(nothing, _FOUR.as_pointer())
+
+        def point(k: int) -> tuple[Any, Any]:
+            place = builder.gep(ids, [builder.add(arguments[3], _I64(k))])
+            number = builder.sext(builder.load(place), _I64)
+            extra = builder.icmp_signed(">=", number, n)
+            row = builder.mul(builder.mul(builder.sub(number, n), width), _I64(2))
+            other = builder.add(row, arguments[4])
+            own = builder.add(builder.mul(number, width), arguments[4])
+            high = builder.select(extra, _vector(builder, more, other), _vector(builder, data, own))
+            low = _vector(builder, more, builder.add(other, width))
+            low = builder.select(extra, low, nothing)
+            return builder.load(high, align=8), builder.load(low, align=8)
+
+        high, low = point(5)
+        for k in range(16):
+            first, second = point(k)
+            step = builder.fadd(builder.fsub(first, high), builder.fsub(second, low))
+            builder.store(step, _vector(builder, near, _I64(4 * k)), align=8)
+        return context.get_dummy_value()
+
+    given = points, extras, ids, types.int64, types.int64, near
+    return types.void(*given), generate
+
+
 def combination(count: int) -> Any:
     """An intrinsic for `count` sums of products, four channels at once.
 
@@ -341,22 +392,25 @@ def combination(count: int) -> Any:
 def products(channels: int) -> Any:
     """An intrinsic for sums of products at eight places at once, for some channels.
 
-    ``f(weights, at, size, stride, values, first, width, out)``: flat weights from `at` on are rows
-    of `stride`, of which the first eight count; flat values from `first` on are rows of `width`, of
-    which the first `channels` count; of both there are `size` rows. out (channels, 8).
+    ``f(weights, at, size, stride, values, first, width, out, k, begin)``: flat weights from `at` on
+    are rows of `stride`, of which the first eight count; flat values from `first` on are rows of
+    `width`, of which the first `channels` count; of both there are `size` rows. The sums go to
+    ``out[k, :channels, begin:begin + 8]``.
     """
 
     @intrinsic
     def contract(
         typing: Any, weights: Any, at: Any, size: Any, stride: Any, values: Any, first: Any,
-        width: Any, out: Any,
+        width: Any, out: Any, k: Any, begin: Any,
     ) -> Any:  # fmt: skip
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             given = signature.args
+            array = context.make_array(given[7])(context, builder, arguments[7])
+            planes, length = (builder.extract_value(array.shape, axis) for axis in (1, 2))
             weights, values, out = (
                 _data(context, builder, given[k], arguments[k]) for k in (0, 4, 7)
             )
-            _, at, size, stride, _, first, width, _ = arguments
+            _, at, size, stride, _, first, width, _, row_of_out, begin = arguments
             totals = [
                 [cgutils.alloca_once(builder, _FOUR) for _ in range(2)] for _ in range(channels)
             ]
@@ -373,14 +427,18 @@ def products(channels: int) -> Any:
                     value = _spread(builder, values, builder.add(row, _I64(c)))
                     for half, total in zip(halves, pair, strict=True):
                         builder.store(_added(builder, builder.load(total), half, value), total)
+            plane = builder.mul(row_of_out, planes)
             for c, pair in enumerate(totals):
+                row = builder.mul(builder.add(plane, _I64(c)), length)
                 for k, total in enumerate(pair):
-                    place = _vector(builder, out, _I64(8 * c + 4 * k))
-                    builder.store(builder.load(total), place, align=8)
+                    place = builder.add(builder.add(row, begin), _I64(4 * k))
+                    builder.store(builder.load(total), _vector(builder, out, place), align=8)
             return context.get_dummy_value()
 
-        places = [types.int64] * 3
-        given = (weights, *places, values, *places[:2], out)
+        whole = types.int64
+        given = (
+            weights, whole, whole, whole, values, whole, whole, out, whole, whole,
+        )  # fmt: skip
         return types.void(*given), generate
 
     return contract

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf._kernels.evaluation import (
-    EXPONENT,
+    DEEPEST,
     FAR,
     FIRST,
     KIND,
@@ -34,7 +34,7 @@ from limitsurf._kernels.evaluation import (
     strip_weights,
     turned,
 )
-from limitsurf._kernels.jit import inlined, lean
+from limitsurf._kernels.jit import inlined, lean, prefetch
 
 Array = NDArray[Any]
 OUT_OF_RANGE, UNKNOWN = -1, -2
@@ -67,18 +67,23 @@ def _controls(code: int, patches: Patches, tables: Tables, controls: Controls) -
 @lean
 def lengths(
     face: Array, u: Array, v: Array, patches: Patches, tables: Tables, controls: Controls,
-    result: Array,
+    order: int, result: Array,
 ) -> int:  # fmt: skip
     """Most entries that the row of each query can have; negative if a query cannot be answered."""
     for q in range(len(face)):
-        code, _, _, _, fine = located(face[q], u[q], v[q], patches)
+        code, _, s, t, fine = located(face[q], u[q], v[q], patches)
         if not fine:
             return OUT_OF_RANGE
         if code < 0:
             result[q] = 1
             continue
-        if code >> KIND > 1 and tables.kinds[code >> KIND, MODES] < 0:
-            return UNKNOWN
+        kind, turn = code >> KIND, code >> TURN & 3
+        if kind > 1:
+            s, t = turned(s, t, turn)
+            if tables.kinds[kind, MODES] < 0 or (
+                order == 2 and place_around(s, t, turn)[0] > DEEPEST
+            ):
+                return UNKNOWN
         at, n = _controls(code, patches, tables, controls)
         result[q] = n
         if code >> FAR & 1:
@@ -107,19 +112,50 @@ def _insert(indices: Array, data: Array, start: int, end: int, column: int, valu
     return end + 1
 
 
+@inlined
+def _place(
+    ids: Array, at: int, n: int, weights: Array, keys: Array, indices: Array, data: Array,
+    start: int,
+) -> bool:  # fmt: skip
+    """A row with sorted columns, by counting which are smaller; False if some are equal."""
+    for k in range(n):
+        keys[k] = ids[at + k]
+    for k in range(n):
+        smaller = start
+        for j in range(n):
+            smaller += keys[j] < keys[k]
+        indices[smaller] = ids[at + k]
+        data[smaller] = weights[k]
+    # where columns are equal, places stay empty
+    total = 0
+    for k in range(n):
+        total += keys[k]
+    for k in range(start, start + n):
+        total -= indices[k]
+    for k in range(start, start + n - 1):
+        if indices[k] >= indices[k + 1]:
+            return False
+    return total == 0
+
+
 @lean
 def fill(
     face: Array, u: Array, v: Array, patches: Patches, tables: Tables, controls: Controls,
     order: int, term: int, starts: Array, ends: Array, indices: Array, data: Array, room: Room,
-    weights: Array,
+    weights: Array, keys: Array,
 ) -> None:  # fmt: skip
     """Rows of one derivative, `term` in the order of `LimitSurface.jet`, from `starts` to `ends`.
 
-    `weights` is room for those of the control points of a patch.
+    `weights` and `keys` (int64) are room for those of the control points of a patch.
     """
     first_strip = len(patches.ids) // 16 - len(patches.strips)
     rows, along = room.rows, room.weights
     for q in range(len(face)):
+        if q + 16 < len(face):
+            prefetch(patches.info, face[q + 16])
+            ahead = patches.info[face[q + 8]]
+            if ahead >= 0 and ahead >> KIND <= 1:
+                prefetch(patches.ids, (ahead & _ROW) * 16)
         start = starts[q]
         code, depth, s, t, _ = located(face[q], u[q], v[q], patches)
         if code < 0:
@@ -142,10 +178,11 @@ def fill(
             # derivatives (0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)
             j = 2 if here == 5 else 1 if here == 2 or here == 4 else 0
             i = order - j
+            factor = scale_by_two(sign, order * depth)
             for y in range(4):
+                across = along[12 + 4 * j + y] * factor
                 for x in range(4):
-                    w = along[12 + 4 * j + y] * along[4 * i + x] * sign
-                    weights[4 * y + x] = scale_by_two(w, order * depth)
+                    weights[4 * y + x] = across * along[4 * i + x]
         else:
             level, piece, S, T = place_around(s, t, turn)
             for k in range(n):
@@ -159,7 +196,8 @@ def fill(
                 powered(kind, FIRST, level, (order + 1) * (order + 2) // 2, tables, rows)
                 mantissa *= tables.mantissas[kind, level % STEP]
                 mantissa *= tables.mantissas[kind, STEP + level // STEP]
-                exponent += tables.kinds[kind, EXPONENT] * level + order * (level + 1)
+                exponent += tables.exponents[kind, level % STEP] + order * (level + 1)
+                exponent += tables.exponents[kind, STEP + level // STEP]
             if level >= 0 or order > 0:
                 for j in range(n - 1):
                     value = rows[here, j]
@@ -168,9 +206,13 @@ def fill(
             for k in range(n):
                 w = scale_by_two(weights[k] * mantissa, exponent)
                 weights[k] = w + controls.left[kind, 0, k] if order == 0 else w
+        ids = patches.ids if kind <= 1 else controls.ids
+        if not code >> FAR & 1 and _place(ids, at, n, weights, keys, indices, data, start):
+            ends[q] = start + n
+            continue
         end = start
         for k in range(n):
-            column = patches.ids[at + k] if kind <= 1 else controls.ids[at + k]
+            column = ids[at + k]
             extra = column - controls.n_vertices
             if extra < 0:
                 end = _insert(indices, data, start, end, column, weights[k])

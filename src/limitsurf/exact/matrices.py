@@ -28,8 +28,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
+from limitsurf.caching import cached_property
 from limitsurf.exact.scheme import Scheme
 
 KINDS = ("cone", "corner", "crease", "dart", "interior")

@@ -110,6 +110,10 @@ class Scheme:
         """Weights of an interior vertex, of each edge neighbour, of each face point, shape (3,)."""
         return self._check(f"vertex({valence})", self.vertex(valence), (1, valence, valence))
 
+    def __hash__(self) -> int:
+        # equal schemes have equal names; masks of Fractions are slow to hash
+        return hash(self.name)
+
     def key(self, valence: int | None) -> dict[str, Any]:
         """All that a subdivision matrix depends on; `valence` if that of a smooth vertex does."""
         masks = {

@@ -15,13 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
-from functools import cached_property, reduce
+from functools import reduce
 from typing import Any, Protocol
 
 import sympy
 from sympy.polys.domains import QQ
 from sympy.polys.rings import ring as polynomial_ring
 
+from limitsurf.caching import cached_property
 from limitsurf.exact.fixed import EQUAL, to_mpf
 from limitsurf.exact.matrices import Sector, SubdivisionMatrix, subdivision_matrix
 from limitsurf.exact.ring import centre_block, centre_quadratic, ring_generators, ring_modes

@@ -20,13 +20,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from fractions import Fraction
-from functools import cached_property
 from typing import Any
 
 import sympy
 from sympy.polys.domains import QQ
 from sympy.polys.matrices import DomainMatrix
 
+from limitsurf.caching import cached_property
 from limitsurf.exact import sectors
 from limitsurf.exact.fixed import null_space, reduced
 from limitsurf.exact.matrices import Sector, SubdivisionMatrix, subdivision_matrix

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -54,6 +56,11 @@ class _Program(click.Group):
 def main(context: click.Context) -> None:
     """Exact limit surfaces of control cages, at any (face, u, v).
 
+    \b
+    Example:
+      limitsurf info cage.obj
+      limitsurf evaluate --help
+
     A CAGE is an OBJ or USD file. A face in a query is a limit face: a quad is one; another polygon
     is as many as it has corners, in their order. Every u and v is in [0, 1].
     """
@@ -84,7 +91,12 @@ def _surface(cage: Path, boundary: str | None, channels: tuple[str, ...] = ()) -
 @main.command()
 @_on_cage
 def info(cage: Path, boundary: str | None) -> None:
-    """Say what a cage is made of, what is irregular and why."""
+    """Say what a cage is made of, what is irregular and why.
+
+    \b
+    Example:
+      limitsurf info cage.obj
+    """
     mesh = ls.read(cage)
     with terminal.working("building the surface"):
         facts = list(_facts(mesh, boundary))
@@ -158,7 +170,9 @@ def _parts(total: int, which: dict[str, NDArray[np.bool_]]) -> str:
 
 @main.command()
 @_on_cage
-@click.option("--queries", metavar="FILE", help="CSV, NPZ or NPY of face, u, v; - reads CSV.")
+@click.option(
+    "--queries", metavar="FILE", help="CSV, NPZ, NPY, Parquet or Zarr of face, u, v; - reads CSV."
+)
 @click.option("--grid", type=click.IntRange(1), metavar="N", help="N x N per limit face.")
 @click.option("--random", type=click.IntRange(0), metavar="N", help="N on random limit faces.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="For --random.")
@@ -173,7 +187,22 @@ def _parts(total: int, which: dict[str, NDArray[np.bool_]]) -> str:
     multiple=True,
     help="A face-varying channel, such as uv, as well; may be given several times.",
 )
-@click.option("-o", "--output", metavar="FILE", help=".csv, .npz or .npy; CSV to stdout without.")
+@click.option(
+    "-o",
+    "--output",
+    metavar="FILE",
+    help=".csv, .npz, .npy, .parquet or .zarr; CSV to stdout without.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(-1),
+    default=-1,
+    metavar="N",
+    help="Threads; by default one for each processor.",
+)
+@click.option(
+    "--scheduler", metavar="ADDRESS", help="Evaluate on the Dask cluster of this scheduler."
+)
 def evaluate(
     cage: Path,
     boundary: str | None,
@@ -185,36 +214,62 @@ def evaluate(
     normals: bool,
     channels: tuple[str, ...],
     output: str | None,
+    workers: int,
+    scheduler: str | None,
 ) -> None:
     """Evaluate positions, derivatives, normals and channels.
 
-    Columns of CSV are face, u, v, x, y, z, then derivatives x_u, y_u, z_u, x_v, ... and normals
-    n_x, n_y, n_z. Arrays of NPZ and fields of NPY are face, u, v, position, du, dv, duu, duv, dvv,
-    ... and normal. Values and derivatives of a channel "st" are the arrays st, st_du, ... and the
-    columns st_0, st_1, st_du_0, ...
+    \b
+    Example:
+      limitsurf evaluate cage.obj --random 1000 --order 1 --normals -o answers.npz
+      limitsurf evaluate cage.obj --queries answers.npz -o again.csv
+
+    Columns of CSV and Parquet are face, u, v, x, y, z, then derivatives x_u, y_u, z_u, x_v, ... and
+    normals n_x, n_y, n_z. Arrays of NPZ and Zarr and fields of NPY are face, u, v, position, du,
+    dv, duu, duv, dvv, ... and normal. Values and derivatives of a channel "st" are the arrays st,
+    st_du, ... and the columns st_0, st_1, st_du_0, ...
 
     A grid takes the centres of N x N equal cells, u first, so that no two of its points coincide.
+
+    Queries and answers stream: files may be larger than memory. Queries in Parquet may also be a
+    directory of such files, or a quoted pattern: --queries "part.*.parquet". With --scheduler,
+    workers read and write shared files themselves, Parquet as a directory of parts.
     """
-    from limitsurf.shell import queries as files
+    from limitsurf.shell import answers as files
+    from limitsurf.shell import cluster
+    from limitsurf.shell import queries as sources
 
     if sum(given is not None for given in (queries, grid, random)) != 1:
         raise click.UsageError("need one of --queries, --grid and --random")
     if output is not None:
-        files.check_target(output)
-    asked = None if queries is None else files.read_queries(queries)
-    surface = _surface(cage, boundary, channels)
-    faces = len(surface.limit_faces)
-    if grid is not None:
-        asked = files.grid_queries(faces, grid)
-    elif random is not None:
-        asked = files.random_queries(faces, random, seed)
-    assert asked is not None
-    try:
-        with terminal.counting("evaluating", len(asked[0])) as done:
-            answers = files.evaluate(surface, asked, order, normals, done, channels)
-    except (IndexError, ValueError) as error:
-        raise ValueError(f"{queries}: {error}") from None
-    files.write_answers(output, answers)
+        files.check_target(output, as_folder=scheduler is not None)
+    with ExitStack() as stack:
+        asked = None if queries is None else stack.enter_context(sources.reading(queries))
+        if scheduler is not None and not (
+            asked and asked.rows and output and output.endswith((".parquet", ".zarr"))
+        ):
+            raise click.UsageError(
+                "workers of a cluster read and write files themselves: --scheduler needs --queries "
+                "in NPY, Parquet or Zarr, and an --output in Parquet or Zarr"
+            )
+        surface = _surface(cage, boundary, channels)
+        faces = len(surface.limit_faces)
+        if grid is not None:
+            asked = sources.grid_queries(faces, grid)
+        elif random is not None:
+            asked = sources.random_queries(faces, random, seed)
+        assert asked is not None
+        threads = workers if scheduler is None else 1
+        question = files.Question(order, normals, channels, threads)
+        on_screen = output is None and sys.stdout.isatty()
+        done = stack.enter_context(terminal.counting("evaluating", asked.total, on_screen))
+        if scheduler is not None and output is not None:
+            cluster.evaluate(scheduler, surface, asked, question, output, done)
+            return
+        write = stack.enter_context(files.writing(output, asked.total))
+        for answers in files.answered(surface, asked.batches, question):
+            write(answers)
+            done(len(answers["face"]))
 
 
 @main.command()
@@ -223,6 +278,10 @@ def evaluate(
 @click.pass_context
 def validate(context: click.Context, cage: Path, boundary: str | None, levels: int) -> None:
     """Compare the surface with recursive refinement.
+
+    \b
+    Example:
+      limitsurf validate cage.obj --levels 3
 
     At each level, every vertex of the refined cage is compared with the surface at its (face, u,
     v): where it is (error, and the order at which it shrinks), and where its limit mask moves it
@@ -271,6 +330,10 @@ def plot(
 ) -> None:
     """Draw the surface, its cage and its extraordinary points.
 
+    \b
+    Example:
+      limitsurf plot cage.obj -o picture.png
+
     Creases are drawn as thick edges of the cage.
     """
     surface = _surface(cage, boundary, () if channel is None else (channel,))
@@ -306,7 +369,12 @@ def plot(
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.pass_context
 def demo(context: click.Context, output: Path, queries: int, seed: int) -> None:
-    """Evaluate a bundled cage at random, check it against the refiner, draw it."""
+    """Evaluate a bundled cage at random, check it against the refiner, draw it.
+
+    \b
+    Example:
+      limitsurf demo --queries 100000 -o results
+    """
     from limitsurf.shell.demo import run
 
     if not run(output, queries, seed):

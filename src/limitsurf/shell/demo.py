@@ -7,10 +7,11 @@ from pathlib import Path
 from time import perf_counter
 
 import click
+import numpy as np
 
 import limitsurf as ls
 from limitsurf.query import refinement_gap
-from limitsurf.shell import queries, terminal
+from limitsurf.shell import answers, queries, terminal
 
 LEVELS = 4
 REFINER = f"""
@@ -34,10 +35,13 @@ def run(folder: Path, n: int, seed: int) -> bool:
         surface = ls.LimitSurface(mesh)
     built = perf_counter() - start
 
-    asked = queries.random_queries(len(surface.limit_faces), n, seed)
+    asked = queries.random_queries(len(surface.limit_faces), n, seed).batches
+    found = []
     start = perf_counter()
     with terminal.counting("evaluating", n) as done:
-        answers = queries.evaluate(surface, asked, order=1, normals=True, done=done)
+        for batch in answers.answered(surface, asked, answers.Question(order=1, normals=True)):
+            found.append(batch)
+            done(len(batch["face"]))
     took = perf_counter() - start
     inside = mesh.vertex_faces[~mesh.boundary_vertex]
 
@@ -54,7 +58,8 @@ def run(folder: Path, n: int, seed: int) -> bool:
     )
 
     with terminal.working("checking every query on the once refined cage"):
-        position, normal = refinement_gap(surface, *asked)
+        where = [np.concatenate([batch[name] for batch in found]) for name in queries.NAMES]
+        position, normal = refinement_gap(surface, *where)
     click.echo(
         f"\nThe same {n:,} queries on the cage refined once, in other patches: positions differ by"
         f"\nat most {position:.1e}, unit normals by {normal:.1e}."
@@ -66,7 +71,9 @@ def run(folder: Path, n: int, seed: int) -> bool:
     click.echo(f"The limit error is {'rounding alone' if agrees else 'MORE than rounding'}.\n")
 
     results, picture = folder / "demo_results.npz", folder / "demo.png"
-    queries.write_answers(results, answers)
+    with answers.writing(results, n) as write:
+        for batch in found:
+            write(batch)
     click.echo(results)
     try:
         with terminal.working("drawing"):

@@ -41,15 +41,26 @@ def warnings_in_one_line() -> Iterator[None]:
 
 
 @contextmanager
-def counting(text: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A progress bar on stderr; the function takes how many more are done."""
+def counting(text: str, total: int | None, quiet: bool = False) -> Iterator[Callable[[int], None]]:
+    """A progress bar on stderr, unless it is to be quiet; the function takes how many more are
+    done. Without a total it shows how many are.
+    """
+    from rich import progress
     from rich.console import Console
-    from rich.progress import Progress
 
     console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(text, total=total)
-        yield lambda more: progress.advance(task, more)
+    columns = (
+        progress.TextColumn("{task.description}"),
+        progress.BarColumn(),
+        progress.TextColumn("{task.completed:,.0f}"),
+        progress.TimeElapsedColumn(),
+        progress.TimeRemainingColumn(),
+    )
+    with progress.Progress(
+        *columns, console=console, transient=True, disable=quiet or not console.is_terminal
+    ) as bar:
+        task = bar.add_task(text, total=total)
+        yield lambda more: bar.advance(task, more)
 
 
 @contextmanager

@@ -1,0 +1,102 @@
+"""Compiled preparation of points: control points beyond the cage, and coefficients at corners."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+from limitsurf._kernels.evaluation import LANES
+from limitsurf._kernels.jit import combination, inlined, lean
+
+Array = NDArray[Any]
+SIX = 6  # rows of a matrix that are multiplied at once
+
+_sum6 = combination(SIX)
+
+
+@inlined
+def _high(high: Array, extras: Array, i: int, c: int) -> float:
+    """A control point as it is rounded."""
+    x: float = high[i, c] if i < len(high) else extras[i - len(high), c]
+    return x
+
+
+@inlined
+def _low(high: Array, extras: Array, i: int, c: int) -> float:
+    """What rounding took from it."""
+    x: float = 0.0 if i < len(high) else extras[i - len(high), high.shape[1] + c]
+    return x
+
+
+@lean
+def extend(
+    indptr: Array, columns: Array, values: Array, high: Array, extras: Array, start: int
+) -> None:
+    """Control points, sparse rows over those before, into extras from row `start` on.
+
+    Each is formed relative to its first term, so that no digits are lost far from the origin, nor
+    among points that are close to each other; see `reference.differences` and `two_sum`.
+    """
+    width = high.shape[1]
+    for r in range(len(indptr) - 1):
+        first = columns[indptr[r]]
+        for c in range(width):
+            own, rest = _high(high, extras, first, c), _low(high, extras, first, c)
+            step = 0.0
+            for k in range(indptr[r], indptr[r + 1]):
+                i = columns[k]
+                near = _high(high, extras, i, c) - own
+                step += values[k] * (near + (_low(high, extras, i, c) - rest))
+            total = own + step
+            part = total - own
+            error = (own - (total - part)) + (step - part)
+            extras[start + r, c] = total
+            extras[start + r, width + c] = rest + error
+
+
+@lean
+def coefficients(
+    ids: Array, high: Array, extras: Array, matrix: Array, modes: Array, fine: Array, near: Array,
+    sums: Array,
+) -> None:  # fmt: skip
+    """Coefficients and refined points of special patches with control points ids (P, K).
+
+    high (n, width) and extras (m, 2 width) as in ``evaluation.Points``; matrix (K + 25, rounded up
+    to `SIX`; K, rounded up to `LANES`) has left eigenvectors and rows of refined points; modes
+    (P, ROWS + 3, width) and fine (P, 27, width) are zero and get what ``evaluation.Points`` says.
+    near (K, rounded up; `LANES`) is flat and zero, sums (`SIX`, `LANES`) are room.
+    """
+    K, size, width = ids.shape[1], matrix.shape[1], high.shape[1]
+    last = modes.shape[1] - 1
+    for p in range(len(ids)):
+        own: int = ids[p, 0]
+        first = -1
+        largest = 0.0
+        for channel in range(0, width, LANES):
+            for k in range(K):
+                i: int = ids[p, k]
+                for c in range(channel, channel + LANES):
+                    x = _high(high, extras, i, c) - _high(high, extras, own, c)
+                    x += _low(high, extras, i, c) - _low(high, extras, own, c)
+                    near[k * LANES + c - channel] = x
+            for begin in range(0, K + 25, SIX):
+                _sum6(matrix[begin : begin + SIX], size, near, 0, LANES, sums)
+                for r in range(begin, min(begin + SIX, K + 25)):
+                    for c in range(LANES):
+                        x = sums[r - begin, c]
+                        if r >= K:
+                            fine[p, r - K, channel + c] = x
+                            continue
+                        modes[p, r, channel + c] = x
+                        if r > 0 and x != 0 and (first < 0 or r < first):
+                            first = r
+                        if r > 0 and not abs(x) <= largest:
+                            largest = abs(x)
+            for c in range(channel, channel + LANES):
+                low, rounded = _low(high, extras, own, c), _high(high, extras, own, c)
+                modes[p, 0, c] += low
+                modes[p, last - 1, c] = rounded
+                fine[p, 25, c], fine[p, 26, c] = low, rounded
+        modes[p, last, 0] = largest
+        modes[p, last, 1] = max(1, first)

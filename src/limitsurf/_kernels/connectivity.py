@@ -1,0 +1,542 @@
+"""Compiled connectivity of faces: corners at vertices, twins, fans, edges, and regular patches.
+
+Corners are numbered face by face, H in all. ``tail`` (H,) is the vertex of each. ``size`` is 4 for
+meshes of quads alone; else ``after`` and ``before`` (H,) are the next and the previous corner of
+the same face. ``starts`` (V + 1,) and ``corners`` (H,) are what `around` gives, ``twin`` (H,) what
+`twins` does. Other given integers have 64 bits; H is less than 2^31. Everything is linear in H,
+but for the sorting of the neighbours of each vertex in `edges`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf._kernels.jit import inlined, kernel
+
+Array = NDArray[Any]
+# size, after, before
+Steps = tuple[int, Array, Array]
+
+
+@inlined
+def _following(corner: int, size: int, after: Array) -> Any:
+    return corner & ~3 | corner + 1 & 3 if size == 4 else after[corner]
+
+
+@inlined
+def _preceding(corner: int, size: int, before: Array) -> Any:
+    return corner & ~3 | corner - 1 & 3 if size == 4 else before[corner]
+
+
+def around(tail: Array, offsets: Array, n_vertices: int) -> tuple[Array, Array, bool]:
+    """The corners at each vertex, ascending, and whether a face has a vertex more than once.
+
+    ``offsets`` (F + 1,) are the first corners of the faces.
+    """
+    starts = np.zeros(n_vertices + 1, np.int64)
+    corners = np.empty(len(tail), np.int32)
+    repeats = _around(tail, offsets, starts, np.empty(n_vertices, np.int32), corners)
+    return starts, corners, bool(repeats)
+
+
+@kernel
+def _around(tail: Array, offsets: Array, starts: Array, place: Array, corners: Array) -> bool:
+    for vertex in tail:
+        starts[vertex + 1] += 1
+    for vertex in range(len(place)):
+        place[vertex] = starts[vertex]
+        starts[vertex + 1] += starts[vertex]
+    repeats = False
+    for face in range(len(offsets) - 1):
+        for corner in range(offsets[face], offsets[face + 1]):
+            vertex = tail[corner]
+            here = place[vertex]
+            repeats |= here > starts[vertex] and corners[here - 1] >= offsets[face]
+            corners[here] = corner
+            place[vertex] = here + 1
+    return repeats
+
+
+def twins(tail: Array, steps: Steps, starts: Array, corners: Array) -> Array:
+    """The half-edge in the opposite direction, (H,); -1 unless there is just one in each.
+
+    No face may have a vertex more than once.
+    """
+    result = np.empty(len(tail), np.int64)
+    room = np.full((2, len(starts) - 1), -1, np.int32)
+    _twins(tail, *steps, starts, corners, room[0], room[1], result)
+    return result
+
+
+@kernel
+def _twins(
+    tail: Array,
+    size: int,
+    after: Array,
+    before: Array,
+    starts: Array,
+    corners: Array,
+    leaving: Array,
+    entering: Array,
+    result: Array,
+) -> None:
+    # half-edges from the current vertex to another, and back: -1 none, -2 several
+    for vertex in range(len(starts) - 1):
+        for k in range(starts[vertex], starts[vertex + 1]):
+            corner = corners[k]
+            head = tail[_following(corner, size, after)]
+            leaving[head] = corner if leaving[head] == -1 else -2
+            earlier = _preceding(corner, size, before)
+            head = tail[earlier]
+            entering[head] = earlier if entering[head] == -1 else -2
+        found = 0
+        for k in range(starts[vertex], starts[vertex + 1]):
+            corner = corners[k]
+            head = tail[_following(corner, size, after)]
+            result[corner] = -1
+            if leaving[head] >= 0 and entering[head] >= 0:
+                result[corner] = entering[head]
+                entering[head] = -1
+                found += 1
+            leaving[head] = -1
+        if found < starts[vertex + 1] - starts[vertex]:
+            for k in range(starts[vertex], starts[vertex + 1]):
+                entering[tail[_preceding(corners[k], size, before)]] = -1
+
+
+def valences(steps: Steps, twin: Array, starts: Array, corners: Array) -> Array:
+    """The number of faces at each vertex, (V,); negative on a rim, 0 where they form no one fan."""
+    result = np.empty(len(starts) - 1, np.int64)
+    _valences(*steps, twin, starts, corners, result)
+    return result
+
+
+@kernel
+def _valences(
+    size: int,
+    after: Array,
+    before: Array,
+    twin: Array,
+    starts: Array,
+    corners: Array,
+    result: Array,
+) -> None:
+    for vertex in range(len(result)):
+        count = starts[vertex + 1] - starts[vertex]
+        if count == 0:
+            result[vertex] = 0
+            continue
+        first = corners[starts[vertex]]
+        found, corner = 1, twin[_preceding(first, size, before)]
+        while corner >= 0 and corner != first:
+            found, corner = found + 1, twin[_preceding(corner, size, before)]
+        sign = 1
+        if corner < 0:
+            sign, corner = -1, twin[first]
+            while corner >= 0:
+                found, corner = found + 1, twin[_following(corner, size, after)]
+        result[vertex] = sign * count if found == count else 0
+
+
+def fans(steps: Steps, twin: Array, starts: Array, corners: Array) -> tuple[Array, ...]:
+    """The members of `Fans`: vertex, closed, offsets, corners, fan, position."""
+    n = len(twin)
+    # as many fans as corners at most
+    vertex, closed, offsets = np.empty(n, np.int64), np.empty(n, bool), np.zeros(n + 1, np.int64)
+    ordered, fan, position = np.empty(n, np.int64), np.full(n, -1), np.empty(n, np.int64)
+    result = vertex, closed, offsets, ordered, fan, position
+    count = _fans(*steps, twin, starts, corners, *result)
+    return vertex[:count], closed[:count], offsets[: count + 1], ordered, fan, position
+
+
+@kernel
+def _fans(
+    size: int,
+    after: Array,
+    before: Array,
+    twin: Array,
+    starts: Array,
+    corners: Array,
+    vertices: Array,
+    closed: Array,
+    offsets: Array,
+    ordered: Array,
+    fan: Array,
+    position: Array,
+) -> int:
+    count, done = 0, 0
+    for vertex in range(len(starts) - 1):
+        for k in range(starts[vertex], starts[vertex + 1]):
+            first = corners[k]
+            if fan[first] != -1:
+                continue
+            corner = first
+            # clockwise, back to here or to the first corner of a fan that comes later
+            while twin[corner] >= 0 and fan[corner] == -1:
+                fan[corner] = -2
+                corner = _following(twin[corner], size, after)
+            if corner != first:
+                continue
+            vertices[count], closed[count] = vertex, twin[first] >= 0
+            start = done
+            while True:
+                fan[corner], position[corner], ordered[done] = count, done - start, corner
+                done += 1
+                corner = twin[_preceding(corner, size, before)]
+                if corner < 0 or corner == first:
+                    break
+            count += 1
+            offsets[count] = done
+    return count
+
+
+def edges(
+    tail: Array, steps: Steps, twin: Array, starts: Array, corners: Array
+) -> tuple[Array, Array, Array]:
+    """Vertices of all edges (E, 2), edge of each corner (H,), half-edges of each edge (E, 2).
+
+    Rows and their order are those of `Mesh.edges` and `Mesh.edge_corners`.
+    """
+    most = np.count_nonzero(twin < np.arange(len(twin)))
+    ends, edge_corners = np.empty((most, 2), np.int64), np.empty((most, 2), np.int64)
+    corner_edge = np.empty(len(twin), np.int64)
+    room = np.empty(2 * np.diff(starts).max(), np.int64)
+    result = room, ends, corner_edge, edge_corners
+    count = _edges(tail, *steps, twin, starts, corners, *result)
+    return ends[:count], corner_edge, edge_corners[:count]
+
+
+@kernel
+def _edges(
+    tail: Array,
+    size: int,
+    after: Array,
+    before: Array,
+    twin: Array,
+    starts: Array,
+    corners: Array,
+    keys: Array,
+    ends: Array,
+    corner_edge: Array,
+    edge_corners: Array,
+) -> int:
+    edge = -1
+    for vertex in range(len(starts) - 1):
+        # half-edges between this vertex and higher ones: that one's number, then their own
+        n = 0
+        for k in range(starts[vertex], starts[vertex + 1]):
+            corner = corners[k]
+            other = tail[_following(corner, size, after)]
+            if other > vertex:
+                keys[n] = other << 32 | corner
+                n += 1
+            earlier = _preceding(corner, size, before)
+            other = tail[earlier]
+            if other > vertex:
+                keys[n] = other << 32 | earlier
+                n += 1
+        _sort(keys, n)
+        last = -1
+        for k in range(n):
+            other, corner = keys[k] >> 32, keys[k] & 0xFFFFFFFF
+            if other != last:
+                last = other
+                edge += 1
+                ends[edge, 0], ends[edge, 1] = vertex, other
+                edge_corners[edge, 0], edge_corners[edge, 1] = corner, twin[corner]
+            corner_edge[corner] = edge
+    return edge + 1
+
+
+@inlined
+def _sort(keys: Array, n: int) -> None:
+    """Sort the first n in place, by Shell's method."""
+    gap = 1
+    while 9 * gap < n:
+        gap = 3 * gap + 1
+    while gap:
+        for k in range(gap, n):
+            key = keys[k]
+            while k >= gap and keys[k - gap] > key:
+                keys[k] = keys[k - gap]
+                k -= gap
+            keys[k] = key
+        gap //= 3
+
+
+def part(
+    wanted: Array, tail: Array, offsets: Array, twin: Array, n_vertices: int
+) -> tuple[Array, Array, Array, Array, Array]:
+    """The faces that have one of the wanted corners (H,), as a mesh of their own.
+
+    Faces, corners and vertices, each ascending, then tails and twins of the part. ``offsets``
+    (F + 1,) are the first corners of the faces; there are none if all are quads.
+    """
+    n = len(tail)
+    # memory beyond what is found is never touched
+    faces, corners = np.empty(n // 3 + 1, np.int64), np.empty(n, np.int64)
+    vertices, number = np.empty(n_vertices, np.int64), np.zeros(n_vertices, np.int32)
+    place, counts = np.empty(n, np.int32), np.zeros(3, np.int64)
+    _part(wanted, tail, offsets, faces, corners, vertices, number, place, counts)
+    faces, corners, vertices = (
+        x[:k].copy() for x, k in zip((faces, corners, vertices), counts.tolist(), strict=True)
+    )
+    tails, twins = np.empty((2, len(corners)), np.int64)
+    _renumber(tail, twin, corners, number, place, tails, twins)
+    return faces, corners, vertices, tails, twins
+
+
+@kernel
+def _part(
+    wanted: Array,
+    tail: Array,
+    offsets: Array,
+    faces: Array,
+    corners: Array,
+    vertices: Array,
+    number: Array,
+    place: Array,
+    counts: Array,
+) -> None:
+    quads = len(offsets) == 0
+    count = found = 0
+    for face in range(len(tail) // 4 if quads else len(offsets) - 1):
+        begin = 4 * face if quads else offsets[face]
+        end = begin + 4 if quads else offsets[face + 1]
+        any_wanted = False
+        for corner in range(begin, end):
+            any_wanted |= wanted[corner]
+        if any_wanted:
+            faces[count] = face
+            count += 1
+            for corner in range(begin, end):
+                corners[found], place[corner] = corner, found
+                number[tail[corner]] = 1
+                found += 1
+    counts[0], counts[1] = count, found
+    count = 0
+    for vertex in range(len(number)):
+        if number[vertex]:
+            vertices[count], number[vertex] = vertex, count
+            count += 1
+    counts[2] = count
+
+
+@kernel
+def _renumber(
+    tail: Array,
+    twin: Array,
+    corners: Array,
+    number: Array,
+    place: Array,
+    tails: Array,
+    twins: Array,
+) -> None:
+    for k in range(len(corners)):
+        tails[k] = number[tail[corners[k]]]
+        other = twin[corners[k]]
+        here = place[other] if other >= 0 else -1
+        # places of corners outside are whatever was there
+        inside = here >= 0 and here < len(corners) and corners[here] == other
+        twins[k] = here if inside else -1
+
+
+def smooth_quads(tail: Array, first: Array, turn: Array, valence: Array) -> tuple[Array, Array]:
+    """Which faces are one smooth patch: see `patches.smooth_quads`."""
+    found, start = np.empty(len(first), np.int32), np.empty(len(first), np.int8)
+    _smooth_quads(tail, first, turn, valence, found, start)
+    return found, start
+
+
+@kernel
+def _smooth_quads(
+    tail: Array, first: Array, turn: Array, valence: Array, found: Array, start: Array
+) -> None:
+    for face in range(len(first)):
+        special, place = 4, -turn[face] & 3
+        for k in range(4):
+            here = valence[tail[first[face] + k]]
+            if here != 4:
+                special, place = (here, k) if special == 4 else (0, 0)
+                if special == 0:
+                    break
+        found[face] = special
+        start[face] = place if special else 0
+
+
+def grids(tail: Array, steps: Steps, twin: Array, first: Array, start: Array) -> Array:
+    """Vertices of and around quads, (n, 16): see `patches.grids`."""
+    result = np.empty((len(first), 16), np.int32)
+    _grids(tail, *steps, twin, first, start, result)
+    return result
+
+
+@kernel
+def _grids(
+    tail: Array,
+    size: int,
+    after: Array,
+    before: Array,
+    twin: Array,
+    first: Array,
+    start: Array,
+    result: Array,
+) -> None:
+    for face in range(len(first)):
+        _grid(tail, size, after, before, twin, first[face], start[face], result, face)
+
+
+@inlined
+def _grid(
+    tail: Array,
+    size: int,
+    after: Array,
+    before: Array,
+    twin: Array,
+    first: int,
+    start: int,
+    result: Array,
+    row: int,
+) -> None:
+    for k in range(4):
+        corner = first + (start + k & 3)
+        result[row, _OWN[k]] = tail[corner]
+        other = twin[corner]
+        across = beside = beyond = -1
+        if other >= 0:
+            leaving = _following(other, size, after)
+            across = tail[_following(leaving, size, after)]
+            beside = tail[_preceding(other, size, before)]
+            other = twin[leaving]
+            if other >= 0:
+                beyond = tail[_preceding(other, size, before)]
+        result[row, _ACROSS[k]] = across
+        result[row, _BESIDE[k]] = beside
+        result[row, _BEYOND[k]] = beyond
+
+
+# by side of the quad: its corner, the vertices across it beside its corners, that beyond its corner
+_OWN, _ACROSS, _BESIDE, _BEYOND = (5, 6, 10, 9), (1, 7, 14, 8), (2, 11, 13, 4), (0, 3, 15, 12)
+
+
+def specials(
+    tail: Array,
+    steps: Steps,
+    twin: Array,
+    first: Array,
+    start: Array,
+    valence: int,
+    outer: Array,
+) -> Array:
+    """Vertices around the starting corners, and others of the grids: see `patches.specials`."""
+    result = np.empty((len(first), 2 * valence + 1 + len(outer)), np.int32)
+    room = np.empty((1, 16), np.int32)
+    _specials(tail, *steps, twin, first, start, valence, outer, room, result)
+    return result
+
+
+@kernel
+def _specials(
+    tail: Array,
+    size: int,
+    after: Array,
+    before: Array,
+    twin: Array,
+    first: Array,
+    start: Array,
+    valence: int,
+    outer: Array,
+    room: Array,
+    result: Array,
+) -> None:
+    for face in range(len(first)):
+        corner = first[face] + start[face]
+        result[face, 0] = tail[corner]
+        for j in range(valence):
+            leaving = _following(corner, size, after)
+            result[face, 2 * j + 1] = tail[leaving]
+            result[face, 2 * j + 2] = tail[_following(leaving, size, after)]
+            corner = twin[_preceding(corner, size, before)]
+        _grid(tail, size, after, before, twin, first[face], start[face], room, 0)
+        for j in range(len(outer)):
+            result[face, 2 * valence + 1 + j] = room[0, outer[j]]
+
+
+def sharp_quads(
+    tail: Array,
+    steps: Steps,
+    twin: Array,
+    fan: Array,
+    state: Array,
+    around: Array,
+    edges: Array,
+    through: Array,
+    first: Array,
+    turn: Array,
+) -> tuple[Array, Array]:
+    """What kind of patch quads at sharp edges are: see `patches.sharp_quads`."""
+    found, start = np.empty(len(first), np.int8), np.empty(len(first), np.int8)
+    known = fan, state, around, edges, through, first, turn
+    _sharp_quads(tail, *steps, twin, *known, found, start)
+    return found, start
+
+
+@kernel
+def _sharp_quads(
+    tail: Array,
+    size: int,
+    after: Array,
+    before: Array,
+    twin: Array,
+    fan: Array,
+    state: Array,
+    around: Array,
+    edges: Array,
+    through: Array,
+    first: Array,
+    turn: Array,
+    found: Array,
+    start: Array,
+) -> None:
+    for face in range(len(first)):
+        found[face] = start[face] = 0
+        special = regular = side = soft = here = 0
+        for k in range(4):
+            corner = first[face] + k
+            here = state[fan[corner]]
+            if here == _MIXED:
+                break
+            regular += here == _REGULAR
+            if here == _SPECIAL:
+                special, start[face] = special + 1, k
+            if edges[corner] > 0:
+                soft, side = soft + 1, k
+        if here == _MIXED:
+            start[face] = 0
+        elif regular == 4:
+            found[face], start[face] = 1, -turn[face] & 3
+        elif regular == 3 and special == 1:
+            found[face] = 2
+        elif regular >= 2 and soft == 1:
+            code = edges[first[face] + side]
+            fine = True
+            for k in range(2, 4):
+                fine &= state[fan[first[face] + (side + k & 3)]] == _REGULAR
+            for k in range(2):
+                corner = first[face] + (side + k & 3)
+                fine &= around[fan[corner]] == 4 and through[tail[corner]] == code
+                # opposite to the side: two edges on from it, three from the face's next edge
+                if fine:
+                    for _ in range(2 + k):
+                        corner = twin[_preceding(corner, size, before)]
+                    fine = edges[corner] == code
+            found[face], start[face] = (3, side) if fine else (0, 0)
+        else:
+            start[face] = 0
+
+
+# states of fans: with others than quads, semi-sharp, the special corner of a patch, or regular
+_MIXED, _PENDING, _SPECIAL, _REGULAR = -1, 0, 1, 2

@@ -1,0 +1,376 @@
+"""Compiled refinement: children of faces, their connectivity, and refined points.
+
+A mesh has V vertices, E edges, F faces and H corners, numbered face by face. Corner h is also the
+half-edge to the next corner of its face; ``twin`` (H,) is the one in the opposite direction or -1.
+Faces are given by ``offsets`` (F + 1,) and ``corner_face`` (H,); both are empty if all are quads.
+Vertices of the refined mesh are those of the mesh, then a point for each edge, then for each face;
+its faces are one for each corner. Every function passes over the faces once, and fills the arrays
+that it is given last.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf._kernels.jit import lean
+
+Array = NDArray[Any]
+
+
+@lean
+def child_faces(
+    indices: Array,
+    offsets: Array,
+    corner_edge: Array,
+    n_vertices: int,
+    n_edges: int,
+    result: Array,
+) -> None:
+    """Vertices of the children, (4 H,)."""
+    quads = len(offsets) == 0
+    n_faces = len(indices) // 4 if quads else len(offsets) - 1
+    for face in range(n_faces):
+        begin = 4 * face if quads else offsets[face]
+        end = begin + 4 if quads else offsets[face + 1]
+        before = n_vertices + corner_edge[end - 1]
+        for h in range(begin, end):
+            edge = n_vertices + corner_edge[h]
+            result[4 * h] = indices[h]
+            result[4 * h + 1] = edge
+            result[4 * h + 2] = n_vertices + n_edges + face
+            result[4 * h + 3] = before
+            before = edge
+
+
+@lean
+def child_twins(offsets: Array, twin: Array, result: Array) -> None:
+    """Twins of the children's half-edges, (4 H,).
+
+    Those of child h go from corner to midpoint, to face point, to midpoint before, to corner.
+    """
+    quads = len(offsets) == 0
+    n_faces = len(twin) // 4 if quads else len(offsets) - 1
+    for face in range(n_faces):
+        begin = 4 * face if quads else offsets[face]
+        end = begin + 4 if quads else offsets[face + 1]
+        for h in range(begin, end):
+            after = begin if h + 1 == end else h + 1
+            result[4 * h + 1] = 4 * after + 2
+            result[4 * after + 2] = 4 * h + 1
+            across = twin[h]
+            if across < 0:
+                result[4 * h] = -1
+                result[4 * after + 3] = -1
+            else:
+                result[4 * after + 3] = 4 * across
+                result[4 * across] = 4 * after + 3
+
+
+@lean
+def child_edges(
+    indices: Array,
+    offsets: Array,
+    twin: Array,
+    edges: Array,
+    corner_edge: Array,
+    half: Array,
+    middle: Array,
+    halves: Array,
+    new_edges: Array,
+    new_corner_edge: Array,
+    new_edge_corners: Array,
+) -> None:
+    """``edges``, ``corner_edge`` and ``edge_corners`` of the refined mesh.
+
+    Its edges come in lexicographic order by themselves: first the halves of edges by vertex and
+    edge, 2 E of them, then, by edge and face, those that join a midpoint to a face point. On entry
+    ``half`` (V,) and ``middle`` (E,) are where they begin for each vertex and edge; ``halves``
+    (E, 2) is room. No half-edge is `separate`.
+    """
+    quads = len(offsets) == 0
+    n_vertices, n_corners, n_edges = len(half), len(twin), len(edges)
+    n_faces = n_corners // 4 if quads else len(offsets) - 1
+    for edge in range(n_edges):
+        for side in range(2):
+            vertex = edges[edge, side]
+            number = half[vertex]
+            half[vertex] += 1
+            halves[edge, side] = number
+            new_edges[number, 0] = vertex
+            new_edges[number, 1] = n_vertices + edge
+            new_edge_corners[number, 0] = 4 * n_corners
+            new_edge_corners[number, 1] = -1
+    for face in range(n_faces):
+        begin = 4 * face if quads else offsets[face]
+        end = begin + 4 if quads else offsets[face + 1]
+        for h in range(begin, end):
+            after = begin if h + 1 == end else h + 1
+            edge = corner_edge[h]
+            number = middle[edge]
+            middle[edge] += 1
+            new_edges[number, 0] = n_vertices + edge
+            new_edges[number, 1] = n_vertices + n_edges + face
+            new_edge_corners[number, 0] = min(4 * h + 1, 4 * after + 2)
+            new_edge_corners[number, 1] = max(4 * h + 1, 4 * after + 2)
+            new_corner_edge[4 * h + 1] = number
+            new_corner_edge[4 * after + 2] = number
+            side = 0 if edges[edge, 0] == indices[h] else 1
+            for number, corner in (
+                (halves[edge, side], 4 * h),
+                (halves[edge, 1 - side], 4 * after + 3),
+            ):
+                new_corner_edge[corner] = number
+                least = new_edge_corners[number, 0]
+                new_edge_corners[number, 0] = min(least, corner)
+                if twin[h] >= 0 and least < 4 * n_corners:
+                    new_edge_corners[number, 1] = max(least, corner)
+
+
+@lean
+def operator_rows(
+    indices: Array,
+    offsets: Array,
+    corner_edge: Array,
+    weights: Array,
+    towards: Array,
+    place: Array,
+    columns: Array,
+    values: Array,
+) -> None:
+    """What faces and edge neighbours bring to the rows of vertex and edge points.
+
+    A row goes on at ``place`` (V + E,). Face points are columns V + face; `weights` (V, 3) are for
+    vertex, neighbours and face points, `towards` (E,) for the face points beside an edge.
+    """
+    quads = len(offsets) == 0
+    n_vertices = len(weights)
+    n_faces = len(indices) // 4 if quads else len(offsets) - 1
+    for face in range(n_faces):
+        begin = 4 * face if quads else offsets[face]
+        end = begin + 4 if quads else offsets[face + 1]
+        for h in range(begin, end):
+            tail, edge = indices[h], corner_edge[h]
+            if weights[tail, 1] != 0 or weights[tail, 2] != 0:
+                at = place[tail]
+                place[tail] += 2
+                columns[at] = indices[begin if h + 1 == end else h + 1]
+                columns[at + 1] = n_vertices + face
+                values[at] = weights[tail, 1]
+                values[at + 1] = weights[tail, 2]
+            if towards[edge] != 0:
+                at = place[n_vertices + edge]
+                place[n_vertices + edge] += 1
+                columns[at] = n_vertices + face
+                values[at] = towards[edge]
+
+
+@lean
+def product(
+    starts: Array,
+    columns: Array,
+    values: Array,
+    other_starts: Array,
+    other_columns: Array,
+    other_values: Array,
+    seen: Array,
+    total: Array,
+    new_starts: Array,
+    new_columns: Array,
+    new_values: Array,
+) -> None:
+    """The product of two sparse matrices by rows, with ascending columns.
+
+    ``seen`` and ``total`` are room for as many as the other has columns, the first -1 throughout.
+    """
+    count = 0
+    new_starts[0] = 0
+    for row in range(len(starts) - 1):
+        begin = count
+        for k in range(starts[row], starts[row + 1]):
+            weight = values[k]
+            for j in range(other_starts[columns[k]], other_starts[columns[k] + 1]):
+                column = other_columns[j]
+                if seen[column] == row:
+                    total[column] += weight * other_values[j]
+                    continue
+                seen[column] = row
+                total[column] = weight * other_values[j]
+                # into order: rows are short
+                at = count
+                while at > begin and new_columns[at - 1] > column:
+                    new_columns[at] = new_columns[at - 1]
+                    at -= 1
+                new_columns[at] = column
+                count += 1
+        for k in range(begin, count):
+            new_values[k] = total[new_columns[k]]
+        new_starts[row + 1] = count
+
+
+@lean
+def refined_points(
+    points: Array,
+    indices: Array,
+    offsets: Array,
+    corner_face: Array,
+    twin: Array,
+    corner_edge: Array,
+    vertex_faces: Array,
+    n_edges: int,
+    masks: tuple[Array, Array, Array, Array],
+    first: int,
+    channels: tuple[int, ...],
+    result: Array,
+) -> None:
+    """Smooth points of the refined mesh, (V + E + F, d), midpoints at edges without a twin.
+
+    `masks` are, by number of corners, where face masks begin, and these, one after the other; by
+    number of faces at a vertex the weights of edge neighbours and face points; and what a triangle
+    and what another face contributes to the weight of face points in edge points. As many channels
+    are computed, from the `first` on, as `channels` is long, whose length the compiler knows.
+    """
+    start, face_masks, vertex_masks, contribution = masks
+    n_vertices = len(points)
+    quads = len(offsets) == 0
+    n_faces = len(indices) // 4 if quads else len(offsets) - 1
+    last = first + len(channels)
+    for vertex in range(n_vertices):
+        for c in range(first, last):
+            result[vertex, c] = 0.0
+    for face in range(n_faces):
+        begin = 4 * face if quads else offsets[face]
+        end = begin + 4 if quads else offsets[face + 1]
+        centre = n_vertices + n_edges + face
+        for c in range(first, last):
+            result[centre, c] = 0.0
+        mask = start[end - begin] - begin
+        for h in range(begin, end):
+            # unsigned: never counted from the end
+            tail, weight = np.uint64(indices[h]), face_masks[mask + h]
+            for c in range(first, last):
+                result[centre, c] += weight * points[tail, c]
+        own = contribution[0 if end - begin == 3 else 1] / 2
+        for h in range(begin, end):
+            tail = np.uint64(indices[h])
+            head = np.uint64(indices[begin if h + 1 == end else h + 1])
+            # differences from the vertex: many small terms are not lost beside it
+            near, far = vertex_masks[vertex_faces[tail], 0], vertex_masks[vertex_faces[tail], 1]
+            for c in range(first, last):
+                here = points[tail, c]
+                step = near * (points[head, c] - here) + far * (result[centre, c] - here)
+                result[tail, c] += step
+            across = twin[h]
+            if across >= h:
+                continue  # when the other face has its point
+            edge = n_vertices + corner_edge[h]
+            weight, other = 0.0, centre
+            if across >= 0:
+                beside = across // 4 if quads else corner_face[across]
+                triangle = not quads and offsets[beside + 1] - offsets[beside] == 3
+                weight = own + contribution[0 if triangle else 1] / 2
+                other = n_vertices + n_edges + beside
+            for c in range(first, last):
+                ends = (0.5 - weight) * (points[tail, c] + points[head, c])
+                result[edge, c] = ends + weight * (result[centre, c] + result[other, c])
+    for vertex in range(n_vertices):
+        for c in range(first, last):
+            result[vertex, c] += points[vertex, c]
+
+
+@lean
+def limit_points(
+    points: Array,
+    indices: Array,
+    vertex_faces: Array,
+    weights: Array,
+    first: int,
+    channels: tuple[int, ...],
+    result: Array,
+) -> None:
+    """Limits of the vertices of quads that are smooth all around, (V, d); of others nonsense.
+
+    `weights` are, by number of faces at a vertex, those of edge neighbours and face corners.
+    Channels are as in `refined_points`.
+    """
+    n_vertices, last = len(points), first + len(channels)
+    for vertex in range(n_vertices):
+        for c in range(first, last):
+            result[vertex, c] = 0.0
+    for h in range(len(indices)):
+        begin = h // 4 * 4
+        tail, head = np.uint64(indices[h]), np.uint64(indices[begin + (h + 1) % 4])
+        opposite = np.uint64(indices[begin + (h + 2) % 4])
+        near, far = weights[vertex_faces[tail], 0], weights[vertex_faces[tail], 1]
+        for c in range(first, last):
+            own = points[tail, c]
+            step = near * (points[head, c] - own) + far * (points[opposite, c] - own)
+            result[tail, c] += step
+    for vertex in range(n_vertices):
+        for c in range(first, last):
+            result[vertex, c] += points[vertex, c]
+
+
+@lean
+def limit_normals(
+    points: Array,
+    indices: Array,
+    twin: Array,
+    vertex_faces: Array,
+    start: Array,
+    masks: Array,
+    seen: Array,
+    result: Array,
+) -> None:
+    """Unit limit normals (V, 3) of the vertices of quads but those already `seen`.
+
+    By number of faces at a vertex, `start` is where two masks begin, over its edge neighbours and
+    face corners counter-clockwise, itself first; or -1. NaN where the vectors vanish or are
+    dependent, up to their rounding errors.
+    """
+    for vertex in range(len(points)):
+        for c in range(3):
+            result[vertex, c] = np.nan
+    for first in range(len(indices)):
+        vertex = indices[first]
+        if seen[vertex]:
+            continue
+        seen[vertex] = True
+        valence = vertex_faces[vertex]
+        if start[valence] < 0:
+            continue
+        x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
+        ax = ay = az = bx = by = bz = size = 0.0
+        h, at = first, start[valence] + 1
+        beside = at + 2 * valence + 1
+        for _ in range(valence):
+            begin = h // 4 * 4
+            for k in range(2):
+                other = indices[begin + (h + 1 + k) % 4]
+                dx, dy, dz = points[other, 0] - x, points[other, 1] - y, points[other, 2] - z
+                if k == 0:
+                    size = max(size, abs(dx), abs(dy), abs(dz))
+                a, b = masks[at + k], masks[beside + k]
+                ax, ay, az = ax + a * dx, ay + a * dy, az + a * dz
+                bx, by, bz = bx + b * dx, by + b * dy, bz + b * dz
+            at += 2
+            beside += 2
+            h = twin[begin + (h + 3) % 4]
+        noise = 16 * 2.0**-52 * size
+        # largest component first: neither overflow nor underflow in the squares
+        a, b = max(abs(ax), abs(ay), abs(az)), max(abs(bx), abs(by), abs(bz))
+        if not (a > noise and b > noise):
+            continue
+        ax, ay, az = ax / a, ay / a, az / a
+        bx, by, bz = bx / b, by / b, bz / b
+        scale = sqrt(ax * ax + ay * ay + az * az) * sqrt(bx * bx + by * by + bz * bz)
+        nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        size = max(abs(nx), abs(ny), abs(nz))
+        if not size > (noise / a + noise / b) * scale:
+            continue
+        nx, ny, nz = nx / size, ny / size, nz / size
+        scale = sqrt(nx * nx + ny * ny + nz * nz)
+        result[vertex, 0], result[vertex, 1], result[vertex, 2] = nx / scale, ny / scale, nz / scale
