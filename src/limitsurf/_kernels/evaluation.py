@@ -27,6 +27,7 @@ from limitsurf._kernels.jit import (
     inlined,
     lean,
     of_bits,
+    part,
     polynomials,
     prefetch,
     scaling,
@@ -391,17 +392,24 @@ def _write(
     if not deep and order > 0:
         slope = mantissa * of_bits((first + 1023) << 52)
         bend = mantissa * of_bits((second + 1023) << 52)
+    lanes = min(LANES, out.shape[2] - channel)
     for j in range(len(which)):
         term = TURNED[turn & 1, which[j]]
         sign = SIGN[turn, which[j]]
         factor = (1.0 if term == 0 else slope if term < 3 else bend) * sign
-        for c in range(min(LANES, out.shape[2] - channel)):
-            x = found[LANES * term + c]
-            if deep and term:
-                e = first if term < 3 else second
-                out[j, query, channel + c] = scale_by_two(x * mantissa * sign, e)
-            else:
-                out[j, query, channel + c] = x * factor
+        at = LANES * term
+        if deep and term:
+            e = first if term < 3 else second
+            for c in range(lanes):
+                x = found[at + c] * mantissa * sign
+                out[j, query, channel + c] = scale_by_two(x, e)
+        elif lanes == 3:
+            out[j, query, channel] = found[at] * factor
+            out[j, query, channel + 1] = found[at + 1] * factor
+            out[j, query, channel + 2] = found[at + 2] * factor
+        else:
+            for c in range(lanes):
+                out[j, query, channel + c] = found[at + c] * factor
 
 
 @inlined
@@ -448,6 +456,195 @@ def _ask(i: int, n: int, queries: Array, codes: Array, patches: Patches, points:
                 prefetch(points.extras, (number - inner) * 2 * width)
 
 
+@part
+def _simple(
+    simple: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
+    which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,
+) -> int:  # fmt: skip
+    """Queries in regular patches as they are."""
+    ids = patches.ids
+    weights = room.weights
+    found = room.found
+    for i in range(simple):
+        _ask(i, simple, room.simple, room.codes, patches, points)
+        k = room.simple[i]
+        at, query = room.codes[k] * 16, start + k
+        cubic_weights(room.s[k], order, 0, weights)
+        cubic_weights(room.t[k], order, 4 * order + 4, weights)
+        _spline(order, normals, points.high, ids, at, 0, 0, weights, found)
+        if normals:
+            if not _spline_normal(weights, found, out, query):
+                rest[left] = query
+                left += 1
+            continue
+        own = np.int64(ids[at + 5])
+        for c in range(3):
+            found[c] += points.high[own, c]
+        for j in range(len(which)):
+            for c in range(3):
+                out[j, query, c] = found[LANES * which[j] + c]
+    return left
+
+
+@part
+def _splines(
+    splines: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
+    which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,
+) -> int:  # fmt: skip
+    """Queries in other bicubic patches: turned, split, strips, next to special corners."""
+    width = points.high.shape[1]
+    d = out.shape[2]
+    ids = patches.ids
+    weights = room.weights
+    found = room.found
+    first_strip = len(patches.ids) // 16 - len(patches.strips)
+    inner = len(points.high)
+    for i in range(splines):
+        if i + _AHEAD < splines and room.codes[room.splines[i + _AHEAD]] >> KIND > 1:
+            code = room.codes[room.splines[i + _AHEAD]]
+            base = (tables.kinds[code >> KIND, PATCH] + (code & _ROW)) * FINE * width
+            for line in range(base, base + FINE * width, 8):
+                prefetch(points.fine, line)
+        else:
+            _ask(i, splines, room.splines, room.codes, patches, points)
+        k = room.splines[i]
+        code, query = room.codes[k], start + k
+        kind, row, turn = code >> KIND, code & _ROW, code >> TURN & 3
+        s, t, step = room.s[k], room.t[k], room.depths[k]
+        grid, numbers, at, base = points.high, ids, row * 16, 0
+        if kind > 1:
+            piece = room.places[k] & 3
+            grid, numbers, at = points.fine, PIECES, piece * 16
+            base = (tables.kinds[kind, PATCH] + row) * FINE
+            step += 1
+        else:
+            s, t = turned(s, t, turn)
+        cubic_weights(s, order, 0, weights)
+        if kind == 1:
+            first = patches.strips[row - first_strip, 0]
+            depth = patches.strips[row - first_strip, 1]
+            up = turn == 1 or turn == 2
+            pieces = patches.strip_pieces
+            strip_weights(t, order, up, pieces, first, depth, 4 * order + 4, weights)
+        else:
+            cubic_weights(t, order, 4 * order + 4, weights)
+        own = base + np.int64(numbers[at + 5])
+        extra = own - inner if kind <= 1 else -1
+        far = kind <= 1 and code >> FAR & 1
+        for channel in range(0, d, LANES):
+            column = channel
+            if far:
+                differences(points.high, points.extras, ids, row * 16, channel, room.near)
+                grid, numbers, at, column = room.near, _SAME, 0, 0
+            _spline(order, normals, grid, numbers, at, base, column, weights, found)
+            if normals:
+                if not _spline_normal(weights, found, out, query):
+                    rest[left] = query
+                    left += 1
+                break
+            if kind > 1:
+                for c in range(LANES):
+                    value = found[c] + points.fine[own, channel + c]
+                    value += points.fine[base + 25, channel + c]
+                    found[c] = value + points.fine[base + 26, channel + c]
+            elif extra >= 0:
+                for c in range(LANES):
+                    value = found[c] + points.extras[extra, width + channel + c]
+                    found[c] = value + points.extras[extra, channel + c]
+            else:
+                for c in range(LANES):
+                    found[c] += points.high[own, channel + c]
+            _write(order, found, which, turn, 1.0, 0, step, out, query, channel)
+    return left
+
+
+@part
+def _special(
+    special: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
+    which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,
+) -> int:  # fmt: skip
+    """Queries nearer to special corners."""
+    width = points.high.shape[1]
+    d = out.shape[2]
+    modes = points.modes
+    found = room.found
+    rows = room.rows
+    for i in range(special):
+        if i + 1 < special:
+            code = room.codes[room.special[i + 1]]
+            length = (tables.kinds[code >> KIND, ROWS] + 3) * width
+            base = tables.kinds[code >> KIND, MODES] * width + (code & _ROW) * length
+            for line in range(base, base + length, 8):
+                prefetch(modes, line)
+        k = room.special[i]
+        code, query = room.codes[k], start + k
+        kind, turn = code >> KIND, code >> TURN & 3
+        n, at = tables.kinds[kind, ROWS], tables.kinds[kind, MODES]
+        block = (at + (code & _ROW) * (n + 3)) * width
+        piece, level = room.places[k] & 3, (room.places[k] >> 2) - 1
+        S, T = room.s[k], room.t[k]
+        # what the reference does: coefficients too many to keep, degenerate points, second
+        # derivatives where what they come from is nothing beside the first eigenfunction
+        if normals and level < 0 and at >= 0:
+            # (where there is none, or degenerate points hide it, the reference knows why)
+            along, across = tables.kinds[kind, ALONG], tables.kinds[kind, ACROSS]
+            for c in range(3):
+                found[LANES + c] = modes[block + along * width + c]
+                found[2 * LANES + c] = modes[block + across * width + c]
+            noise = NOISE * modes[block + (n + 2) * width]
+            if along >= 0 and _crossed(found, noise, noise, out, query):
+                continue
+        if (
+            at < 0
+            or modes[block + (n + 2) * width + 1] != 1
+            or (normals and level < 0)
+            or (order == 2 and level > DEEPEST)
+        ):
+            rest[left] = query
+            left += 1
+            continue
+        mantissa, exponent, step = 1.0, 0, room.depths[k]
+        if level < 0:
+            for j in range(6):
+                for c in range(n):
+                    rows[j, c] = tables.corners[kind, j, c]
+        else:
+            eigenfunctions(order, kind, piece, S, T, tables, rows)
+            if normals:
+                if not _eigen_normal(
+                    level, kind, block + width, width, tables, modes, rows, found, out, query
+                ):
+                    rest[left] = query
+                    left += 1
+                continue
+            count = (order + 1) * (order + 2) // 2
+            powered(kind, FIRST, level, count, tables, rows)
+            mantissa = tables.mantissas[kind, level % STEP]
+            mantissa *= tables.mantissas[kind, STEP + level // STEP]
+            exponent = tables.exponents[kind, level % STEP]
+            exponent += tables.exponents[kind, STEP + level // STEP]
+            step += level + 1
+        for channel in range(0, d, LANES):
+            at = block + channel
+            if order == 0:
+                _sum1(rows, n, modes, at + width, width, found)
+            elif order == 1:
+                _sum3(rows, n, modes, at + width, width, found)
+            else:
+                _sum6(rows, n, modes, at + width, width, found)
+            if exponent > -1000:
+                scale = mantissa * of_bits((exponent + 1023) << 52)
+                for c in range(LANES):
+                    found[c] *= scale
+            else:
+                for c in range(LANES):
+                    found[c] = scale_by_two(found[c] * mantissa, exponent)
+            for c in range(LANES):
+                found[c] = (found[c] + modes[at + c]) + modes[at + (n + 1) * width + c]
+            _write(order, found, which, turn, mantissa, exponent, step, out, query, channel)
+    return left
+
+
 @lean
 def scattered(
     face: Array, u: Array, v: Array, patches: Patches, tables: Tables, points: Points, order: int,
@@ -460,17 +657,7 @@ def scattered(
     without a limit. Queries that are left to the reference are written to `rest`; returned is how
     many there are, or -1 if a face or a parameter is out of range.
     """
-    width, d = points.high.shape[1], out.shape[2]
-    ids, modes, weights, found, rows = (
-        patches.ids,
-        points.modes,
-        room.weights,
-        room.found,
-        room.rows,
-    )
-    first_strip = len(ids) // 16 - len(patches.strips)
-    inner = len(points.high)
-    left = 0
+    d, left = out.shape[2], 0
     for begin in range(0, len(face), _BLOCK):
         size = min(_BLOCK, len(face) - begin)
         simple = splines = special = 0
@@ -503,146 +690,8 @@ def scattered(
                 room.simple[simple] = k
                 simple += 1
 
-        for i in range(simple):
-            _ask(i, simple, room.simple, room.codes, patches, points)
-            k = room.simple[i]
-            at, query = room.codes[k] * 16, start + begin + k
-            cubic_weights(room.s[k], order, 0, weights)
-            cubic_weights(room.t[k], order, 4 * order + 4, weights)
-            _spline(order, normals, points.high, ids, at, 0, 0, weights, found)
-            if normals:
-                if not _spline_normal(weights, found, out, query):
-                    rest[left] = query
-                    left += 1
-                continue
-            own = np.int64(ids[at + 5])
-            for c in range(3):
-                found[c] += points.high[own, c]
-            for j in range(len(which)):
-                for c in range(3):
-                    out[j, query, c] = found[LANES * which[j] + c]
-
-        for i in range(splines):
-            if i + _AHEAD < splines and room.codes[room.splines[i + _AHEAD]] >> KIND > 1:
-                code = room.codes[room.splines[i + _AHEAD]]
-                base = (tables.kinds[code >> KIND, PATCH] + (code & _ROW)) * FINE * width
-                for line in range(base, base + FINE * width, 8):
-                    prefetch(points.fine, line)
-            else:
-                _ask(i, splines, room.splines, room.codes, patches, points)
-            k = room.splines[i]
-            code, query = room.codes[k], start + begin + k
-            kind, row, turn = code >> KIND, code & _ROW, code >> TURN & 3
-            s, t, step = room.s[k], room.t[k], room.depths[k]
-            grid, numbers, at, base = points.high, ids, row * 16, 0
-            if kind > 1:
-                piece = room.places[k] & 3
-                grid, numbers, at = points.fine, PIECES, piece * 16
-                base = (tables.kinds[kind, PATCH] + row) * FINE
-                step += 1
-            else:
-                s, t = turned(s, t, turn)
-            cubic_weights(s, order, 0, weights)
-            if kind == 1:
-                first = patches.strips[row - first_strip, 0]
-                depth = patches.strips[row - first_strip, 1]
-                up = turn == 1 or turn == 2
-                pieces = patches.strip_pieces
-                strip_weights(t, order, up, pieces, first, depth, 4 * order + 4, weights)
-            else:
-                cubic_weights(t, order, 4 * order + 4, weights)
-            own = base + np.int64(numbers[at + 5])
-            extra = own - inner if kind <= 1 else -1
-            far = kind <= 1 and code >> FAR & 1
-            for channel in range(0, d, LANES):
-                column = channel
-                if far:
-                    differences(points.high, points.extras, ids, row * 16, channel, room.near)
-                    grid, numbers, at, column = room.near, _SAME, 0, 0
-                _spline(order, normals, grid, numbers, at, base, column, weights, found)
-                if normals:
-                    if not _spline_normal(weights, found, out, query):
-                        rest[left] = query
-                        left += 1
-                    break
-                for c in range(LANES):
-                    value = found[c]
-                    if kind > 1:
-                        value += grid[own, channel + c] + points.fine[base + 25, channel + c]
-                        value += points.fine[base + 26, channel + c]
-                    elif extra >= 0:
-                        value += points.extras[extra, width + channel + c]
-                        value += points.extras[extra, channel + c]
-                    else:
-                        value += points.high[own, channel + c]
-                    found[c] = value
-                _write(order, found, which, turn, 1.0, 0, step, out, query, channel)
-
-        for i in range(special):
-            if i + 1 < special:
-                code = room.codes[room.special[i + 1]]
-                length = (tables.kinds[code >> KIND, ROWS] + 3) * width
-                base = tables.kinds[code >> KIND, MODES] * width + (code & _ROW) * length
-                for line in range(base, base + length, 8):
-                    prefetch(modes, line)
-            k = room.special[i]
-            code, query = room.codes[k], start + begin + k
-            kind, turn = code >> KIND, code >> TURN & 3
-            n, at = tables.kinds[kind, ROWS], tables.kinds[kind, MODES]
-            block = (at + (code & _ROW) * (n + 3)) * width
-            piece, level = room.places[k] & 3, (room.places[k] >> 2) - 1
-            S, T = room.s[k], room.t[k]
-            # what the reference does: coefficients too many to keep, degenerate points, second
-            # derivatives where what they come from is nothing beside the first eigenfunction
-            if normals and level < 0 and at >= 0:
-                # (where there is none, or degenerate points hide it, the reference knows why)
-                along, across = tables.kinds[kind, ALONG], tables.kinds[kind, ACROSS]
-                for c in range(3):
-                    found[LANES + c] = modes[block + along * width + c]
-                    found[2 * LANES + c] = modes[block + across * width + c]
-                noise = NOISE * modes[block + (n + 2) * width]
-                if along >= 0 and _crossed(found, noise, noise, out, query):
-                    continue
-            if (
-                at < 0
-                or modes[block + (n + 2) * width + 1] != 1
-                or (normals and level < 0)
-                or (order == 2 and level > DEEPEST)
-            ):
-                rest[left] = query
-                left += 1
-                continue
-            mantissa, exponent, step = 1.0, 0, room.depths[k]
-            if level < 0:
-                for j in range(6):
-                    for c in range(n):
-                        rows[j, c] = tables.corners[kind, j, c]
-            else:
-                eigenfunctions(order, kind, piece, S, T, tables, rows)
-                if normals:
-                    if not _eigen_normal(
-                        level, kind, block + width, width, tables, modes, rows, found, out, query
-                    ):
-                        rest[left] = query
-                        left += 1
-                    continue
-                count = (order + 1) * (order + 2) // 2
-                powered(kind, FIRST, level, count, tables, rows)
-                mantissa = tables.mantissas[kind, level % STEP]
-                mantissa *= tables.mantissas[kind, STEP + level // STEP]
-                exponent = tables.exponents[kind, level % STEP]
-                exponent += tables.exponents[kind, STEP + level // STEP]
-                step += level + 1
-            for channel in range(0, d, LANES):
-                at = block + channel
-                if order == 0:
-                    _sum1(rows, n, modes, at + width, width, found)
-                elif order == 1:
-                    _sum3(rows, n, modes, at + width, width, found)
-                else:
-                    _sum6(rows, n, modes, at + width, width, found)
-                for c in range(LANES):
-                    value = scale_by_two(found[c] * mantissa, exponent) + modes[at + c]
-                    found[c] = value + modes[at + (n + 1) * width + c]
-                _write(order, found, which, turn, mantissa, exponent, step, out, query, channel)
+        given = patches, tables, points, order, which, normals, out, rest
+        left = _simple(simple, start + begin, *given, left, room)
+        left = _splines(splines, start + begin, *given, left, room)
+        left = _special(special, start + begin, *given, left, room)
     return left

@@ -48,6 +48,11 @@ def _cached(function: F, options: dict[str, Any]) -> F:
         return cast(F, numba.njit(nogil=True, **options)(function))
 
 
+def part(function: F) -> F:
+    """Compile apart from the kernels that call it: in large loops, registers are scarce."""
+    return cast(F, numba.njit(**_LEAN)(function))
+
+
 def inlined(function: F) -> F:
     """Compile as part of the kernels that call it: arrays are costly to hand over."""
     return cast(F, numba.njit(forceinline=True, **_LEAN)(function))
