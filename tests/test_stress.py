@@ -168,7 +168,7 @@ query = rng.integers(6, size=70000), *rng.random((2, 70000))
 def fork(work):
     pid = os.fork()
     if not pid:
-        signal.alarm(20)  # a child that hangs ends
+        signal.alarm(120)  # a child that hangs ends; one that must compile takes its time
         code = 1
         try:
             code = 0 if work() else 2
@@ -181,7 +181,7 @@ def ended(pid):
 """
 
 
-def run(script, seconds=240):
+def run(script, seconds=900):
     """A process of its own, as forks of one with threads are not for that of the tests."""
     script = FORK + textwrap.dedent(script)
     command = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", script]
