@@ -123,6 +123,9 @@ def on_refined(
     )
 
 
+_PORTION = 1 << 16  # queries that are in memory at once, with all that is compared
+
+
 def refinement_gap(
     surface: LimitSurface, face: NDArray[Any], u: NDArray[Any], v: NDArray[Any]
 ) -> tuple[float, float]:
@@ -142,14 +145,19 @@ def refinement_gap(
     True
     """
     fine = LimitSurface(refined(surface.mesh, **surface.rules))
-    there = on_refined(surface, face, u, v)
-    pairs = (
-        (surface.evaluate(face, u, v), fine.evaluate(*there)),
-        (surface.normal(face, u, v), fine.normal(*there)),
-    )
-    gaps = (np.where(np.isnan(a) & np.isnan(b), 0, np.abs(a - b)) for a, b in pairs)
-    position, normal = (float(gap.max(initial=0)) for gap in gaps)
-    return position, normal
+    largest = np.zeros(2)
+    for start in range(0, len(face), _PORTION):
+        part = slice(start, start + _PORTION)
+        f, x, y = face[part], u[part], v[part]
+        there = on_refined(surface, f, x, y)
+        pairs = (
+            (surface.evaluate(f, x, y), fine.evaluate(*there)),
+            (surface.normal(f, x, y), fine.normal(*there)),
+        )
+        gaps = [np.where(np.isnan(a) & np.isnan(b), 0, np.abs(a - b)) for a, b in pairs]
+        # (a NaN stays)
+        largest = np.maximum(largest, [gap.max(initial=0) for gap in gaps])
+    return float(largest[0]), float(largest[1])
 
 
 def _distance(points: NDArray[Any], surface: LimitSurface, mesh: Any) -> float:

@@ -5,7 +5,10 @@ Numba, for float64 and integers; importing one loads Numba, so callers ask `comp
 """
 
 import os
+import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 
 _PAYS = 100_000  # queries, or corners of faces: about a tenth of a second in NumPy
@@ -56,3 +59,15 @@ def always() -> None:
     """Use compiled kernels for calls of any size from now on."""
     global _always
     _always = True
+
+
+@contextmanager
+def numpy_only() -> Iterator[None]:
+    """Use NumPy for calls of any size for a while."""
+    global _always, _PAYS
+    before = _always, _PAYS
+    _always, _PAYS = False, sys.maxsize
+    try:
+        yield
+    finally:
+        _always, _PAYS = before

@@ -10,10 +10,11 @@ import click
 import numpy as np
 
 import limitsurf as ls
+from limitsurf import _kernels
 from limitsurf.query import refinement_gap
 from limitsurf.shell import answers, queries, terminal
 
-LEVELS = 4
+LEVELS = 3
 REFINER = f"""
 The recursive refiner, {LEVELS} levels: each refined vertex against the surface at its (face, u, v),
 where it is (error: it approaches the surface, slower next to poles) and where its limit mask moves
@@ -21,6 +22,7 @@ it (limit error: it lies on the surface, up to rounding).
 """
 
 
+@_kernels.numpy_only()  # on a fresh machine compiling would take longer than all the rest
 def run(folder: Path, n: int, seed: int) -> bool:
     """Run the demo and report on stdout; whether the refiner agrees up to rounding.
 
