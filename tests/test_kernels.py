@@ -242,8 +242,9 @@ def assert_sparse(W, shape, dtype=np.int32):
 
 
 @over_the_zoo
-def test_grids(name, use):
+def test_grids(name, use, monkeypatch):
     """The same parameters on many faces, all at once or one by one."""
+    monkeypatch.setattr(packing, "_FACES", 1)  # also cages of few faces
     surface = surface_of(name)
     n = len(surface.limit_faces)
     face = np.random.default_rng(n).integers(n, size=5 if n < 5 else min(n, 20))
@@ -576,6 +577,18 @@ def test_kernels_are_for_large_calls(monkeypatch):
     _kernels.always()
     assert _kernels.compiled(1)
     assert same_bits(surface.evaluate(*query), first[:1000])
+
+
+@on_samples
+def test_patches_of_large_cages(name, use, monkeypatch):
+    """Without copies of control points beyond the cage, as where there are too many of them."""
+    surface = surface_of(name)
+    query = with_gaps(*queries(surface, 160, np.random.default_rng(3)))
+    monkeypatch.setattr(packing, "_COPIED", -1)
+    monkeypatch.setattr(packing, "_COPIED_SHARE", -1)
+    twin, size, scale = compare(surface, query, use)
+    assert len(surface._packing._copied) == 0
+    compare_normals(surface, query, use, (twin[1, 0], twin[0, 1]), size, scale)
 
 
 # --- Weights

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import basis, tables
+from limitsurf import _kernels, basis, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.patches import REGULAR, STRIP, PatchTable
@@ -28,9 +28,14 @@ Array = NDArray[Any]
 
 # derivatives that kernels know, in the order of `LimitSurface.jet`
 _TERMS = [(m - j, j) for m in range(3) for j in range(m + 1)]
-_WORTH = 4  # faces and parameters from which a grid is one
+# faces and parameters for which a grid is worth its tables of weights
+_FACES, _PLACES = 16, range(4, 4097)
 
 CHUNK = 1 << 15  # queries; what a thread takes at a time
+# Bicubic patches with control points beyond the cage have copies of them in one place if there are
+# at most so many, or this share of the limit faces: 0.9 KB each, that save going after 16 points
+# and what rounding took from each.
+_COPIED, _COPIED_SHARE = 1 << 16, 1 / 4
 _LARGEST = 136  # control points of special patches whose coefficients are kept
 
 
@@ -77,6 +82,7 @@ class Packing:
         own: Array,
     ) -> None:
         self._patches, self._own = patches, own
+        self._copied = np.zeros(0, dtype=np.int64)
         self._sectors = [
             None if sector is None else tables.eigen_table(scheme, sector)
             for sector in patches.sectors
@@ -100,12 +106,19 @@ class Packing:
         info = patches.codes.astype(np.int64)
         inside = info >= 0
         info[inside] = packed[info[inside]]
+        near = np.full(len(regular) + len(strip), -1)
+        bicubic = np.flatnonzero((packed >> evaluation.FAR & 1 == 1) & (patches.kind <= STRIP))
+        if len(bicubic) <= max(_COPIED, _COPIED_SHARE * patches.n_limit_faces):
+            self._copied = packed[bicubic] & ((1 << evaluation.TURN) - 1)
+            first = self._n_special + np.arange(len(bicubic))
+            near[self._copied] = first * evaluation.FINE
         return evaluation.Patches(
             info,
             patches.n_limit_faces,
             (np.concatenate([regular, strip]) if len(strip) else regular).reshape(-1),
             np.stack([strips.first[which], strips.depth[which]], axis=1).astype(np.int64),
             np.array(strips.pieces, dtype=float).reshape(-1),
+            near,
         )
 
     def _tables(self) -> tuple[evaluation.Tables, int, int]:
@@ -177,7 +190,10 @@ class Packing:
             coefficients.extend(indptr, indices, operator.data, high, extras, start)
             start += operator.shape[0]
         modes = _aligned((self._n_rows, width))
-        fine = _aligned((self._n_special * evaluation.FINE, width))
+        copied = self._n_special * evaluation.FINE
+        fine = _aligned((copied + len(self._copied) * evaluation.FINE, width))
+        ids = self.patches.ids
+        coefficients.copies(ids, self._copied, high, extras, fine, copied)
         sums = np.empty((coefficients.SIX, evaluation.LANES))
         for kind, table in enumerate(self._sectors):
             begin, size, patch = kinds[
@@ -225,12 +241,13 @@ class Packing:
 
         None if a query is out of range, or in a patch that only the reference knows.
         """
-        from scipy.sparse import csr_array
+        with _kernels.preparing:
+            from scipy.sparse import csr_array
 
+            known = self.patches, self.tables, self._controls
         from limitsurf._kernels import evaluation, rows
 
         total, order = queries[0].size, int(np.searchsorted([0, 2, 5], term))
-        known = self.patches, self.tables, self._controls
         chunk = _chunks(queries)
         indptr = np.zeros(total + 1, dtype=np.int64)
 
@@ -424,7 +441,7 @@ def _grid(queries: tuple[Array, Array, Array]) -> tuple[Array, Array, Array] | N
         ):
             faces = face[(slice(None),) * axis + (0,) * len(after)].reshape(-1)
             u, v = (np.array(x[(0,) * axis].reshape(-1), dtype=float) for x in (u, v))
-            return (faces, u, v) if min(len(faces), len(u)) >= _WORTH else None
+            return (faces, u, v) if len(faces) >= _FACES and len(u) in _PLACES else None
     return None
 
 

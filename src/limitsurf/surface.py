@@ -36,7 +36,7 @@ Numbers: TypeAlias = ArrayLike | Fraction | Sequence[Fraction]
 _CHUNK = 1 << 16
 _GATHER = 1 << 22
 # what is kept of the points
-_OF_POINTS = ("_control_points", "_exact_points", "_packed_points")
+_OF_POINTS = ("_control_points", "_exact_points", "_packed")
 # derivatives that kernels know, in the order of `jet`
 _PLACES = {(m - j, j): m * (m + 1) // 2 + j for m in range(3) for j in range(m + 1)}
 _FIRST_CORNER = 5  # the control point of a bicubic patch at its corner (0, 0)
@@ -673,14 +673,23 @@ class LimitSurface:
     def _packing(self) -> Packing:
         """Patches and tables as compiled kernels want them; shared by surfaces of one topology."""
         if None not in self._packings:
-            strips, which = self._strips(False)
-            own = self.mesh.indices[self.mesh.offsets[self.limit_faces.face]]
-            self._packings[None] = Packing(self.patches, strips, which, self._rules.scheme, own)
+            with _kernels.preparing:
+                if None not in self._packings:
+                    strips, which = self._strips(False)
+                    own = self.mesh.indices[self.mesh.offsets[self.limit_faces.face]]
+                    made = Packing(self.patches, strips, which, self._rules.scheme, own)
+                    self._packings[None] = made
         return self._packings[None]
 
-    @cached_property
+    @property
     def _packed_points(self) -> Points:
-        return self._packing.points(self._flat)
+        """Control points as compiled kernels want them."""
+        if "_packed" not in self.__dict__:
+            with _kernels.preparing:
+                if "_packed" not in self.__dict__:
+                    self.__dict__["_packed"] = self._packing.points(self._flat)
+        packed: Points = self.__dict__["_packed"]
+        return packed
 
     def _directions(self, face: ArrayLike, u: Numbers, v: Numbers, what: str) -> tuple[Any, ...]:
         """d/du and d/dv up to positive factors, each (Q, d) with its noise (Q, 1); query shape."""
@@ -908,6 +917,8 @@ def precompile() -> None:
         surface.jet(face[:, None], places, places)
         surface.normal(face[:, None], places, places)
     surface.weights(face, 0.5, 0.5)
+    fine = refined(surface.mesh)
+    fine.limit_points, fine.limit_normals, fine.edges  # noqa: B018
 
 
 def _order(nu: Any) -> Order:

@@ -10,19 +10,33 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from typing import Any
 
 _PAYS = 100_000  # queries, or corners of faces: about a tenth of a second in NumPy
 _MODULES = ("coefficients", "connectivity", "evaluation", "grids", "refinement", "rows")
 _always = False
 _loaded = False
 
-# a fork while another thread imports must not leave modules half imported in the child
-_loading = threading.RLock()
+# Held while something is made on first use: modules imported, kernels compiled, surfaces packed. A
+# fork waits for it, since its child has no thread that would ever finish; the locks are always
+# taken in this order.
+preparing = threading.RLock()
+locks: list[Any] = [preparing]
+
+
+def _before_fork() -> None:
+    for lock in locks:
+        lock.acquire()
+
+
+def _after_fork() -> None:
+    for lock in reversed(locks):
+        lock.release()
+
+
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(
-        before=_loading.acquire,
-        after_in_parent=_loading.release,
-        after_in_child=_loading.release,
+        before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork
     )
 
 
@@ -49,7 +63,7 @@ def _load() -> None:
     """Import all kernels, before anybody uses one."""
     global _loaded
     if not _loaded:
-        with _loading:
+        with preparing:
             for name in _MODULES:
                 import_module(f"{__name__}.{name}")
             _loaded = True

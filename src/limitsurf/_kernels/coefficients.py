@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from limitsurf._kernels.evaluation import LANES
+from limitsurf._kernels.evaluation import FINE, LANES
 from limitsurf._kernels.jit import combination, inlined, lean
 
 Array = NDArray[Any]
@@ -100,3 +100,18 @@ def coefficients(
                 fine[p, 25, c], fine[p, 26, c] = low, rounded
         modes[p, last, 0] = largest
         modes[p, last, 1] = max(1, first)
+
+
+@lean
+def copies(ids: Array, which: Array, high: Array, extras: Array, fine: Array, start: int) -> None:
+    """16 control points, relative to number 5, of patches `which` into fine from row `start` on."""
+    for p in range(len(which)):
+        at, row = which[p] * 16, start + p * FINE
+        own: int = ids[at + 5]
+        for c in range(high.shape[1]):
+            rounded, low = _high(high, extras, own, c), _low(high, extras, own, c)
+            for k in range(16):
+                i: int = ids[at + k]
+                step = _high(high, extras, i, c) - rounded
+                fine[row + k, c] = step + (_low(high, extras, i, c) - low)
+            fine[row + FINE - 2, c], fine[row + FINE - 1, c] = low, rounded

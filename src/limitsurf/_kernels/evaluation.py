@@ -82,6 +82,9 @@ class Patches(NamedTuple):
     ids: Array  # flat int32: 16 control points of each regular patch, then of each strip
     strips: Array  # (strips, 2) int64: first piece and depth of their splines
     strip_pieces: Array  # flat: their polynomials
+    near: (
+        Array  # (rows of ids,) int64: row of a copy of their control points in `Points.fine`, or -1
+    )
 
 
 class Tables(NamedTuple):
@@ -105,7 +108,9 @@ class Points(NamedTuple):
     high: Array  # (vertices, width)
     extras: Array  # (other control points, 2 width): each with what rounding took from it
     modes: Array  # flat: blocks (ROWS + 3, width) of special patches
-    fine: Array  # (27 of each special patch, width): 5 x 5 refined points, low and high origin
+    # (27 of each patch, width): 5 x 5 refined points of special patches, or copies of 16 control
+    # points; all relative to an origin, of which the last two rows have what is rounded, and itself
+    fine: Array
 
 
 class Room(NamedTuple):
@@ -486,6 +491,18 @@ def _simple(
     return left
 
 
+@inlined
+def _copy(code: int, patches: Patches, tables: Tables) -> int:
+    """First row in `Points.fine` of what a patch has there; -1 if nothing."""
+    kind, row = code >> KIND, code & _ROW
+    first = -1
+    if kind > 1:
+        first = (tables.kinds[kind, PATCH] + row) * FINE
+    elif code >> FAR & 1:
+        first = patches.near[row]
+    return first
+
+
 @part
 def _splines(
     splines: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
@@ -500,25 +517,25 @@ def _splines(
     first_strip = len(patches.ids) // 16 - len(patches.strips)
     inner = len(points.high)
     for i in range(splines):
-        if i + _AHEAD < splines and room.codes[room.splines[i + _AHEAD]] >> KIND > 1:
-            code = room.codes[room.splines[i + _AHEAD]]
-            base = (tables.kinds[code >> KIND, PATCH] + (code & _ROW)) * FINE * width
-            for line in range(base, base + FINE * width, 8):
-                prefetch(points.fine, line)
-        else:
-            _ask(i, splines, room.splines, room.codes, patches, points)
+        if i + _AHEAD < splines:
+            base = _copy(room.codes[room.splines[i + _AHEAD]], patches, tables) * width
+            if base >= 0:
+                for line in range(base, base + FINE * width, 8):
+                    prefetch(points.fine, line)
+        _ask(i, splines, room.splines, room.codes, patches, points)
         k = room.splines[i]
         code, query = room.codes[k], start + k
         kind, row, turn = code >> KIND, code & _ROW, code >> TURN & 3
         s, t, step = room.s[k], room.t[k], room.depths[k]
-        grid, numbers, at, base = points.high, ids, row * 16, 0
+        base = _copy(code, patches, tables)
+        grid, numbers, at = points.high, ids, row * 16
         if kind > 1:
-            piece = room.places[k] & 3
-            grid, numbers, at = points.fine, PIECES, piece * 16
-            base = (tables.kinds[kind, PATCH] + row) * FINE
+            grid, numbers, at = points.fine, PIECES, (room.places[k] & 3) * 16
             step += 1
         else:
             s, t = turned(s, t, turn)
+            if base >= 0:
+                grid, numbers, at = points.fine, _SAME, 0
         cubic_weights(s, order, 0, weights)
         if kind == 1:
             first = patches.strips[row - first_strip, 0]
@@ -528,21 +545,22 @@ def _splines(
             strip_weights(t, order, up, pieces, first, depth, 4 * order + 4, weights)
         else:
             cubic_weights(t, order, 4 * order + 4, weights)
-        own = base + np.int64(numbers[at + 5])
-        extra = own - inner if kind <= 1 else -1
-        far = kind <= 1 and code >> FAR & 1
+        first = max(base, 0)
+        own = first + np.int64(numbers[at + 5])
+        extra = own - inner
+        far = base < 0 and code >> FAR & 1
         for channel in range(0, d, LANES):
             column = channel
             if far:
                 differences(points.high, points.extras, ids, row * 16, channel, room.near)
                 grid, numbers, at, column = room.near, _SAME, 0, 0
-            _spline(order, normals, grid, numbers, at, base, column, weights, found)
+            _spline(order, normals, grid, numbers, at, first, column, weights, found)
             if normals:
                 if not _spline_normal(weights, found, out, query):
                     rest[left] = query
                     left += 1
                 break
-            if kind > 1:
+            if base >= 0:
                 for c in range(LANES):
                     value = found[c] + points.fine[own, channel + c]
                     value += points.fine[base + 25, channel + c]

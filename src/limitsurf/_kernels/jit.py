@@ -9,6 +9,9 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Callable
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -16,6 +19,9 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import intrinsic as _intrinsic
+from platformdirs import user_cache_dir
+
+from limitsurf import _kernels
 
 F = TypeVar("F", bound=Callable[..., Any])
 # called from kernels without the typing context that they are written with
@@ -42,10 +48,30 @@ def lean(function: F) -> F:
 
 
 def _cached(function: F, options: dict[str, Any]) -> F:
+    before = numba.config.CACHE_DIR
     try:
+        numba.config.CACHE_DIR = _folder()
         return cast(F, numba.njit(nogil=True, cache=True, **options)(function))
-    except RuntimeError:  # nowhere to write: neither beside the package nor in the user's cache
+    except (OSError, RuntimeError):  # nowhere to write: each process compiles for itself
         return cast(F, numba.njit(nogil=True, **options)(function))
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+@cache
+def _folder() -> str:
+    """Where compiled kernels are kept, by what all their sources say.
+
+    Numba looks at the file of a kernel alone, not at those of what it inlines.
+    """
+    sources = sorted(Path(__file__).parent.glob("*.py"))
+    digest = sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
+    base = numba.config.CACHE_DIR or os.environ.get("LIMITSURF_CACHE_DIR")
+    folder = Path(base or user_cache_dir("limitsurf")) / "kernels" / digest
+    folder.mkdir(parents=True, exist_ok=True)
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(folder)
+    return str(folder)
 
 
 def part(function: F) -> F:
@@ -59,12 +85,7 @@ def inlined(function: F) -> F:
 
 
 # a fork while another thread compiles must not leave the lock held for ever in the child
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(
-        before=global_compiler_lock.acquire,
-        after_in_parent=global_compiler_lock.release,
-        after_in_child=global_compiler_lock.release,
-    )
+_kernels.locks.append(global_compiler_lock)
 
 _I8, _I32, _I64, _F64 = ir.IntType(8), ir.IntType(32), ir.IntType(64), ir.DoubleType()
 _FOUR = ir.VectorType(_F64, 4)
