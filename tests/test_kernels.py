@@ -21,7 +21,7 @@ import zoo
 from test_surface import accuracy, float_queries, largest_on_ring, random_cage
 
 import limitsurf as ls
-from limitsurf import _kernels, packing, tables
+from limitsurf import _kernels, basis, packing, tables
 from limitsurf._kernels import evaluation, jit, reference
 from limitsurf.patches import STRIP
 
@@ -678,7 +678,7 @@ def test_turned():
         assert found == (sides[turn], sides[(turn + 1) % 4])
         # a derivative along u is one along s or t, of a sign
         for k, (i, j) in enumerate(TERMS):
-            (choices, signs) = ls.surface._turned((i, j))
+            (choices, signs) = basis.turned((i, j))
             assert TERMS[evaluation.TURNED[turn & 1, k]] == choices[turn]
             assert evaluation.SIGN[turn, k] == signs[turn]
 

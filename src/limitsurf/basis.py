@@ -432,6 +432,16 @@ def _rational_derivative(table: RationalTable, nu: tuple[int, int], at_corner: A
 _integers = np.frompyfunc(int, 1, 1)
 
 
+def turned(nu: tuple[int, int]) -> tuple[list[tuple[int, int]], Array]:
+    """Order of the derivative in patch parameters, by turn 0 to 3, and its sign (4,).
+
+    A patch turned by 1 has s = v, t = 1 - u; by 2, s = 1 - u, t = 1 - v; by 3, s = 1 - v, t = u.
+    """
+    i, j = nu
+    signs = [1, (-1) ** i, (-1) ** (i + j), (-1) ** j]
+    return [(i, j), (j, i), (i, j), (j, i)], np.array(signs)
+
+
 def strip_weights(
     strips: StripTables, which: Array, s: Array, t: Array, nu: tuple[int, int], up: Array
 ) -> Array:

@@ -7,7 +7,7 @@ coefficients in the eigenbasis of each special corner.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 # derivatives that kernels know, in the order of `LimitSurface.jet`
-_TERMS = [(m - j, j) for m in range(3) for j in range(m + 1)]
+TERMS = [(m - j, j) for m in range(3) for j in range(m + 1)]
 # faces and parameters for which a grid is worth its tables of weights
 _FACES, _PLACES = 16, range(4, 4097)
 
@@ -168,7 +168,7 @@ class Packing:
                 value = table.eigenvalues[0, lead]
                 made.inverses[k, lead - 1] = 1 / value if value else 0
             made.mantissas[k], made.exponents[k] = _mantissas(table)
-            for place, nu in enumerate(((1, 0), (0, 1), (2, 0), (1, 1), (0, 2)), start=1):
+            for place, nu in enumerate(TERMS[1:], start=1):
                 made.corners[k, place, :size] = basis.corner_derivative(table, nu)
             made.angles[k, : len(table.pairs)] = table.angles
             made.chains[k, : len(table.chains)] = table.chains - 1
@@ -247,7 +247,7 @@ class Packing:
             known = self.patches, self.tables, self._controls
         from limitsurf._kernels import evaluation, rows
 
-        total, order = queries[0].size, int(np.searchsorted([0, 2, 5], term))
+        total, order = queries[0].size, sum(TERMS[term])
         chunk = _chunks(queries)
         indptr = np.zeros(total + 1, dtype=np.int64)
 
@@ -321,11 +321,10 @@ class Packing:
         if not ((u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)).all():
             return None
         normals, n = orders is None, len(u)
-        terms = [_TERMS[k] for k in ((1, 2) if orders is None else orders)]
-        try:
-            weights = self._grid_weights(self.patches.info[faces], u, v, terms)
-        except IndexError:
+        terms = [TERMS[k] for k in ((1, 2) if orders is None else orders)]
+        if faces.min() < 0 or faces.max() >= self.patches.n_faces:
             return None
+        weights = self._grid_weights(self.patches.info[faces], u, v, terms)
         position = terms.index((0, 0)) if (0, 0) in terms else -1
         out = np.empty((1 if normals else len(terms), len(faces) * n, channels))
         step = max(1, CHUNK // n)
@@ -340,10 +339,8 @@ class Packing:
             )  # fmt: skip
             return None if left < 0 else rest[:left]
 
-        rests = list(over_chunks(len(faces), workers, work, step))
-        if any(rest is None for rest in rests):
-            return None
-        return out, np.concatenate([np.zeros(0, dtype=np.int64), *rests])
+        rest = _joined(over_chunks(len(faces), workers, work, step))
+        return None if rest is None else (out, rest)
 
     def _grid_weights(
         self, codes: Array, u: Array, v: Array, terms: Sequence[tuple[int, int]]
@@ -387,12 +384,12 @@ class Packing:
         place = basis.CornerPlace.of(s, t, np.full(len(u), turn))
         powers = basis.EigenPowers.of(table, place)
         rows = []
-        for i, j in terms:
-            sign = (1, (-1) ** i, (-1) ** (i + j), (-1) ** j)[turn]
-            found = basis.eigen_weights(table, place, powers, (j, i) if turn % 2 else (i, j))
+        for nu in terms:
+            turned, sign = basis.turned(nu)
+            found = basis.eigen_weights(table, place, powers, turned[turn])
             if np.abs(found.exponent).max() > 900:
                 return None
-            rows.append(sign * kernels.scale_by_two(found.rows, found.exponent[:, None]))
+            rows.append(sign[turn] * kernels.scale_by_two(found.rows, found.exponent[:, None]))
         return rows
 
     def _scattered(
@@ -408,7 +405,7 @@ class Packing:
 
         total, normals = queries[0].size, orders is None
         which = np.array([1] if orders is None else orders, dtype=np.int64)
-        order = int(np.searchsorted([0, 2, 5], which.max()))
+        order = max(sum(TERMS[term]) for term in which.tolist())
         out = np.empty((len(which), total, channels))
         chunk = _chunks(queries)
 
@@ -422,10 +419,16 @@ class Packing:
             )  # fmt: skip
             return None if left < 0 else rest[:left]
 
-        rests = list(over_chunks(total, workers, work))
-        if any(rest is None for rest in rests):
-            return None
-        return out, np.concatenate([np.zeros(0, dtype=np.int64), *rests])
+        rest = _joined(over_chunks(total, workers, work))
+        return None if rest is None else (out, rest)
+
+
+def _joined(parts: Iterable[Array | None]) -> Array | None:
+    """Queries that all chunks leave to others; None if one has a query out of range."""
+    found = list(parts)
+    if any(part is None for part in found):
+        return None
+    return np.concatenate([np.zeros(0, dtype=np.int64), *(x for x in found if x is not None)])
 
 
 def _grid(queries: tuple[Array, Array, Array]) -> tuple[Array, Array, Array] | None:
@@ -457,10 +460,10 @@ def _over_vertices(patches: PatchTable) -> Any:
 
 def _chunks(queries: tuple[Array, Array, Array]) -> Callable[[slice], tuple[Array, Array, Array]]:
     """Parts of flattened queries: contiguous, writeable, of one type, whatever was given."""
-    flat = [x.reshape(-1) if x.flags.c_contiguous else x.flat for x in queries]
 
     def chunk(part: slice) -> tuple[Array, Array, Array]:
-        face, u, v = (x[part] for x in flat)
+        # (an iterator of its own for each thread)
+        face, u, v = ((x.reshape(-1) if x.flags.c_contiguous else x.flat)[part] for x in queries)
         return np.array(face, dtype=np.int64), np.array(u, dtype=float), np.array(v, dtype=float)
 
     return chunk

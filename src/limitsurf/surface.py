@@ -16,7 +16,7 @@ from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
 from limitsurf.mesh import Mesh
-from limitsurf.packing import Packing, threads
+from limitsurf.packing import TERMS, Packing, threads
 from limitsurf.patches import REGULAR, STRIP, PatchTable
 from limitsurf.refine import ExactOperator, eliminated, refined, sparse_operator, stacked
 from limitsurf.rules import Rules
@@ -38,7 +38,7 @@ _GATHER = 1 << 22
 # what is kept of the points
 _OF_POINTS = ("_control_points", "_exact_points", "_packed")
 # derivatives that kernels know, in the order of `jet`
-_PLACES = {(m - j, j): m * (m + 1) // 2 + j for m in range(3) for j in range(m + 1)}
+_PLACES = {nu: place for place, nu in enumerate(TERMS)}
 _FIRST_CORNER = 5  # the control point of a bicubic patch at its corner (0, 0)
 
 
@@ -663,7 +663,7 @@ class LimitSurface:
             raise AssertionError("kernels and checks disagree about what is in range")
         results, rest = found
         if len(rest):
-            some = [x.reshape(-1)[rest] for x in (face, u, v)]
+            some = [x.flat[rest] for x in (face, u, v)]
             parts = self._over_chunks(some[0], some[1], some[2], False, widths, compute)
             for result, part in zip(results, parts, strict=True):
                 result[rest] = part
@@ -765,7 +765,7 @@ class LimitSurface:
                 values.append(value + low + high if at else _scaled(value, g.depth * sum(nu)))
             return values
         # in patch parameters first: all orders at once, then each query picks by its turn
-        turned = [_turned(nu) for nu in orders]
+        turned = [basis.turned(nu) for nu in orders]
         needed = sorted({order for choices, _ in turned for order in choices})
         parts = np.empty((len(g.query), len(needed), self._flat.shape[1]))
         for c in self._corners(g, ids):
@@ -855,7 +855,7 @@ class LimitSurface:
         if g.sector is None:
             scale = kernels.scale_by_two(np.ones(len(g.s), dtype=dtype), g.depth * sum(nu))
             return np.asarray(self._spline_weights(g, nu, exact) * scale[:, None])
-        turned, sign = _turned(nu)
+        turned, sign = basis.turned(nu)
         scale = kernels.scale_by_two(sign[g.turn].astype(dtype), g.depth * sum(nu))[:, None]
         table = self._table(g)
         place = basis.CornerPlace.of(g.s, g.t, g.turn)
@@ -878,7 +878,7 @@ class LimitSurface:
         if g.kind == REGULAR:
             return kernels.bicubic_weights(g.s, g.t, nu)
         strips, index = self._strips(exact)
-        turned, sign = _turned(nu)
+        turned, sign = basis.turned(nu)
         up = (g.turn == 1) | (g.turn == 2)  # where t grows against u or v
         result = np.empty((len(g.s), 16), dtype=object if exact else float)
         for order in set(turned):
@@ -929,16 +929,6 @@ def _order(nu: Any) -> Order:
     ):
         raise ValueError(f"nu must be two integers >= 0, got {nu!r}")
     return int(order[0]), int(order[1])
-
-
-def _turned(nu: Order) -> tuple[list[Order], Array]:
-    """Order of the derivative in patch parameters, by turn 0 to 3, and its sign (4,).
-
-    A patch turned by 1 has s = v, t = 1 - u; by 2, s = 1 - u, t = 1 - v; by 3, s = 1 - v, t = u.
-    """
-    i, j = nu
-    signs = [1, (-1) ** i, (-1) ** (i + j), (-1) ** j]
-    return [(i, j), (j, i), (i, j), (j, i)], np.array(signs)
 
 
 def _pieces(group: _Group, width: int) -> Iterator[_Group]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from limitsurf._kernels.evaluation import FINE, LANES
+from limitsurf._kernels.evaluation import FINE, LANES, LOW_ORIGIN, ORIGIN
 from limitsurf._kernels.jit import combination, inlined, lean
 
 Array = NDArray[Any]
@@ -97,7 +97,7 @@ def coefficients(
                 low, rounded = _low(high, extras, own, c), _high(high, extras, own, c)
                 modes[p, 0, c] += low
                 modes[p, last - 1, c] = rounded
-                fine[p, 25, c], fine[p, 26, c] = low, rounded
+                fine[p, LOW_ORIGIN, c], fine[p, ORIGIN, c] = low, rounded
         modes[p, last, 0] = largest
         modes[p, last, 1] = max(1, first)
 
@@ -114,4 +114,4 @@ def copies(ids: Array, which: Array, high: Array, extras: Array, fine: Array, st
                 i: int = ids[at + k]
                 step = _high(high, extras, i, c) - rounded
                 fine[row + k, c] = step + (_low(high, extras, i, c) - low)
-            fine[row + FINE - 2, c], fine[row + FINE - 1, c] = low, rounded
+            fine[row + LOW_ORIGIN, c], fine[row + ORIGIN, c] = low, rounded

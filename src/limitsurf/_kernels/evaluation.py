@@ -48,16 +48,17 @@ LANES = 4  # channels that are evaluated at once
 # `Points.fine`; coefficients whose cross product is along the normal at the corner itself, or -1
 SIZE, ROWS, MODES, CHAINS, PAIRS, FLIP, PATCH, ALONG, ACROSS, FIELDS = range(10)
 FIRST, SECOND = 0, 1  # the eigenvalue that powers are relative to
-FINE = 27  # rows of a special patch in `Points.fine`
+FINE = 27  # rows of a patch in `Points.fine`: up to 25 points, and these
+LOW_ORIGIN, ORIGIN = 25, 26
 # the grids of the three pieces (right, diagonal, up) in 5 x 5 refined points around a corner
 PIECES = np.array(
     [5 * (j + y) + i + x for x, y in ((1, 0), (1, 1), (0, 1)) for j in range(4) for i in range(4)],
     dtype=np.int32,
 )
 
+ROW = (1 << TURN) - 1  # the bits of a packed patch that are its row
 _BLOCK = 256  # queries that are sorted by what their patches are
 _AHEAD = 4  # queries that memory is asked for ahead of time; many more at once hinder each other
-_ROW = (1 << TURN) - 1
 _NEVER = 1 << 40
 DEEPEST = 1000  # level beyond which second derivatives are left to the reference
 # which derivative in patch parameters each one is, by turn mod 2; and its sign, by turn
@@ -441,24 +442,42 @@ def located(face: int, s: float, t: float, patches: Patches) -> tuple[int, int, 
 
 
 @inlined
-def _ask(i: int, n: int, queries: Array, codes: Array, patches: Patches, points: Points) -> None:
-    """Prefetch what the regular patches of queries some way beyond number i need."""
-    if i == 0:
-        for j in range(min(2 * _AHEAD, n)):
-            prefetch(patches.ids, (codes[queries[j]] & _ROW) * 16)
-    j = i + 2 * _AHEAD
-    if j < n and codes[queries[j]] >> KIND <= 1:
-        prefetch(patches.ids, (codes[queries[j]] & _ROW) * 16)
+def _copy(code: int, patches: Patches, tables: Tables) -> int:
+    """First row in `Points.fine` of what a patch has there; -1 if nothing."""
+    kind, row = code >> KIND, code & ROW
+    first = -1
+    if kind > 1:
+        first = (tables.kinds[kind, PATCH] + row) * FINE
+    elif code >> FAR & 1:
+        first = patches.near[row]
+    return first
+
+
+@inlined
+def _ask(
+    i: int, n: int, queries: Array, codes: Array, patches: Patches, tables: Tables, points: Points
+) -> None:
+    """Prefetch what the bicubic patches of queries some way beyond number i need."""
+    for j in range(0 if i == 0 else i + 2 * _AHEAD, min(i + 2 * _AHEAD + 1, n)):
+        code = codes[queries[j]]
+        if _copy(code, patches, tables) < 0:
+            prefetch(patches.ids, (code & ROW) * 16)
     j = i + _AHEAD
-    if j < n and codes[queries[j]] >> KIND <= 1 and codes[queries[j]] != codes[queries[j - 1]]:
-        at = (codes[queries[j]] & _ROW) * 16
-        width, inner = points.high.shape[1], len(points.high)
-        for k in range(16):
-            number = np.int64(patches.ids[at + k])
-            if number < inner:
-                prefetch(points.high, number * width)
-            else:
-                prefetch(points.extras, (number - inner) * 2 * width)
+    if j >= n or codes[queries[j]] == codes[queries[j - 1]]:
+        return
+    width, inner = points.high.shape[1], len(points.high)
+    base = _copy(codes[queries[j]], patches, tables) * width
+    if base >= 0:
+        for line in range(base, base + FINE * width, 8):
+            prefetch(points.fine, line)
+        return
+    at = (codes[queries[j]] & ROW) * 16
+    for k in range(16):
+        number = np.int64(patches.ids[at + k])
+        if number < inner:
+            prefetch(points.high, number * width)
+        else:
+            prefetch(points.extras, (number - inner) * 2 * width)
 
 
 @part
@@ -471,7 +490,7 @@ def _simple(
     weights = room.weights
     found = room.found
     for i in range(simple):
-        _ask(i, simple, room.simple, room.codes, patches, points)
+        _ask(i, simple, room.simple, room.codes, patches, tables, points)
         k = room.simple[i]
         at, query = room.codes[k] * 16, start + k
         cubic_weights(room.s[k], order, 0, weights)
@@ -491,18 +510,6 @@ def _simple(
     return left
 
 
-@inlined
-def _copy(code: int, patches: Patches, tables: Tables) -> int:
-    """First row in `Points.fine` of what a patch has there; -1 if nothing."""
-    kind, row = code >> KIND, code & _ROW
-    first = -1
-    if kind > 1:
-        first = (tables.kinds[kind, PATCH] + row) * FINE
-    elif code >> FAR & 1:
-        first = patches.near[row]
-    return first
-
-
 @part
 def _splines(
     splines: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
@@ -517,15 +524,10 @@ def _splines(
     first_strip = len(patches.ids) // 16 - len(patches.strips)
     inner = len(points.high)
     for i in range(splines):
-        if i + _AHEAD < splines:
-            base = _copy(room.codes[room.splines[i + _AHEAD]], patches, tables) * width
-            if base >= 0:
-                for line in range(base, base + FINE * width, 8):
-                    prefetch(points.fine, line)
-        _ask(i, splines, room.splines, room.codes, patches, points)
+        _ask(i, splines, room.splines, room.codes, patches, tables, points)
         k = room.splines[i]
         code, query = room.codes[k], start + k
-        kind, row, turn = code >> KIND, code & _ROW, code >> TURN & 3
+        kind, row, turn = code >> KIND, code & ROW, code >> TURN & 3
         s, t, step = room.s[k], room.t[k], room.depths[k]
         base = _copy(code, patches, tables)
         grid, numbers, at = points.high, ids, row * 16
@@ -563,8 +565,8 @@ def _splines(
             if base >= 0:
                 for c in range(LANES):
                     value = found[c] + points.fine[own, channel + c]
-                    value += points.fine[base + 25, channel + c]
-                    found[c] = value + points.fine[base + 26, channel + c]
+                    value += points.fine[base + LOW_ORIGIN, channel + c]
+                    found[c] = value + points.fine[base + ORIGIN, channel + c]
             elif extra >= 0:
                 for c in range(LANES):
                     value = found[c] + points.extras[extra, width + channel + c]
@@ -591,14 +593,14 @@ def _special(
         if i + 1 < special:
             code = room.codes[room.special[i + 1]]
             length = (tables.kinds[code >> KIND, ROWS] + 3) * width
-            base = tables.kinds[code >> KIND, MODES] * width + (code & _ROW) * length
+            base = tables.kinds[code >> KIND, MODES] * width + (code & ROW) * length
             for line in range(base, base + length, 8):
                 prefetch(modes, line)
         k = room.special[i]
         code, query = room.codes[k], start + k
         kind, turn = code >> KIND, code >> TURN & 3
         n, at = tables.kinds[kind, ROWS], tables.kinds[kind, MODES]
-        block = (at + (code & _ROW) * (n + 3)) * width
+        block = (at + (code & ROW) * (n + 3)) * width
         piece, level = room.places[k] & 3, (room.places[k] >> 2) - 1
         S, T = room.s[k], room.t[k]
         # what the reference does: coefficients too many to keep, degenerate points, second
@@ -701,7 +703,7 @@ def scattered(
                 else:
                     room.special[special] = k
                     special += 1
-            elif code > _ROW or depth or d != 3:
+            elif code > ROW or depth or d != 3:
                 room.splines[splines] = k
                 splines += 1
             else:

@@ -16,6 +16,7 @@ from limitsurf._kernels.evaluation import (
     FAR,
     KIND,
     MODES,
+    ROW,
     ROWS,
     TURN,
     Patches,
@@ -26,7 +27,6 @@ from limitsurf._kernels.jit import inlined, lean, products
 
 Array = NDArray[Any]
 PLACES = 8  # parameters that are handled at once
-_ROW = (1 << TURN) - 1
 # sine of the angle between derivatives above which their cross product is accurate
 _CLEAR = 1e-2
 _LEAST = 1e-10  # of the size of the patch: shorter ones may be noise
@@ -77,7 +77,7 @@ def gridded(
         if faces[f] < 0 or faces[f] >= patches.n_faces:
             return -1
         code = patches.info[faces[f]]
-        kind, row, turn = code >> KIND, code & _ROW, code >> TURN & 3
+        kind, row, turn = code >> KIND, code & ROW, code >> TURN & 3
         table = -1 if code < 0 else weights.start[kind, turn]
         size, block, own = 16, 0, np.int64(0)
         if table >= 0 and kind > 1:

@@ -17,6 +17,7 @@ from limitsurf._kernels.evaluation import (
     FIRST,
     KIND,
     MODES,
+    ROW,
     SIGN,
     SIZE,
     STEP,
@@ -38,7 +39,6 @@ from limitsurf._kernels.jit import inlined, lean, prefetch
 
 Array = NDArray[Any]
 OUT_OF_RANGE, UNKNOWN = -1, -2
-_ROW = (1 << TURN) - 1
 
 
 class Controls(NamedTuple):
@@ -57,7 +57,7 @@ class Controls(NamedTuple):
 @inlined
 def _controls(code: int, patches: Patches, tables: Tables, controls: Controls) -> tuple[int, int]:
     """Where the control points of a patch begin, and how many there are."""
-    kind, row = code >> KIND, code & _ROW
+    kind, row = code >> KIND, code & ROW
     if kind <= 1:
         return row * 16, 16
     n = tables.kinds[kind, SIZE] + 1
@@ -155,14 +155,14 @@ def fill(
             prefetch(patches.info, face[q + 16])
             ahead = patches.info[face[q + 8]]
             if ahead >= 0 and ahead >> KIND <= 1:
-                prefetch(patches.ids, (ahead & _ROW) * 16)
+                prefetch(patches.ids, (ahead & ROW) * 16)
         start = starts[q]
         code, depth, s, t, _ = located(face[q], u[q], v[q], patches)
         if code < 0:
             indices[start], data[start] = controls.own[face[q]], np.nan
             ends[q] = start + 1
             continue
-        kind, row, turn = code >> KIND, code & _ROW, code >> TURN & 3
+        kind, row, turn = code >> KIND, code & ROW, code >> TURN & 3
         s, t = turned(s, t, turn)
         here, sign = TURNED[turn & 1, term], SIGN[turn, term]
         at, n = _controls(code, patches, tables, controls)
