@@ -40,13 +40,21 @@ if TYPE_CHECKING:
     from limitsurf.shell.plot import plot as plot
     from limitsurf.spectra import Eigenbasis as Eigenbasis
     from limitsurf.spectra import eigenbasis as eigenbasis
-    from limitsurf.surface import LimitSurface as LimitSurface
-    from limitsurf.surface import precompile as precompile
+    from limitsurf.surface import (
+        Curvature as Curvature,
+    )
+    from limitsurf.surface import (
+        LimitSurface as LimitSurface,
+    )
+    from limitsurf.surface import (
+        precompile as precompile,
+    )
 
 __version__ = "0.1.0"
 
 # what is public, and the module that defines it; imported on first use
 _HOME = {
+    "Curvature": "surface",
     "Eigenbasis": "spectra",
     "ExactOperator": "refine",
     "LimitSurface": "surface",

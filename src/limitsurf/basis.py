@@ -122,11 +122,11 @@ def ratios(table: EigenTable, lead: int) -> Array:
 
     Zero for those before the lead, and to one that is 0.
     """
-    exact = [Fraction(h) + Fraction(x) for h, x in table.eigenvalues.T.tolist()]
+    exact = _exact_eigenvalues(table)
     zero, whole = Fraction(0), exact[lead]
-    ratios = [x / whole if k >= lead and whole else zero for k, x in enumerate(exact)][1:]
-    high = [float(x) for x in ratios]
-    return np.array([high, [float(x - Fraction(h)) for x, h in zip(ratios, high, strict=True)]])
+    return _high_and_low(
+        [x / whole if k >= lead and whole else zero for k, x in enumerate(exact)][1:]
+    )
 
 
 @lru_cache(maxsize=1024)
@@ -338,6 +338,114 @@ def eigen_normals(
     error[away] = sizes[:, lead] * _total(np.abs(a) * dt + np.abs(b) * ds, sizes)
     error[away] += _total(ds, sizes) * _total(dt, sizes) * ratio
     return found, error
+
+
+def eigen_curvatures(
+    table: EigenTable, place: CornerPlace, modes: Array, which: Array
+) -> tuple[Array, Array, Array]:
+    """Second fundamental forms of points with eigencoefficients `modes`, (P, K, 3).
+
+    In a frame of each patch whose x-axis is along the coefficient that falls most slowly, whose
+    plane holds the next one and whose z-axis the third, x, y and z fall by powers a1, a2, b of
+    three eigenvalues, which are taken out: the normal part of second derivatives is not lost in
+    their tangential part, however near the corner; ``derivations/curvature.py``. At the corner
+    itself curvature is 0 where it tends to 0, else NaN.
+
+    Returns
+    -------
+    form : (3, Q)
+    exponent : (Q,)
+        The power of two by which the form is to be multiplied.
+    axis : (Q, 3)
+        The frame that it refers to; see `kernels.shape_operators`.
+    """
+    scale = np.frexp(np.abs(modes[:, 1:]).max(axis=(1, 2), initial=0))[1]
+    points = kernels.scale_by_two(modes[:, 1:], -scale[:, None, None])  # (P, K - 1, 3), at most 1
+    axes, local, leads = _frames(table, points)
+    form, axis = np.full((3, len(which)), np.nan), np.full((len(which), 3), np.nan)
+    exponent = np.zeros(len(which), dtype=np.int64)
+    values = _exact_eigenvalues(table)
+    kinds, kind = np.unique(leads, axis=0, return_inverse=True)
+    for k, (first, second, third) in enumerate(kinds.tolist()):
+        if not second or not values[second]:
+            continue  # a line or a point: no surface
+        flat, third = not third, third or second
+        a1, a2, b = values[first], values[second], values[third]
+        here = np.flatnonzero(kind.ravel()[which] == k)
+        at_corner = place.level[here] < 0
+        if [first, second] in table.normal_pairs[:1].tolist() and (flat or abs(b) < a2 * a2):
+            form[:, here[at_corner]] = 0
+        here = here[~at_corner]
+        there, patch = place[here], which[here]
+        powers = [EigenPowers.of(table, there, lead) for lead in (first, second, third)]
+        derivatives = np.empty((5, len(here), 3))
+        for row, nu in zip(derivatives, ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2)), strict=True):
+            functions = _eigenfunctions(table, there, nu)
+            for x, p in enumerate(powers):
+                row[:, x] = (_powered(table, functions, p) * local[patch, :, x]).sum(axis=1)
+        level = there.level
+        high, low = _high_and_low([a2 / a1, b / a1, b / a2])
+        parts, along = kernels.shape_operators(
+            derivatives[:2], derivatives[2:], kernels.power(high, low, level).T
+        )
+        units = [_scaled_power(x, level) for x in (b / (a1 * a1), b / (a1 * a2), b / (a2 * a2))]
+        parts *= [mantissa for mantissa, _ in units]
+        powers_of_two = np.array([n for _, n in units])
+        largest = powers_of_two.max(axis=0)
+        parts = kernels.scale_by_two(parts, powers_of_two - largest)
+        if a1 * a2 < 0:  # areas are positive; in w12 their sign stands already
+            parts[::2, level % 2 == 1] *= -1
+        form[:, here], exponent[here] = parts, largest - scale[patch]
+        axis[here] = np.matmul(along[:, None], axes[patch])[:, 0]
+    return form, exponent, axis
+
+
+def _frames(table: EigenTable, points: Array) -> tuple[Array, Array, Array]:
+    """Axes (P, 3, 3) along the slowest coefficients (P, K - 1, 3), which are at most 1.
+
+    Also the coefficients in these axes, and the number of the eigenvalue with which each coordinate
+    begins (P, 3); 0 where all of it is 0.
+    """
+    axes, leads = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3), dtype=np.int64)
+    local, patch = np.zeros_like(points), np.arange(len(points))
+    for x in range(3):
+        if x < 2:  # a unit vector along the first coefficient that is not in the axes before
+            rest = points
+            for axis in [*axes[:, :x].swapaxes(0, 1)] * 2:  # twice, for the sake of rounding
+                rest = rest - (rest @ axis[:, :, None]) * axis[:, None]
+            seen = np.abs(rest).max(axis=2) > (NOISE if x else 0)
+            axes[:, x] = kernels.unit(rest[patch, seen.argmax(axis=1)], np.zeros((len(points), 1)))
+        else:
+            axes[:, x] = np.cross(axes[:, 0], axes[:, 1])
+        along = (points @ axes[:, x, :, None])[:, :, 0]  # (P, K - 1)
+        if x == 2:
+            seen = np.abs(along) > NOISE
+        first = 1 + seen.argmax(axis=1)
+        first -= np.isin(first - 1, table.pairs)  # complex pairs go together
+        leads[:, x] = np.where(seen.any(axis=1), first, 0)
+        before = np.arange(1, points.shape[1] + 1) < first[:, None]
+        local[:, :, x] = np.where(before | ~seen.any(axis=1)[:, None], 0, along)
+    return axes, local, leads
+
+
+def _scaled_power(base: Fraction, n: Array) -> tuple[Array, Array]:
+    """``base ** n`` as mantissas (n,) and powers of two (n,)."""
+    if not base:
+        return np.where(n == 0, 1.0, 0.0), np.zeros_like(n)
+    (high,), (low,) = _high_and_low([base]).tolist()
+    mantissa, exponent = kernels.scaled_power(high, low, n)
+    mantissa, more = np.frexp(mantissa)
+    return mantissa, exponent + more
+
+
+def _exact_eigenvalues(table: EigenTable) -> list[Fraction]:
+    return [Fraction(high) + Fraction(low) for high, low in table.eigenvalues.T.tolist()]
+
+
+def _high_and_low(values: list[Fraction]) -> Array:
+    """Numbers rounded, and what rounding took from them, (2, n)."""
+    high = [float(x) for x in values]
+    return np.array([high, [float(x - Fraction(h)) for x, h in zip(values, high, strict=True)]])
 
 
 def eigen_coefficients(table: EigenTable, points: Array) -> Array:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -69,6 +69,25 @@ class _Corners:
     modes: Array  # (P, K, d) their coefficients in the eigenbasis
     size: Array  # (P, 1, 1) largest distances of control points from the first
     which: Array  # (q,) patch of each query
+
+
+class Curvature(NamedTuple):
+    """What `LimitSurface.curvature` returns; fields and their shapes are described there.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> flat = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    >>> ls.LimitSurface(flat).curvature(0, 0.5, 0.5)._fields
+    ('k1', 'k2', 'd1', 'd2', 'mean', 'gaussian')
+    """
+
+    k1: Any
+    k2: Any
+    d1: Any
+    d2: Any
+    mean: Any
+    gaussian: Any
 
 
 class LimitSurface:
@@ -439,13 +458,58 @@ class LimitSurface:
         >>> surface.normal(0, 0.5, 0.5).tolist()
         [0.0, 0.0, 1.0]
         """
-        if self.points.shape[1:] != (3,):
-            raise ValueError(f"a normal needs points of shape (n, 3), got {self.points.shape}")
+        self._check_space("a normal")
         if lazy.is_lazy(face, u, v):
             return lazy.mapped(self, "normal", face, u, v, workers=workers)
         face, u, v = self._inexact_queries(face, u, v, "normal")
         (normals,) = self._answers(face, u, v, False, [3], self._float_normals, None, workers)
         return normals.reshape(*face.shape, 3)
+
+    def curvature(self, face: ArrayLike, u: Numbers, v: Numbers) -> Curvature:
+        """Principal, mean and Gaussian curvatures, and principal directions.
+
+        A principal curvature is positive where the surface bends towards its `normal`: a sphere of
+        radius r with normals outwards has -1 / r. The scale of a special corner is taken out before
+        anything is added up, so that they are as precise next to a vertex as elsewhere: within some
+        1e-12 of the larger one's size, as long as the points say what it is.
+
+        Arguments and errors are those of `normal`. The unit is 1 / that of the points.
+
+        Returns
+        -------
+        Curvature
+            `k1` >= `k2`, of the shape of the query; their directions `d1`, `d2`, unit vectors in
+            the tangent plane, (..., 3), with d1 x d2 the normal; `mean`, (k1 + k2) / 2, and
+            `gaussian`, k1 k2. Where k1 = k2 the directions are some of all. Curvatures are +-inf
+            beyond float64's range. NaN where there is no normal, and at vertices where they have no
+            limit: in general all but those of smooth valence 4 and 3, where they tend to 0 and
+            directions are NaN. `LimitSurface` has the table.
+
+        Examples
+        --------
+        >>> import limitsurf as ls
+        >>> trough = [[x, y, x * x] for x in range(4) for y in range(4)]
+        >>> faces = [[4 * i + j, 4 * i + j + 4, 4 * i + j + 5, 4 * i + j + 1]
+        ...          for i in range(3) for j in range(3)]
+        >>> bent = ls.LimitSurface(ls.Mesh(trough, faces)).curvature(4, 0.5, 0.5)
+        >>> at = 3 / 2  # z = x^2 there has
+        >>> float((bent.k1 * (1 + 4 * at * at) ** 1.5).round(9)), abs(bent.d1).round(6).tolist()
+        (2.0, [0.316228, 0.0, 0.948683])
+        """
+        self._check_space("a curvature")
+        if lazy.is_lazy(face, u, v):
+            found = lazy.mapped(self, "_curvatures", face, u, v)
+        else:
+            found = self._curvatures(face, u, v)
+        k1, k2, mean, gaussian = (found[..., k][()] for k in range(4))
+        return Curvature(k1, k2, found[..., 4:7], found[..., 7:], mean, gaussian)
+
+    def _curvatures(self, face: ArrayLike, u: Numbers, v: Numbers) -> Array:
+        """Both principal, mean and Gaussian curvature, and both directions, (..., 10)."""
+        face, u, v = self._inexact_queries(face, u, v, "curvature")
+        self._check_ranges(face, u, v, False)
+        (found,) = self._over_chunks(face, u, v, False, [10], self._float_curvatures)
+        return found.reshape(*face.shape, 10)
 
     def weights(
         self, face: ArrayLike, u: Numbers, v: Numbers, nu: Order = (0, 0), workers: int = 1
@@ -817,6 +881,34 @@ class LimitSurface:
             scale = basis.NOISE * error.max(axis=1, keepdims=True)
             result[c.query] = kernels.unit(found, scale)
         return [result]
+
+    def _float_curvatures(self, g: _Group, ids: Array) -> list[Array]:
+        """What `_curvatures` returns for a group, (q, 10)."""
+        (normal,) = self._float_normals(g, ids)
+        if g.kind in (REGULAR, STRIP):
+            *_, points = self._differences(ids[g.row], _FIRST_CORNER)
+            orders = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+            jet = np.stack([_contract(self._spline_weights(g, nu, False), points) for nu in orders])
+            # neither overflow nor underflow in squares
+            exponent = -np.frexp(np.abs(jet[:2]).max(axis=(0, 2)))[1]
+            jet = _scaled(jet, exponent)
+            form, axis = kernels.shape_operators(jet[:2], jet[2:], np.ones((3, len(normal))))
+        else:
+            form, axis = np.full((3, len(normal)), np.nan), np.full((len(normal), 3), np.nan)
+            exponent = np.zeros(len(normal), dtype=np.int64)
+            for c in self._corners(g, ids):
+                form[:, c.query], exponent[c.query], axis[c.query] = basis.eigen_curvatures(
+                    c.table, c.place, c.modes, c.which
+                )
+        form[:, np.isnan(normal).any(axis=1)] = np.nan
+        found = kernels.principal(form, axis, normal)
+        found[:, :3] = _scaled(found[:, :3], exponent)
+        found[:, 3] = kernels.scale_by_two(found[:, 3], 2 * exponent)
+        return [found]
+
+    def _check_space(self, what: str) -> None:
+        if self.points.shape[1:] != (3,):
+            raise ValueError(f"{what} needs points of shape (n, 3), got {self.points.shape}")
 
     def _corners(self, g: _Group, ids: Array) -> Iterator[_Corners]:
         """What evaluation around an extraordinary corner needs, for queries of a group.

@@ -255,3 +255,68 @@ def unit_normals(along: Array, across: Array, noise: tuple[Array, Array]) -> Arr
             for x, n in zip((along, across), noise, strict=True)
         )
     return unit(np.cross(unit(along, noise[0]), unit(across, noise[1])), np.asarray(angle))
+
+
+def shape_operators(first: Array, second: Array, ratios: Array) -> tuple[Array, Array]:
+    """Second fundamental forms in orthonormal frames of tangent planes, and these frames' x-axes.
+
+    Coordinates have units a1, a2, b of their own, so that what falls by different powers towards a
+    corner is never added up: `ratios` are a2 / a1, b / a1 and b / a2. Of the frame (q1, q2), q1 is
+    along d/ds or d/dt, whichever is longer, and q1 x q2 along d/ds x d/dt;
+    ``derivations/curvature.py``.
+
+    Parameters
+    ----------
+    first : (2, Q, 3)
+        d/ds and d/dt.
+    second : (3, Q, 3)
+        d2/ds2, d2/dsdt, d2/dt2.
+    ratios : (3, Q)
+
+    Returns
+    -------
+    (3, Q)
+        w11 in units of b / a1^2, w12 of b / (a1 a2), w22 of b / a2^2.
+    (Q, 3)
+        q1 in these coordinates, all in units of a1.
+    """
+    one = np.ones_like(ratios[0])
+    lengths = np.stack([one, ratios[0], ratios[1]], axis=1)  # (Q, 3) of the coordinates, by a1
+    areas = np.stack([ratios[1], ratios[2], one], axis=1)  # of cross products, by a1 a2
+    with np.errstate(all="ignore"):
+        square = ((first * lengths) ** 2).sum(axis=2)  # (2, Q)
+        turn = square[0] < square[1]  # a quarter: s' = t, t' = -s
+        ds, dt = np.where(turn[:, None], first[::-1] * [[[1]], [[-1]]], first)
+        dss, dst, dtt = np.where(turn[:, None], second[::-1] * [[[1]], [[-1]], [[1]]], second)
+        along, across = ds * lengths, dt * lengths
+        e = np.maximum(square[0], square[1])
+        slope = (along * across).sum(axis=1) / e
+        cross = np.cross(ds, dt)
+        d = np.sqrt(((cross * areas) ** 2).sum(axis=1))
+        m11, m12, m22 = ((cross * x).sum(axis=1) for x in (dss, dst, dtt))
+        forms = [
+            m11 / (d * e),
+            (m12 - slope * m11) / d**2,
+            (m22 - slope * (2 * m12 - slope * m11)) * e / d**3,
+        ]
+        return np.array(forms), along / np.sqrt(e)[:, None]
+
+
+def principal(form: Array, axis: Array, normal: Array) -> Array:
+    """Principal curvatures k1 >= k2, mean, Gaussian, directions d1 and d2 = n x d1, (Q, 10).
+
+    Of second fundamental forms (3, Q) = w11, w12, w22 in frames (q1, n x q1).
+    """
+    w11, w12, w22 = form
+    with np.errstate(all="ignore"):
+        mean, half = w11 / 2 + w22 / 2, w11 / 2 - w22 / 2
+        spread = np.hypot(half, w12)
+        gaussian = w11 * w22 - w12 * w12
+        # the larger by size first: the other one is the quotient, without cancellation
+        large = mean + np.where(mean < 0, -spread, spread)
+        small = np.where(large == 0, 0.0, gaussian / large)
+        k1, k2 = np.where(mean < 0, small, large), np.where(mean < 0, large, small)
+        angle = np.arctan2(w12, half)[:, None] / 2
+        d1 = np.cos(angle) * axis + np.sin(angle) * np.cross(normal, axis)
+    values = np.stack([k1, k2, mean, gaussian], axis=1)
+    return np.concatenate([values, d1, np.cross(normal, d1)], axis=1)

@@ -1,0 +1,173 @@
+"""Curvature: against exact derivatives and 60-digit roots, closed forms, and by invariance."""
+
+from fractions import Fraction
+
+import mpmath
+import numpy as np
+import pytest
+import zoo
+
+import limitsurf as ls
+
+FLAT = 1e-12  # what rounding bends a flat cage of size 1
+PLACES = [(0.3, 0.6), (2.0**-9, 2.0**-10), (0.0, 2.0**-40), (2.0**-160, 0.75 * 2.0**-160)]
+
+
+def exact_curvature(surface, face, u, v):
+    """k1, k2, d1 and the sine between d/du and d/dv.
+
+    From rational derivatives, by eigenvalues of the shape operator in mpmath.
+    """
+    jet = surface.jet(face, Fraction(u), Fraction(v), order=2)
+    with mpmath.workdps(700):
+        x, y, xx, xy, yy = (
+            [mpmath.mpf(c.numerator) / c.denominator for c in map(Fraction, jet[nu])]
+            for nu in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+        )
+
+        def dot(a, b):
+            return mpmath.fdot(a, b)
+
+        cross = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
+        length = mpmath.sqrt(dot(cross, cross))
+        if length == 0:
+            return np.nan, np.nan, np.full(3, np.nan), np.nan
+        first = mpmath.matrix([[dot(x, x), dot(x, y)], [dot(x, y), dot(y, y)]])
+        e, f, g = (dot(cross, second) / length for second in (xx, xy, yy))
+        shape = first**-1 * mpmath.matrix([[e, f], [f, g]])
+        mean = (shape[0, 0] + shape[1, 1]) / 2
+        spread = mpmath.sqrt(mean**2 - mpmath.det(shape))
+        k1, k2 = mean + spread, mean - spread
+        # (shape - k2) maps everything to the direction of k1
+        a = [shape[0, 0] - k2, shape[1, 0]]
+        b = [shape[0, 1], shape[1, 1] - k2]
+        a = max(a, b, key=lambda c: max(map(abs, c)))
+        d1 = [a[0] * p + a[1] * q for p, q in zip(x, y, strict=True)]
+        size = mpmath.sqrt(dot(d1, d1)) or 1
+        sine = length / mpmath.sqrt(dot(x, x) * dot(y, y))
+        return float(k1), float(k2), np.array([float(c / size) for c in d1]), float(sine)
+
+
+CAGES = {name: lambda name=name: (*zoo.ZOO[name](), {}) for name in zoo.ZOO} | zoo.TAGGED
+
+
+def exact(points):
+    return np.vectorize(Fraction, otypes=[object])(points)
+
+
+@pytest.mark.parametrize("name", sorted(CAGES))
+def test_exact_derivatives_give_it(name):
+    _, faces, tags = CAGES[name]()
+    count = 1 + max(v for face in faces for v in face)
+    mesh = ls.Mesh(zoo.random_points(count, 3), faces, **tags)
+    surface = ls.LimitSurface(mesh)
+    precise = surface.with_points(exact(mesh.points))
+    rng = np.random.default_rng(1)
+    for face in rng.choice(len(surface.limit_faces), 3):
+        for u, v in PLACES:
+            found = surface.curvature(face, u, v)
+            if np.isnan(surface.normal(face, u, v)).any():
+                assert np.isnan(found.k1)
+                continue
+            k1, k2, d1, sine = exact_curvature(precise, face, u, v)
+            if np.isnan(k1):
+                continue
+            size = max(abs(k1), abs(k2))
+            bound = 3e-12 * size / min(sine, 0.1) + FLAT
+            assert found.k1 == pytest.approx(k1, rel=0, abs=bound), (face, u, v)
+            assert found.k2 == pytest.approx(k2, rel=0, abs=bound), (face, u, v)
+            gap = (k1 - k2) / (size + FLAT)
+            assert gap < 1e-3 or abs(abs(found.d1 @ d1) - 1) < bound / (gap**2 * size)
+            np.testing.assert_allclose(found.d1 @ found.d1, 1)
+            np.testing.assert_allclose(
+                np.cross(found.d1, found.d2), surface.normal(face, u, v), atol=1e-9
+            )
+
+
+def test_a_torus_of_many_points():
+    """Splines of cages on a torus tend to one of nearby radii R and r."""
+    m, n = 96, 64
+    points, faces = zoo.torus(m, n)
+    a, b = 2 * np.pi * np.arange(m)[:, None] / m, 2 * np.pi * np.arange(n) / n
+    ring = 3 + np.cos(b)
+    points = np.stack(np.broadcast_arrays(ring * np.cos(a), ring * np.sin(a), np.sin(b)), axis=2)
+    surface = ls.LimitSurface(ls.Mesh(points.reshape(-1, 3), faces))
+    face = np.arange(len(faces))
+    at, found = surface.evaluate(face, 0.3, 0.8), surface.curvature(face, 0.3, 0.8)
+    away = np.hypot(at[:, 0], at[:, 1])
+    expected = np.sort([np.ones(len(away)), (away - 3) / away], axis=0)
+    sign = np.sign(found.mean[0])
+    got = np.sort([sign * found.k1, sign * found.k2], axis=0)
+    # the curve through n points of a circle is (2 pi / n)^2 / 6 smaller, and bends as much more
+    np.testing.assert_allclose(got, expected, atol=2 * (2 * np.pi / n) ** 2 / 6)
+    np.testing.assert_allclose(found.gaussian, found.k1 * found.k2, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.mean, (found.k1 + found.k2) / 2, rtol=1e-9)
+
+
+@pytest.mark.parametrize("factor", [1e-200, 3.0, 1e200])
+def test_it_scales_as_one_over_length(factor):
+    points, faces = zoo.carved(zoo.cube(), 3)
+    surface = ls.LimitSurface(ls.Mesh(points, faces))
+    face = np.arange(len(surface.limit_faces))[:, None]
+    near = np.array([0.4, 2.0**-30, 2.0**-300])
+    one = surface.curvature(face, near, 0.5 * near)
+    other = surface.with_points(np.asarray(points, float) * factor).curvature(
+        face, near, 0.5 * near
+    )
+    size = np.fmax(abs(one.k1), abs(one.k2))
+    for a, b in ((one.k1, other.k1), (one.k2, other.k2), (one.mean, other.mean)):
+        with np.errstate(over="ignore"):
+            small = np.abs(a) < 1e100  # else beyond range after scaling
+        np.testing.assert_allclose((b * factor / size)[small], (a / size)[small], rtol=0, atol=1e-9)
+
+
+def test_motions_and_turning_inside_out():
+    points, faces = zoo.carved(zoo.cube(), 5)
+    mesh = ls.Mesh(points, faces)
+    surface = ls.LimitSurface(mesh)
+    face, u, v = np.arange(len(surface.limit_faces)), 0.3, 1e-6
+    one = surface.curvature(face, u, v)
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    moved = surface.with_points(mesh.points @ turn.T + [5, -3, 2]).curvature(face, u, v)
+    np.testing.assert_allclose(moved.k1, one.k1, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(np.abs(np.sum(moved.d1 * (one.d1 @ turn.T), axis=1)), 1, rtol=1e-6)
+    mirrored = surface.with_points(mesh.points * [1, 1, -1]).curvature(face, u, v)
+    np.testing.assert_allclose(mirrored.k1, -one.k2, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(mirrored.gaussian, one.gaussian, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize(("valence", "limit"), [(3, True), (4, True), (5, False), (9, False)])
+def test_where_it_exists_at_a_vertex(valence, limit):
+    points, faces = zoo.flower(valence, 3)
+    surface = ls.LimitSurface(ls.Mesh(zoo.random_points(len(points), 1), faces))
+    at = surface.curvature(0, *[(0, 0), (1, 0), (1, 1), (0, 1)][faces[0].index(0)])
+    assert np.isfinite(at.k1) == limit
+    if valence == 3:
+        assert (at.k1, at.k2, at.mean, at.gaussian) == (0, 0, 0, 0)
+        assert np.isnan(at.d1).all()
+
+
+def test_queries_and_errors():
+    surface = ls.LimitSurface(ls.Mesh(*zoo.cube()))
+    found = surface.curvature([0, 1], [[0.5], [np.nan]], 0.5)
+    assert found.k1.shape == (2, 2)
+    assert found.d1.shape == (2, 2, 3)
+    assert np.isnan(found.k1[1]).all()
+    assert np.isfinite(found.d2[0]).all()
+    with pytest.raises(TypeError, match="square roots"):
+        surface.curvature(0, Fraction(1, 2), 0)
+    with pytest.raises(IndexError):
+        surface.curvature(99, 0, 0)
+    with pytest.raises(ValueError, match=r"\(n, 3\)"):
+        surface.with_points(np.zeros((8, 2))).curvature(0, 0, 0)
+
+
+def test_dask_arrays():
+    da = pytest.importorskip("dask.array")
+    surface = ls.LimitSurface(ls.Mesh(*zoo.cube()))
+    u = np.linspace(0.1, 0.9, 10)
+    lazy = surface.curvature(1, da.from_array(u, chunks=4), 0.25)
+    now = surface.curvature(1, u, 0.25)
+    for a, b in zip(lazy, now, strict=True):
+        np.testing.assert_allclose(a.compute(), b, rtol=1e-13)
