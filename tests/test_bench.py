@@ -47,3 +47,14 @@ def test_jobs_can_be_chosen() -> None:
     names = {row["job"] for row in cage["rows"]}
     assert names == {"set-up", "random", "random, workers=1", "random, workers=2"}
     assert not any("numpy_ns" in row for row in cage["rows"])
+
+
+def test_errors_are_measured() -> None:
+    figures = json.loads(run("accuracy.py", "--samples 1"))
+    assert {row["valence"] for row in figures["rows"]} >= {3, 4, 5}
+    for row in figures["rows"]:
+        errors = [x for x in row.values() if isinstance(x, float)]
+        assert len(errors) == 5
+        assert max(errors) < 1e-12
+    table = run("accuracy.py", "--samples 1 --table").splitlines()
+    assert len(table) == 2 + len(figures["rows"])

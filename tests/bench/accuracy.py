@@ -1,0 +1,112 @@
+"""Measure errors against exact rational arithmetic that shares no code with the library.
+
+    python tests/bench/accuracy.py > accuracy.json
+    python tests/bench/accuracy.py --table
+
+Around a vertex of each valence, in a cage of random points in [-1, 1]^3, surfaces are evaluated at
+random (u, v) whose distance from the vertex is 1 to 1/2 of a given power of two, and compared with
+``tests/oracles.py``: naive refinement in Fractions, then roots in 200 digits. Largest errors: of
+positions relative to the extent of the cage; of derivatives relative to the largest one of their
+order; of unit normals as lengths; of curvatures relative to the larger principal one.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import sys
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import click
+import mpmath
+import numpy as np
+
+import limitsurf as ls
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import oracles
+import zoo
+
+ORDERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]
+NAMES = ["position", "first derivative", "second derivative", "normal", "curvature"]
+mpmath.mp.dps = 200  # of nearly tangential derivatives more than 100 digits cancel
+
+
+def roots(jet: dict[tuple[int, int], Any]) -> tuple[list[Any], list[Any]]:
+    """The unit normal, and mean and Gaussian curvature with the larger principal one."""
+    x, y, xx, xy, yy = (
+        [mpmath.mpf(c.numerator) / c.denominator for c in jet[k]] for k in ORDERS[1:]
+    )
+    cross = [x[k - 2] * y[k - 1] - x[k - 1] * y[k - 2] for k in range(3)]
+    area = mpmath.norm(cross)
+    normal = [c / area for c in cross]
+    E, F, G = mpmath.fdot(x, x), mpmath.fdot(x, y), mpmath.fdot(y, y)
+    L, M, N = (mpmath.fdot(normal, c) for c in (xx, xy, yy))
+    mean = (E * N - 2 * F * M + G * L) / (2 * area**2)
+    spread = mpmath.sqrt(mean**2 - (L * N - M * M) / area**2)
+    return normal, [mean + spread, mean - spread]
+
+
+def largest_errors(valence: int, halvings: int, samples: int) -> dict[str, float]:
+    points, faces = zoo.local_cage(valence, seed=valence)
+    surface = ls.LimitSurface(ls.Mesh(points, faces))
+    exact = oracles.ExactSurface(points, faces)
+    rng = random.Random(halvings)
+    worst = dict.fromkeys(NAMES, 0.0)
+    for _ in range(samples):
+        face = 4 * rng.randrange(valence)
+        far, near = 0.5 + rng.random() / 2, rng.random()
+        u, v = (far, near) if rng.random() < 0.5 else (near, far)
+        u, v = u * 2.0**-halvings, v * 2.0**-halvings
+        truth = {nu: exact.evaluate(face, Fraction(u), Fraction(v), nu) for nu in ORDERS}
+        found = surface.jet(face, u, v, order=2)
+        error = {
+            nu: max(abs(float(Fraction(a) - b)) for a, b in zip(found[nu], truth[nu], strict=True))
+            for nu in ORDERS
+        }
+        size = {nu: max(abs(float(c)) for c in truth[nu]) for nu in ORDERS}
+        worst["position"] = max(worst["position"], error[0, 0] / 2)
+        for order, name in ((1, NAMES[1]), (2, NAMES[2])):
+            these = [nu for nu in ORDERS if sum(nu) == order]
+            worst[name] = max(
+                worst[name], max(error[k] for k in these) / max(size[k] for k in these)
+            )
+        normal, bent = roots(truth)
+        gap = [
+            mpmath.mpf(a) - b
+            for a, b in zip(surface.normal(face, u, v).tolist(), normal, strict=True)
+        ]
+        worst["normal"] = max(worst["normal"], float(mpmath.norm(gap)))
+        here = surface.curvature(face, u, v)
+        wrong = max(
+            abs(mpmath.mpf(float(here.k1)) - bent[0]), abs(mpmath.mpf(float(here.k2)) - bent[1])
+        )
+        worst["curvature"] = max(worst["curvature"], float(wrong / max(map(abs, bent))))
+    return worst
+
+
+@click.command()
+@click.option("--samples", default=100, show_default=True, help="For each valence and distance.")
+@click.option("--table", is_flag=True, help="Print Markdown instead of JSON.")
+def main(samples: int, table: bool) -> None:
+    """Measure the library's errors at and far into extraordinary faces."""
+    rows = [
+        {"valence": n, "distance": f"2^-{k}", **largest_errors(n, k, samples)}
+        for n in (3, 4, 5, 7, 12, 40)
+        for k in (0, 10, 100, 300)
+    ]
+    if not table:
+        click.echo(
+            json.dumps({"numpy": np.__version__, "samples": samples, "rows": rows}, indent=1)
+        )
+        return
+    click.echo(f"| valence | distance | {' | '.join(NAMES)} |\n|{'---|' * (2 + len(NAMES))}")
+    for row in rows:
+        errors = (f"{row[name]:.0e}" for name in NAMES)
+        click.echo(f"| {row['valence']} | {row['distance']} | {' | '.join(errors)} |")
+
+
+if __name__ == "__main__":
+    main()
