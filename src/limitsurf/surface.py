@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -11,13 +10,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import _kernels, basis, lazy, tables
+from limitsurf import _kernels, lazy, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
+from limitsurf.groups import ExactValues, Group, Groups, Order, Values
 from limitsurf.mesh import Mesh
 from limitsurf.packing import TERMS, Packing, threads
-from limitsurf.patches import REGULAR, STRIP, PatchTable
+from limitsurf.patches import PatchTable
 from limitsurf.refine import ExactOperator, eliminated, refined, sparse_operator, stacked
 from limitsurf.rules import Rules
 from limitsurf.topology import LimitFaces
@@ -29,46 +29,12 @@ if TYPE_CHECKING:
     from limitsurf.exact.scheme import Scheme
 
 Array = NDArray[Any]
-Order: TypeAlias = tuple[int, int]
 Numbers: TypeAlias = ArrayLike | Fraction | Sequence[Fraction]
 
-# queries handled at once, and control values gathered at once: what stays in cache and in memory
-_CHUNK = 1 << 16
-_GATHER = 1 << 22
 # what is kept of the points
-_OF_POINTS = ("_control_points", "_exact_points", "_packed")
+_OF_POINTS = ("_values", "_exact_values", "_packed")
 # derivatives that kernels know, in the order of `jet`
 _PLACES = {nu: place for place, nu in enumerate(TERMS)}
-_FIRST_CORNER = 5  # the control point of a bicubic patch at its corner (0, 0)
-
-
-@dataclass(frozen=True)
-class _Group:
-    """Queries of a chunk that lie in patches of one kind."""
-
-    kind: int
-    sector: tables.Sector | None  # what surrounds the special corner, if there is one
-    query: Array  # (q,) places in the chunk
-    row: Array  # (q,) rows of the patches in the control table of the kind
-    s: Array  # (q,) parameters in the patch
-    t: Array
-    depth: Array  # (q,) halvings from limit face to patch
-    turn: Array  # (q,) corners that the patch is turned against the limit face
-
-
-@dataclass(frozen=True)
-class _Corners:
-    """Queries of a group around extraordinary corners, with what their patches have in common."""
-
-    query: Array  # (q,) places in the group
-    table: tables.EigenTable
-    place: basis.CornerPlace
-    powers: basis.EigenPowers
-    origin: Array  # (P, d) first control points of the patches concerned
-    low: Array  # (P, d) what rounding took from them
-    modes: Array  # (P, K, d) their coefficients in the eigenbasis
-    size: Array  # (P, 1, 1) largest distances of control points from the first
-    which: Array  # (q,) patch of each query
 
 
 class Curvature(NamedTuple):
@@ -219,11 +185,11 @@ class LimitSurface:
             raise TypeError(f"a surface needs a Mesh, got {type(mesh).__name__}")
         rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
         self._rules = rules
-        self._tables: dict[bool, PatchTable] = {False: PatchTable(mesh, rules, np.dtype(float))}
+        patches = PatchTable(mesh, rules, np.dtype(float))
         # masks that do not converge are refused here, not at the first query
-        for sector in filter(None, self.patches.sectors):
+        for sector in filter(None, patches.sectors):
             tables.eigen_table(rules.scheme, sector)
-        self._begin(mesh)
+        self._begin(mesh, patches)
 
     def _set_points(self, mesh: Mesh) -> None:
         self._mesh = mesh
@@ -248,17 +214,17 @@ class LimitSurface:
 
     def __getstate__(self) -> dict[str, Any]:
         # the cage and its patches; everything else is computed again where it arrives
-        return {"_mesh": self._mesh, "_rules": self._rules, "_tables": {False: self.patches}}
+        return {"_mesh": self._mesh, "_rules": self._rules, "_patches": self.patches}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._begin(state["_mesh"])
+        self._rules = state["_rules"]
+        self._begin(state["_mesh"], state["_patches"])
 
-    def _begin(self, mesh: Mesh) -> None:
+    def _begin(self, mesh: Mesh, patches: PatchTable) -> None:
         self.limit_faces = LimitFaces.of(mesh)
         self._channels: dict[str, LimitSurface] = {}
         self._packings: dict[None, Packing] = {}
-        self._strip_tables: dict[bool, tuple[tables.StripTables, Array]] = {}
+        self._groups = {False: Groups(patches, self._rules.scheme, False)}
         self._set_points(mesh)
 
     def of_channel(self, channel: str | None) -> LimitSurface:
@@ -297,7 +263,7 @@ class LimitSurface:
     @property
     def patches(self) -> PatchTable:
         """The patches that the surface is made of."""
-        return self._tables[False]
+        return self._groups[False].patches
 
     @property
     def rules(self) -> dict[str, Any]:
@@ -462,7 +428,7 @@ class LimitSurface:
         if lazy.is_lazy(face, u, v):
             return lazy.mapped(self, "normal", face, u, v, workers=workers)
         face, u, v = self._inexact_queries(face, u, v, "normal")
-        (normals,) = self._answers(face, u, v, False, [3], self._float_normals, None, workers)
+        (normals,) = self._answers(face, u, v, False, [3], self._values.normals, None, workers)
         return normals.reshape(*face.shape, 3)
 
     def curvature(self, face: ArrayLike, u: Numbers, v: Numbers) -> Curvature:
@@ -508,7 +474,7 @@ class LimitSurface:
         """Both principal, mean and Gaussian curvature, and both directions, (..., 10)."""
         face, u, v = self._inexact_queries(face, u, v, "curvature")
         self._check_ranges(face, u, v, False)
-        (found,) = self._over_chunks(face, u, v, False, [10], self._float_curvatures)
+        (found,) = self._groups[False].answers(face, u, v, [10], self._values.curvatures)
         return found.reshape(*face.shape, 10)
 
     def weights(
@@ -546,28 +512,24 @@ class LimitSurface:
             if found is not None:
                 return found
         self._check_ranges(face, u, v, exact)
-        face, u, v = face.ravel().astype(np.int64, copy=False), u.ravel(), v.ravel()
-        patches = self._patch_table(exact)
-        dtype = np.dtype(object if exact else float)
-        parts = []
-        for start in range(0, max(len(face), 1), _CHUNK):
-            part = slice(start, start + _CHUNK)
-            undefined, groups = self._groups(patches, face[part], u[part], v[part])
-            corner = self.mesh.offsets[self.limit_faces.face[face[part][undefined]]]
+        groups = self._groups_of(exact)
+        patches, dtype = groups.patches, np.dtype(object if exact else float)
+        flat, parts = face.ravel(), []
+        for part, undefined, pieces in groups.chunks(face, u, v):
+            corner = self.mesh.offsets[self.limit_faces.face[flat[part][undefined]]]
             rows, columns = [undefined], [self.mesh.indices[corner]]
             values = [np.full(len(undefined), np.nan, dtype=dtype)]
-            for group in groups:
-                for g in _pieces(group, patches.controls[group.kind].shape[1]):
-                    ids = patches.controls[g.kind][g.row]
-                    rows.append(np.repeat(g.query, ids.shape[1]))
-                    columns.append(ids.ravel())
-                    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-                        values.append(self._control_weights(g, nu, exact).ravel())
+            for g in pieces:
+                ids = groups.controls(g)
+                rows.append(np.repeat(g.query, ids.shape[1]))
+                columns.append(ids.ravel())
+                with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+                    values.append(groups.weights(g, nu).ravel())
             total = sparse_operator(
                 np.concatenate(rows),
                 np.concatenate(columns),
                 np.concatenate(values),
-                (len(face[part]), patches.n_points),
+                (len(flat[part]), patches.n_points),
             )
             # back through the extra control points, last ones first
             for operator in reversed(patches.extras):
@@ -577,10 +539,19 @@ class LimitSurface:
 
     # ------------------------------------------------------------------ how it is done
 
-    def _patch_table(self, exact: bool) -> PatchTable:
-        if exact not in self._tables:
-            self._tables[exact] = PatchTable(self.mesh, self._rules, np.dtype(object))
-        return self._tables[exact]
+    def _groups_of(self, exact: bool) -> Groups:
+        if exact not in self._groups:
+            patches = PatchTable(self.mesh, self._rules, np.dtype(object))
+            self._groups[exact] = Groups(patches, self._rules.scheme, exact)
+        return self._groups[exact]
+
+    @cached_property
+    def _values(self) -> Values:
+        return Values(self._groups[False], self._flat)
+
+    @cached_property
+    def _exact_values(self) -> ExactValues:
+        return ExactValues(self._groups_of(True), kernels.exact(self._flat))
 
     def _broadcast(
         self, face: ArrayLike, u: Numbers, v: Numbers
@@ -624,70 +595,12 @@ class LimitSurface:
             if bad.any():
                 raise ValueError(f"{name} = {_first(x, bad)} is outside [0, 1]")
 
-    def _groups(
-        self, patches: PatchTable, face: Array, u: Array, v: Array
-    ) -> tuple[Array, Iterator[_Group]]:
-        """Queries without a value (NaN), and the others by kind of patch; all flat."""
-        if u.dtype == object:
-            finite = np.array([x == x and y == y for x, y in zip(u, v, strict=True)], dtype=bool)
-        else:
-            finite = np.isfinite(u) & np.isfinite(v)
-        defined = np.flatnonzero(finite & (patches.codes[face] != -1))
-        undefined = np.flatnonzero(~(finite & (patches.codes[face] != -1)))
-        patch, s, t, depth = patches.locate(face[defined], u[defined], v[defined])
-
-        def groups() -> Iterator[_Group]:
-            kinds = patches.kind[patch]
-            for kind in np.unique(kinds).tolist():
-                here = np.flatnonzero(kinds == kind)
-                turn = patches.turn[patch[here]]
-                sides = [s[here], t[here], 1 - s[here], 1 - t[here]]
-                yield _Group(
-                    kind,
-                    patches.sectors[kind],
-                    defined[here],
-                    patches.row[patch[here]],
-                    np.choose(turn, sides),
-                    np.choose(turn, sides[1:] + sides[:1]),
-                    depth[here],
-                    turn,
-                )
-
-        return undefined, groups()
-
-    @cached_property
-    def _control_points(self) -> tuple[Array, Array]:
-        """All control points as unevaluated sums high + low, both (n_points, d).
-
-        Those of deep patches are close to each other, and their differences have all digits.
-        """
-        patches, done = self.patches, self.mesh.n_vertices
-        high, low = np.zeros((2, patches.n_points, self._flat.shape[1]))
-        high[:done] = self._flat
-        for operator in patches.extras:
-            first = operator.indices[operator.indptr[:-1]]
-            rows = operator.indptr, operator.indices, operator.data
-            step = kernels.differences(*rows, high, low, first)
-            new = slice(done, done + operator.shape[0])
-            high[new], error = kernels.two_sum(high[first], step)
-            low[new] = low[first] + error
-            done = new.stop
-        return high, low
-
-    @cached_property
-    def _exact_points(self) -> Array:
-        """All control points as Fractions, (n_points, d)."""
-        points = kernels.exact(self._flat)
-        for operator in self._patch_table(True).extras:
-            points = np.concatenate([points, operator @ points])
-        return points
-
     def _derivatives(
         self, face: ArrayLike, u: Numbers, v: Numbers, orders: Sequence[Order], workers: int
     ) -> list[Any]:
         """The derivatives of the given orders, each of the shape that `evaluate` promises."""
         face, u, v, exact = self._broadcast(face, u, v)
-        compute = self._exact_values if exact else self._float_values
+        compute = self._exact_values.derivatives if exact else self._values.derivatives
         widths = [self._flat.shape[1]] * len(orders)
         results = self._answers(
             face, u, v, exact, widths, partial(compute, orders=orders), orders, workers
@@ -702,7 +615,7 @@ class LimitSurface:
         v: Array,
         exact: bool,
         widths: Sequence[int],
-        compute: Callable[[_Group, Array], Sequence[Array]],
+        compute: Callable[[Group], Sequence[Array]],
         orders: Sequence[Order] | None,
         workers: int,
     ) -> Sequence[Array]:
@@ -714,7 +627,7 @@ class LimitSurface:
         known = orders is None or all(nu in _PLACES for nu in orders)
         if exact or not all(widths) or not known or not _kernels.compiled(face.size):
             self._check_ranges(face, u, v, exact)
-            return self._over_chunks(face, u, v, exact, widths, compute)
+            return self._groups_of(exact).answers(face, u, v, widths, compute)
         found = self._packing.evaluate(
             self._packed_points,
             (face, u, v),
@@ -728,7 +641,7 @@ class LimitSurface:
         results, rest = found
         if len(rest):
             some = [x.flat[rest] for x in (face, u, v)]
-            parts = self._over_chunks(some[0], some[1], some[2], False, widths, compute)
+            parts = self._groups[False].answers(some[0], some[1], some[2], widths, compute)
             for result, part in zip(results, parts, strict=True):
                 result[rest] = part
         return list(results)
@@ -739,7 +652,7 @@ class LimitSurface:
         if None not in self._packings:
             with _kernels.preparing:
                 if None not in self._packings:
-                    strips, which = self._strips(False)
+                    strips, which = self._groups[False].strips
                     own = self.mesh.indices[self.mesh.offsets[self.limit_faces.face]]
                     made = Packing(self.patches, strips, which, self._rules.scheme, own)
                     self._packings[None] = made
@@ -760,8 +673,8 @@ class LimitSurface:
         face, u, v = self._inexact_queries(face, u, v, what)
         self._check_ranges(face, u, v, False)
         d = self._flat.shape[1]
-        along, across, noise, other = self._over_chunks(
-            face, u, v, False, [d, d, 1, 1], self._float_directions
+        along, across, noise, other = self._groups[False].answers(
+            face, u, v, [d, d, 1, 1], self._values.directions
         )
         return (along, noise), (across, other), face.shape
 
@@ -778,215 +691,9 @@ class LimitSurface:
             )
         return face, u, v
 
-    def _over_chunks(
-        self,
-        face: Array,
-        u: Array,
-        v: Array,
-        exact: bool,
-        widths: Sequence[int],
-        compute: Callable[[_Group, Array], Sequence[Array]],
-    ) -> list[Array]:
-        """Arrays (Q, width) of `compute` over all queries, some thousands at a time; NaN elsewhere.
-
-        Overflow to infinity and underflow to zero are results, not accidents.
-        """
-        face, u, v = face.ravel().astype(np.int64, copy=False), u.ravel(), v.ravel()
-        patches = self._patch_table(exact)
-        dtype = object if exact else float
-        results = [np.full((len(face), width), np.nan, dtype=dtype) for width in widths]
-        for start in range(0, len(face), _CHUNK):
-            part = slice(start, start + _CHUNK)
-            _, groups = self._groups(patches, face[part], u[part], v[part])
-            for group in groups:
-                size = patches.controls[group.kind].shape[1] * max(*widths, 1)
-                for g in _pieces(group, size):
-                    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-                        values = compute(g, patches.controls[g.kind])
-                    for result, value in zip(results, values, strict=True):
-                        result[start + g.query] = value
-        return results
-
-    def _differences(self, ids: Array, base: int) -> tuple[Array, Array, Array]:
-        """A control point of each patch, high and low (P, d), and all relative to it (P, K, d)."""
-        high, low = self._control_points
-        first = ids[:, base]
-        points = high[ids]
-        points -= high[first, None]
-        extra = (ids >= self.mesh.n_vertices).any(axis=1)
-        if extra.any():
-            points[extra] += low[ids[extra]] - low[first[extra], None]
-        return high[first], low[first], points
-
-    def _float_values(self, g: _Group, ids: Array, orders: Sequence[Order]) -> list[Array]:
-        """Derivatives (q, d) of the queries of a group, in float64."""
-        values = []
-        if g.kind in (REGULAR, STRIP):
-            high, low, points = self._differences(ids[g.row], _FIRST_CORNER)
-            for nu in orders:
-                value = _contract(self._spline_weights(g, nu, False), points)
-                at = nu == (0, 0)
-                values.append(value + low + high if at else _scaled(value, g.depth * sum(nu)))
-            return values
-        # in patch parameters first: all orders at once, then each query picks by its turn
-        turned = [basis.turned(nu) for nu in orders]
-        needed = sorted({order for choices, _ in turned for order in choices})
-        parts = np.empty((len(g.query), len(needed), self._flat.shape[1]))
-        for c in self._corners(g, ids):
-            eigen = [basis.eigen_weights(c.table, c.place, c.powers, order) for order in needed]
-            rows = np.stack([x.rows for x in eigen], axis=1)  # (q, orders, K - 1)
-            found = np.matmul(rows, c.modes[c.which, 1:])  # (q, orders, d)
-            for k, (order, x) in enumerate(zip(needed, eigen, strict=True)):
-                found[:, k] = _scaled(found[:, k], x.exponent + g.depth[c.query] * sum(order))
-                if x.with_limit:
-                    found[:, k] += c.modes[c.which, 0]
-                    found[:, k] += c.low[c.which]
-                    found[:, k] += c.origin[c.which]
-            parts[c.query] = found
-        for choices, sign in turned:
-            pick = np.array([needed.index(order) for order in choices])[g.turn]
-            values.append(parts[np.arange(len(pick)), pick] * sign[g.turn][:, None])
-        return values
-
-    def _float_directions(self, g: _Group, ids: Array) -> list[Array]:
-        """Directions of d/du and d/dv (q, d) of a group, and their rounding errors (q, 1)."""
-        noise = basis.NOISE
-        if g.kind in (REGULAR, STRIP):
-            *_, points = self._differences(ids[g.row], _FIRST_CORNER)
-            size = np.abs(points).max(axis=2, initial=0, keepdims=True)  # (q, 16, 1)
-            weights = [self._spline_weights(g, nu, False) for nu in ((1, 0), (0, 1))]
-            return [_contract(w, points) for w in weights] + [
-                noise * _contract(np.abs(w), size) for w in weights
-            ]
-        found = np.empty((2, len(g.query), self._flat.shape[1]))
-        errors = np.empty((2, len(g.query), 1))
-        for c in self._corners(g, ids):
-            found[:, c.query], errors[:, c.query] = basis.eigen_directions(
-                c.table, c.place, c.powers, c.modes, c.size, c.which
-            )
-        (ds, dt), (noise_s, noise_t) = found, noise * errors
-        odd, turn = (g.turn % 2 == 1)[:, None], g.turn[:, None]
-        along = np.where(odd, dt, ds) * np.where((turn == 1) | (turn == 2), -1, 1)
-        across = np.where(odd, ds, dt) * np.where((turn == 2) | (turn == 3), -1, 1)
-        return [along, across, np.where(odd, noise_t, noise_s), np.where(odd, noise_s, noise_t)]
-
-    def _float_normals(self, g: _Group, ids: Array) -> list[Array]:
-        """Unit normals (q, 3) of a group."""
-        if g.kind in (REGULAR, STRIP):
-            along, across, noise, other = self._float_directions(g, ids)
-            return [kernels.unit_normals(along, across, (noise, other))]
-        result = np.empty((len(g.query), 3))
-        for c in self._corners(g, ids):
-            found, error = basis.eigen_normals(c.table, c.place, c.powers, c.modes, c.which)
-            scale = basis.NOISE * error.max(axis=1, keepdims=True)
-            result[c.query] = kernels.unit(found, scale)
-        return [result]
-
-    def _float_curvatures(self, g: _Group, ids: Array) -> list[Array]:
-        """What `_curvatures` returns for a group, (q, 10)."""
-        (normal,) = self._float_normals(g, ids)
-        if g.kind in (REGULAR, STRIP):
-            *_, points = self._differences(ids[g.row], _FIRST_CORNER)
-            orders = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-            jet = np.stack([_contract(self._spline_weights(g, nu, False), points) for nu in orders])
-            # neither overflow nor underflow in squares
-            exponent = -np.frexp(np.abs(jet[:2]).max(axis=(0, 2)))[1]
-            jet = _scaled(jet, exponent)
-            form, axis = kernels.shape_operators(jet[:2], jet[2:], np.ones((3, len(normal))))
-        else:
-            form, axis = np.full((3, len(normal)), np.nan), np.full((len(normal), 3), np.nan)
-            exponent = np.zeros(len(normal), dtype=np.int64)
-            for c in self._corners(g, ids):
-                form[:, c.query], exponent[c.query], axis[c.query] = basis.eigen_curvatures(
-                    c.table, c.place, c.modes, c.which
-                )
-        form[:, np.isnan(normal).any(axis=1)] = np.nan
-        found = kernels.principal(form, axis, normal)
-        found[:, :3] = _scaled(found[:, :3], exponent)
-        found[:, 3] = kernels.scale_by_two(found[:, 3], 2 * exponent)
-        return [found]
-
     def _check_space(self, what: str) -> None:
         if self.points.shape[1:] != (3,):
             raise ValueError(f"{what} needs points of shape (n, 3), got {self.points.shape}")
-
-    def _corners(self, g: _Group, ids: Array) -> Iterator[_Corners]:
-        """What evaluation around an extraordinary corner needs, for queries of a group.
-
-        Queries are parted by the first eigenfunction that occurs in their patch at all: the
-        second, but for degenerate points.
-        """
-        table = self._table(g)
-        patch, which = np.unique(g.row, return_inverse=True)
-        origin, low, points = self._differences(ids[patch], 0)
-        modes = basis.eigen_coefficients(table, points)
-        size = np.abs(points).max(axis=(1, 2), initial=0)[:, None, None]
-        occurs = (modes[:, 1:] != 0).any(axis=2)
-        leads = 1 + occurs.argmax(axis=1)
-        place = basis.CornerPlace.of(g.s, g.t, g.turn)
-        for lead in np.unique(leads).tolist():
-            query = np.flatnonzero(leads[which] == lead)
-            here = place[query]
-            powers = basis.EigenPowers.of(table, here, lead)
-            yield _Corners(query, table, here, powers, origin, low, modes, size, which[query])
-
-    def _exact_values(self, g: _Group, ids: Array, orders: Sequence[Order]) -> list[Array]:
-        """Derivatives (q, d) of the queries of a group, as Fractions."""
-        points = self._exact_points[ids[g.row]]
-        return [
-            (self._control_weights(g, nu, True)[:, :, None] * points).sum(axis=1) for nu in orders
-        ]
-
-    def _table(self, g: _Group) -> tables.EigenTable:
-        assert g.sector is not None
-        return tables.eigen_table(self._rules.scheme, g.sector)
-
-    def _control_weights(self, g: _Group, nu: Order, exact: bool) -> Array:
-        """Weights (q, K) of the control points for a derivative in (u, v) of the limit face."""
-        dtype = np.dtype(object if exact else float)
-        if g.sector is None:
-            scale = kernels.scale_by_two(np.ones(len(g.s), dtype=dtype), g.depth * sum(nu))
-            return np.asarray(self._spline_weights(g, nu, exact) * scale[:, None])
-        turned, sign = basis.turned(nu)
-        scale = kernels.scale_by_two(sign[g.turn].astype(dtype), g.depth * sum(nu))[:, None]
-        table = self._table(g)
-        place = basis.CornerPlace.of(g.s, g.t, g.turn)
-        result = np.empty((len(g.s), table.size), dtype=dtype)
-        for order in set(turned):
-            here = np.array([o == order for o in turned])[g.turn]
-            sub = place[here]
-            if exact:
-                at_corner = basis.corner_derivative(table, order)
-                rational = tables.rational_table(self._rules.scheme, g.sector)
-                result[here] = basis.rational_weights(rational, sub, order, at_corner)
-            else:
-                powers = basis.EigenPowers.of(table, sub)
-                eigen = basis.eigen_weights(table, sub, powers, order)
-                result[here] = basis.control_weights(table, eigen)
-        return np.asarray(result * scale)
-
-    def _spline_weights(self, g: _Group, nu: Order, exact: bool) -> Array:
-        """The same (q, 16) for regular patches and strips, but for the depth of the patch."""
-        if g.kind == REGULAR:
-            return kernels.bicubic_weights(g.s, g.t, nu)
-        strips, index = self._strips(exact)
-        turned, sign = basis.turned(nu)
-        up = (g.turn == 1) | (g.turn == 2)  # where t grows against u or v
-        result = np.empty((len(g.s), 16), dtype=object if exact else float)
-        for order in set(turned):
-            here = np.flatnonzero(np.array([o == order for o in turned])[g.turn])
-            which = index[g.row[here]]
-            result[here] = basis.strip_weights(strips, which, g.s[here], g.t[here], order, up[here])
-        return np.asarray(result * sign[g.turn].astype(result.dtype)[:, None])
-
-    def _strips(self, exact: bool) -> tuple[tables.StripTables, Array]:
-        """Splines across the creases of strips, and which of them each strip has."""
-        if exact not in self._strip_tables:
-            sharpness, index = np.unique(self._patch_table(exact).sharpness, return_inverse=True)
-            dtype = np.dtype(object if exact else float)
-            found = tables.strip_tables(self._rules.scheme, sharpness, dtype)
-            self._strip_tables[exact] = found, index
-        return self._strip_tables[exact]
 
 
 def precompile() -> None:
@@ -1021,31 +728,6 @@ def _order(nu: Any) -> Order:
     ):
         raise ValueError(f"nu must be two integers >= 0, got {nu!r}")
     return int(order[0]), int(order[1])
-
-
-def _pieces(group: _Group, width: int) -> Iterator[_Group]:
-    """Cut a group so that no piece gathers too much: `width` numbers a query."""
-    step = max(1, _GATHER // max(width, 1))
-    if len(group.query) <= step:
-        yield group
-        return
-    for start in range(0, len(group.query), step):
-        part = slice(start, start + step)
-        yield _Group(
-            group.kind,
-            group.sector,
-            *(x[part] for x in (group.query, group.row, group.s, group.t, group.depth, group.turn)),
-        )
-
-
-def _contract(weights: Array, points: Array) -> Array:
-    """Sum over k of weights (q, K) times points (q, K, d)."""
-    return np.asarray(np.matmul(weights[:, None], points)[:, 0])
-
-
-def _scaled(values: Array, exponent: Array) -> Array:
-    """Values (q, d) times 2 ** exponent (q,); infinite beyond float64's range."""
-    return kernels.scale_by_two(values, exponent[:, None])
 
 
 def _first(values: Array, bad: Array) -> str:

@@ -1,0 +1,380 @@
+"""Evaluation by NumPy, of one kind of patch at a time: the twin of the compiled kernels.
+
+Queries are parted by kind of patch (`Groups`), whose weights depend on (u, v) alone; with control
+points they give derivatives, directions, normals and curvature (`Values`). Fractions take the same
+way as far as their field goes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf import basis, tables
+from limitsurf._kernels import reference as kernels
+from limitsurf.caching import cached_property
+from limitsurf.patches import REGULAR, STRIP, PatchTable
+
+if TYPE_CHECKING:
+    from limitsurf.exact.scheme import Scheme
+
+Array = NDArray[Any]
+Order: TypeAlias = tuple[int, int]
+
+# queries handled at once, and control values gathered at once: what stays in cache and in memory
+_CHUNK = 1 << 16
+_GATHER = 1 << 22
+_FIRST_CORNER = 5  # the control point of a bicubic patch at its corner (0, 0)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Queries of a chunk that lie in patches of one kind."""
+
+    kind: int
+    sector: tables.Sector | None  # what surrounds the special corner, if there is one
+    query: Array  # (q,) places in the chunk
+    row: Array  # (q,) rows of the patches in the control table of the kind
+    s: Array  # (q,) parameters in the patch
+    t: Array
+    depth: Array  # (q,) halvings from limit face to patch
+    turn: Array  # (q,) corners that the patch is turned against the limit face
+
+
+@dataclass(frozen=True)
+class Corners:
+    """Queries of a group around extraordinary corners, with what their patches have in common."""
+
+    query: Array  # (q,) places in the group
+    table: tables.EigenTable
+    place: basis.CornerPlace
+    powers: basis.EigenPowers
+    origin: Array  # (P, d) first control points of the patches concerned
+    low: Array  # (P, d) what rounding took from them
+    modes: Array  # (P, K, d) their coefficients in the eigenbasis
+    size: Array  # (P, 1, 1) largest distances of control points from the first
+    which: Array  # (q,) patch of each query
+
+
+class Groups:
+    """Queries by kind of patch and their weights, in float64 or Fractions.
+
+    Shared by surfaces of one topology.
+    """
+
+    def __init__(self, patches: PatchTable, scheme: Scheme, exact: bool) -> None:
+        self.patches = patches
+        self.exact = exact
+        self._scheme = scheme
+
+    def of(self, face: Array, u: Array, v: Array) -> tuple[Array, Iterator[Group]]:
+        """Queries without a value (NaN), and the others by kind of patch; all flat."""
+        patches = self.patches
+        if u.dtype == object:
+            finite = np.array([x == x and y == y for x, y in zip(u, v, strict=True)], dtype=bool)
+        else:
+            finite = np.isfinite(u) & np.isfinite(v)
+        defined = np.flatnonzero(finite & (patches.codes[face] != -1))
+        undefined = np.flatnonzero(~(finite & (patches.codes[face] != -1)))
+        patch, s, t, depth = patches.locate(face[defined], u[defined], v[defined])
+
+        def groups() -> Iterator[Group]:
+            kinds = patches.kind[patch]
+            for kind in np.unique(kinds).tolist():
+                here = np.flatnonzero(kinds == kind)
+                turn = patches.turn[patch[here]]
+                sides = [s[here], t[here], 1 - s[here], 1 - t[here]]
+                yield Group(
+                    kind,
+                    patches.sectors[kind],
+                    defined[here],
+                    patches.row[patch[here]],
+                    np.choose(turn, sides),
+                    np.choose(turn, sides[1:] + sides[:1]),
+                    depth[here],
+                    turn,
+                )
+
+        return undefined, groups()
+
+    def chunks(
+        self, face: Array, u: Array, v: Array, width: int = 1
+    ) -> Iterator[tuple[slice, Array, Iterator[Group]]]:
+        """Some thousands of queries at a time, flat: where, which of them have no value, the groups
+        of others, none of which gathers too much for `width` numbers a control point.
+        """
+        face, u, v = face.ravel().astype(np.int64, copy=False), u.ravel(), v.ravel()
+        for start in range(0, max(len(face), 1), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            undefined, groups = self.of(face[part], u[part], v[part])
+            sizes = self.patches.controls
+            pieces = (
+                g for group in groups for g in _pieces(group, sizes[group.kind].shape[1] * width)
+            )
+            yield part, undefined, pieces
+
+    def answers(
+        self,
+        face: Array,
+        u: Array,
+        v: Array,
+        widths: Sequence[int],
+        compute: Callable[[Group], Sequence[Array]],
+    ) -> list[Array]:
+        """Arrays (Q, width) of `compute` over all queries; NaN where there is no value.
+
+        Overflow to infinity and underflow to zero are results, not accidents.
+        """
+        dtype = object if self.exact else float
+        results = [np.full((face.size, width), np.nan, dtype=dtype) for width in widths]
+        for part, _, groups in self.chunks(face, u, v, max(*widths, 1)):
+            for g in groups:
+                with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+                    values = compute(g)
+                for result, value in zip(results, values, strict=True):
+                    result[part.start + g.query] = value
+        return results
+
+    def controls(self, g: Group) -> Array:
+        """Control points of the patches of a group, (q, K)."""
+        return self.patches.controls[g.kind][g.row]
+
+    def table(self, g: Group) -> tables.EigenTable:
+        assert g.sector is not None
+        return tables.eigen_table(self._scheme, g.sector)
+
+    def weights(self, g: Group, nu: Order) -> Array:
+        """Weights (q, K) of the control points for a derivative in (u, v) of the limit face."""
+        dtype = np.dtype(object if self.exact else float)
+        if g.sector is None:
+            scale = kernels.scale_by_two(np.ones(len(g.s), dtype=dtype), g.depth * sum(nu))
+            return np.asarray(self.spline_weights(g, nu) * scale[:, None])
+        turned, sign = basis.turned(nu)
+        scale = kernels.scale_by_two(sign[g.turn].astype(dtype), g.depth * sum(nu))[:, None]
+        table = self.table(g)
+        place = basis.CornerPlace.of(g.s, g.t, g.turn)
+        result = np.empty((len(g.s), table.size), dtype=dtype)
+        for order in set(turned):
+            here = np.array([o == order for o in turned])[g.turn]
+            sub = place[here]
+            if self.exact:
+                at_corner = basis.corner_derivative(table, order)
+                rational = tables.rational_table(self._scheme, g.sector)
+                result[here] = basis.rational_weights(rational, sub, order, at_corner)
+            else:
+                powers = basis.EigenPowers.of(table, sub)
+                eigen = basis.eigen_weights(table, sub, powers, order)
+                result[here] = basis.control_weights(table, eigen)
+        return np.asarray(result * scale)
+
+    def spline_weights(self, g: Group, nu: Order) -> Array:
+        """The same (q, 16) for regular patches and strips, but for the depth of the patch."""
+        if g.kind == REGULAR:
+            return kernels.bicubic_weights(g.s, g.t, nu)
+        strips, index = self.strips
+        turned, sign = basis.turned(nu)
+        up = (g.turn == 1) | (g.turn == 2)  # where t grows against u or v
+        result = np.empty((len(g.s), 16), dtype=object if self.exact else float)
+        for order in set(turned):
+            here = np.flatnonzero(np.array([o == order for o in turned])[g.turn])
+            which = index[g.row[here]]
+            result[here] = basis.strip_weights(strips, which, g.s[here], g.t[here], order, up[here])
+        return np.asarray(result * sign[g.turn].astype(result.dtype)[:, None])
+
+    @cached_property
+    def strips(self) -> tuple[tables.StripTables, Array]:
+        """Splines across the creases of strips, and which of them each strip has."""
+        sharpness, index = np.unique(self.patches.sharpness, return_inverse=True)
+        dtype = np.dtype(object if self.exact else float)
+        return tables.strip_tables(self._scheme, sharpness, dtype), index
+
+
+class Values:
+    """Values of a group's queries from control points, float64 (n_vertices, d) of the cage."""
+
+    def __init__(self, groups: Groups, points: Array) -> None:
+        self._groups = groups
+        self._points = points
+
+    @cached_property
+    def _control_points(self) -> tuple[Array, Array]:
+        """All control points as unevaluated sums high + low, both (n_points, d).
+
+        Those of deep patches are close to each other, and their differences have all digits.
+        """
+        patches, done = self._groups.patches, len(self._points)
+        high, low = np.zeros((2, patches.n_points, self._points.shape[1]))
+        high[:done] = self._points
+        for operator in patches.extras:
+            first = operator.indices[operator.indptr[:-1]]
+            rows = operator.indptr, operator.indices, operator.data
+            step = kernels.differences(*rows, high, low, first)
+            new = slice(done, done + operator.shape[0])
+            high[new], error = kernels.two_sum(high[first], step)
+            low[new] = low[first] + error
+            done = new.stop
+        return high, low
+
+    def derivatives(self, g: Group, orders: Sequence[Order]) -> list[Array]:
+        """Derivatives (q, d) of the queries of a group, in float64."""
+        values = []
+        if g.kind in (REGULAR, STRIP):
+            high, low, points = self._differences(self._groups.controls(g), _FIRST_CORNER)
+            for nu in orders:
+                value = _contract(self._groups.spline_weights(g, nu), points)
+                at = nu == (0, 0)
+                values.append(value + low + high if at else _scaled(value, g.depth * sum(nu)))
+            return values
+        # in patch parameters first: all orders at once, then each query picks by its turn
+        turned = [basis.turned(nu) for nu in orders]
+        needed = sorted({order for choices, _ in turned for order in choices})
+        parts = np.empty((len(g.query), len(needed), self._points.shape[1]))
+        for c in self._corners(g):
+            eigen = [basis.eigen_weights(c.table, c.place, c.powers, order) for order in needed]
+            rows = np.stack([x.rows for x in eigen], axis=1)  # (q, orders, K - 1)
+            found = np.matmul(rows, c.modes[c.which, 1:])  # (q, orders, d)
+            for k, (order, x) in enumerate(zip(needed, eigen, strict=True)):
+                found[:, k] = _scaled(found[:, k], x.exponent + g.depth[c.query] * sum(order))
+                if x.with_limit:
+                    found[:, k] += c.modes[c.which, 0]
+                    found[:, k] += c.low[c.which]
+                    found[:, k] += c.origin[c.which]
+            parts[c.query] = found
+        for choices, sign in turned:
+            pick = np.array([needed.index(order) for order in choices])[g.turn]
+            values.append(parts[np.arange(len(pick)), pick] * sign[g.turn][:, None])
+        return values
+
+    def directions(self, g: Group) -> list[Array]:
+        """Directions of d/du and d/dv (q, d) of a group, and their rounding errors (q, 1)."""
+        noise = basis.NOISE
+        if g.kind in (REGULAR, STRIP):
+            *_, points = self._differences(self._groups.controls(g), _FIRST_CORNER)
+            size = np.abs(points).max(axis=2, initial=0, keepdims=True)  # (q, 16, 1)
+            weights = [self._groups.spline_weights(g, nu) for nu in ((1, 0), (0, 1))]
+            return [_contract(w, points) for w in weights] + [
+                noise * _contract(np.abs(w), size) for w in weights
+            ]
+        found = np.empty((2, len(g.query), self._points.shape[1]))
+        errors = np.empty((2, len(g.query), 1))
+        for c in self._corners(g):
+            found[:, c.query], errors[:, c.query] = basis.eigen_directions(
+                c.table, c.place, c.powers, c.modes, c.size, c.which
+            )
+        (ds, dt), (noise_s, noise_t) = found, noise * errors
+        odd, turn = (g.turn % 2 == 1)[:, None], g.turn[:, None]
+        along = np.where(odd, dt, ds) * np.where((turn == 1) | (turn == 2), -1, 1)
+        across = np.where(odd, ds, dt) * np.where((turn == 2) | (turn == 3), -1, 1)
+        return [along, across, np.where(odd, noise_t, noise_s), np.where(odd, noise_s, noise_t)]
+
+    def normals(self, g: Group) -> list[Array]:
+        """Unit normals (q, 3) of a group."""
+        if g.kind in (REGULAR, STRIP):
+            along, across, noise, other = self.directions(g)
+            return [kernels.unit_normals(along, across, (noise, other))]
+        result = np.empty((len(g.query), 3))
+        for c in self._corners(g):
+            found, error = basis.eigen_normals(c.table, c.place, c.powers, c.modes, c.which)
+            scale = basis.NOISE * error.max(axis=1, keepdims=True)
+            result[c.query] = kernels.unit(found, scale)
+        return [result]
+
+    def curvatures(self, g: Group) -> list[Array]:
+        """What `_curvatures` returns for a group, (q, 10)."""
+        (normal,) = self.normals(g)
+        if g.kind in (REGULAR, STRIP):
+            *_, points = self._differences(self._groups.controls(g), _FIRST_CORNER)
+            orders = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+            jet = np.stack([_contract(self._groups.spline_weights(g, nu), points) for nu in orders])
+            # neither overflow nor underflow in squares
+            exponent = -np.frexp(np.abs(jet[:2]).max(axis=(0, 2)))[1]
+            jet = _scaled(jet, exponent)
+            form, axis = kernels.shape_operators(jet[:2], jet[2:], np.ones((3, len(normal))))
+        else:
+            form, axis = np.full((3, len(normal)), np.nan), np.full((len(normal), 3), np.nan)
+            exponent = np.zeros(len(normal), dtype=np.int64)
+            for c in self._corners(g):
+                form[:, c.query], exponent[c.query], axis[c.query] = basis.eigen_curvatures(
+                    c.table, c.place, c.modes, c.which
+                )
+        form[:, np.isnan(normal).any(axis=1)] = np.nan
+        found = kernels.principal(form, axis, normal)
+        found[:, :3] = _scaled(found[:, :3], exponent)
+        found[:, 3] = kernels.scale_by_two(found[:, 3], 2 * exponent)
+        return [found]
+
+    def _differences(self, ids: Array, base: int) -> tuple[Array, Array, Array]:
+        """A control point of each patch, high and low (P, d), and all relative to it (P, K, d)."""
+        high, low = self._control_points
+        first = ids[:, base]
+        points = high[ids]
+        points -= high[first, None]
+        extra = (ids >= len(self._points)).any(axis=1)
+        if extra.any():
+            points[extra] += low[ids[extra]] - low[first[extra], None]
+        return high[first], low[first], points
+
+    def _corners(self, g: Group) -> Iterator[Corners]:
+        """What evaluation around an extraordinary corner needs, for queries of a group.
+
+        Queries are parted by the first eigenfunction that occurs in their patch at all: the
+        second, but for degenerate points.
+        """
+        table = self._groups.table(g)
+        controls = self._groups.patches.controls[g.kind]
+        patch, which = np.unique(g.row, return_inverse=True)
+        origin, low, points = self._differences(controls[patch], 0)
+        modes = basis.eigen_coefficients(table, points)
+        size = np.abs(points).max(axis=(1, 2), initial=0)[:, None, None]
+        occurs = (modes[:, 1:] != 0).any(axis=2)
+        leads = 1 + occurs.argmax(axis=1)
+        place = basis.CornerPlace.of(g.s, g.t, g.turn)
+        for lead in np.unique(leads).tolist():
+            query = np.flatnonzero(leads[which] == lead)
+            here = place[query]
+            powers = basis.EigenPowers.of(table, here, lead)
+            yield Corners(query, table, here, powers, origin, low, modes, size, which[query])
+
+
+class ExactValues:
+    """Values of a group's queries from control points, as Fractions (n_vertices, d) of the cage."""
+
+    def __init__(self, groups: Groups, points: Array) -> None:
+        self._groups = groups
+        for operator in groups.patches.extras:
+            points = np.concatenate([points, operator @ points])
+        self._points = points
+
+    def derivatives(self, g: Group, orders: Sequence[Order]) -> list[Array]:
+        """Derivatives (q, d) of the queries of a group."""
+        points = self._points[self._groups.controls(g)]
+        return [(self._groups.weights(g, nu)[:, :, None] * points).sum(axis=1) for nu in orders]
+
+
+def _pieces(group: Group, width: int) -> Iterator[Group]:
+    """Cut a group so that no piece gathers too much: `width` numbers a query."""
+    step = max(1, _GATHER // max(width, 1))
+    if len(group.query) <= step:
+        yield group
+        return
+    for start in range(0, len(group.query), step):
+        part = slice(start, start + step)
+        yield Group(
+            group.kind,
+            group.sector,
+            *(x[part] for x in (group.query, group.row, group.s, group.t, group.depth, group.turn)),
+        )
+
+
+def _contract(weights: Array, points: Array) -> Array:
+    """Sum over k of weights (q, K) times points (q, K, d)."""
+    return np.asarray(np.matmul(weights[:, None], points)[:, 0])
+
+
+def _scaled(values: Array, exponent: Array) -> Array:
+    """Values (q, d) times 2 ** exponent (q,); infinite beyond float64's range."""
+    return kernels.scale_by_two(values, exponent[:, None])
