@@ -10,12 +10,13 @@
 #     language: python
 #     name: python3
 # ---
+
+# %% tags=["remove-cell"]
 """Principal curvatures and directions from derivatives, without cancellation.
 
-Papers
-    M. P. do Carmo, "Differential geometry of curves and surfaces", Prentice-Hall 1976, chapter 3.
-    J. Stam, "Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter values",
-    SIGGRAPH 1998: derivatives near extraordinary vertices.
+After do Carmo (1976) and Stam (1998).
+
+Run this file: it says nothing unless an assertion fails.
 """
 
 # %% [markdown]
@@ -29,11 +30,14 @@ Papers
 # 2. that they belong to the surface and not to its parameters, so that scaled derivatives do, and
 #    what their scale does to the curvature;
 # 3. how to form the normal components of second derivatives near an extraordinary vertex, where
-#    the derivatives themselves are almost tangential.
+#    the derivatives themselves are almost tangential;
+# 4. the same in coordinates that fall by different powers, which is how the library does it.
 #
-# Papers: do Carmo, *Differential geometry of curves and surfaces* (1976), chapter 3, for the shape
-# operator; Stam (1998) for the expansion into eigenfunctions that part 3 is about. All of it is
-# symbolic and holds for any surface.
+# All of it is symbolic and holds for any surface.
+#
+# - M. P. do Carmo, "Differential geometry of curves and surfaces", Prentice-Hall 1976, chapter 3.
+# - J. Stam, "Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter values",
+#   SIGGRAPH 1998: derivatives near extraordinary vertices.
 
 # %%
 from itertools import combinations
@@ -54,7 +58,7 @@ u, v = symbols("u v", real=True)
 # %% [markdown]
 # ## 1. The second fundamental form by determinants
 #
-# With $W = |X_u \times X_v|$ and $n = X_u \times X_v / W$ the two fundamental forms are
+# With $W = \left|X_u \times X_v\right|$ and $n = X_u \times X_v / W$ the two fundamental forms are
 #
 # $$ I = \begin{pmatrix} E & F \\ F & G \end{pmatrix}
 #      = \begin{pmatrix} X_u X_u & X_u X_v \\ X_u X_v & X_v X_v \end{pmatrix}, \qquad
@@ -121,16 +125,16 @@ assert simplify(S11 * S22 - S12**2 - gaussian) == 0
 
 # %% [markdown]
 # The entries of $J$ belong to the frame: $X_u = \sqrt E e_1$, and $X_v$ has the components
-# $X_v e_1 = F / \sqrt E$ and $X_v e_2 = W / \sqrt E$, for $e_2 W \sqrt E = (X_u \times X_v) \times
-# X_u$.
+# $X_v e_1 = F / \sqrt E$ and $X_v e_2 = W / \sqrt E$, for
+# $e_2 W \sqrt E = (X_u \times X_v) \times X_u$.
 
 # %%
 assert expand(Xv.dot(Xu.cross(Xv).cross(Xu)) - Xu.cross(Xv).dot(Xu.cross(Xv))) == 0
 assert expand(Xu.dot(Xu.cross(Xv).cross(Xu))) == 0
 
 # %% [markdown]
-# Eigenvalues of a symmetric matrix of two rows: with $D = (S_{11} - S_{22}) / 2$ and $R =
-# \sqrt{D^2 + S_{12}^2}$, which is what $\sqrt{H^2 - K}$ is without its cancellation,
+# Eigenvalues of a symmetric matrix of two rows: with $D = (S_{11} - S_{22}) / 2$ and
+# $R = \sqrt{D^2 + S_{12}^2}$, which is what $\sqrt{H^2 - K}$ is without its cancellation,
 #
 # $$ k_1 = H + R, \qquad k_2 = H - R . $$
 #
@@ -147,6 +151,19 @@ for direction in (Matrix([R + D, s12]), Matrix([s12, R - D])):
     assert simplify(shape * direction - (H + R) * direction) == Matrix.zeros(2, 1)
     turned = Matrix([-direction[1], direction[0]])
     assert simplify(shape * turned - (H - R) * turned) == Matrix.zeros(2, 1)
+
+# %% [markdown]
+# The library takes the same direction by its angle $\theta$ to $e_1$: with $D = R \cos 2 \theta$
+# and $S_{12} = R \sin 2 \theta$ it is $(\cos \theta, \sin \theta)$. And of $H \pm R$ it takes the
+# larger by modulus, a sum without cancellation; the other one is $K$ divided by it.
+
+# %%
+theta, spread = symbols("theta R", positive=True)
+by_angle = {D: spread * cos(2 * theta), s12: spread * sin(2 * theta)}
+direction = Matrix([cos(theta), sin(theta)])
+error = shape.subs(by_angle) * direction - (H + spread) * direction
+assert error.applyfunc(lambda entry: simplify(entry.expand(trig=True))) == Matrix.zeros(2, 1)
+assert expand((H + R) * (H - R) - shape.det()) == 0
 
 # %% [markdown]
 # In determinants, as $(L, M, N) = (\delta_{uu}, \delta_{uv}, \delta_{vv}) / W$, no unit vector is
@@ -200,14 +217,14 @@ assert simplify(inwards.T * turning) == Matrix.zeros(1, 2)
 # %% [markdown]
 # ## 3. Other parameters
 #
-# Let $(u, v)$ be functions of $(s, t)$ with Jacobian $A$, not zero. Then $(X_s, X_t) = (X_u, X_v)
-# A$, and second derivatives are $A^T (\cdot) A$ of the old ones plus combinations of $X_u$ and
-# $X_v$, which determinants with $X_u$ and $X_v$ do not see. So
+# Let $(u, v)$ be functions of $(s, t)$ with Jacobian $A$, not zero. Then
+# $(X_s, X_t) = (X_u, X_v) A$, and second derivatives are $A^T (\cdot) A$ of the old ones plus
+# combinations of $X_u$ and $X_v$, which determinants with $X_u$ and $X_v$ do not see. So
 #
 # $$ I' = A^T I A, \qquad
 #    \begin{pmatrix} \delta_{ss} & \delta_{st} \\ \delta_{st} & \delta_{tt} \end{pmatrix} =
 #    \det A \; A^T \begin{pmatrix} \delta_{uu} & \delta_{uv} \\ \delta_{uv} & \delta_{vv}
-#    \end{pmatrix} A, \qquad W' = |\det A|\, W , $$
+#    \end{pmatrix} A, \qquad W' = \left|\det A\right|\, W , $$
 #
 # for the most general second-order change of parameters:
 
@@ -259,8 +276,8 @@ for entry in (S11, S12, S22):
 # ## 4. Normal components of second derivatives near an extraordinary vertex
 #
 # There the surface is a sum over eigenfunctions, $X = \sum_i \varphi_i P_i$ (the powers of the
-# eigenvalues are in the $\varphi_i$ here; `eigenfunctions.py`), and a determinant of
-# derivatives is a sum over triples (Cauchy and Binet):
+# eigenvalues are in the $\varphi_i$ here; [eigenfunctions](eigenfunctions.py)), and a determinant
+# of derivatives is a sum over triples (Cauchy and Binet):
 #
 # $$ \det(X_u, X_v, X_{uu}) = \sum_{i<j<k}
 #    \begin{vmatrix} \varphi_{i,u} & \varphi_{i,v} & \varphi_{i,uu} \\
@@ -294,13 +311,13 @@ assert expand(whole - triples) == 0
 # with the coefficients $b, c$ of the two leading eigenfunctions, scalars $a, A$ (their
 # derivatives), and the rests $r$. Then the determinant is
 #
-# $$ \begin{aligned}
-#    & (b \times c) \big( (a_u A_v - a_v A_u) r_w + (a_v A_w - a_w A_v) r_u
-#      + (a_w A_u - a_u A_w) r_v \big) \\
-#    +\; & b \, (a_u\, r_v \times r_w + a_v\, r_w \times r_u + a_w\, r_u \times r_v) \\
-#    +\; & c \, (A_u\, r_v \times r_w + A_v\, r_w \times r_u + A_w\, r_u \times r_v)
-#    + \det(r_u, r_v, r_w) ,
-#    \end{aligned} $$
+# $$ (b \times c) \big( (a_u A_v - a_v A_u) r_w + (a_v A_w - a_w A_v) r_u
+#    + (a_w A_u - a_u A_w) r_v \big) $$
+#
+# $$ {} + b \, (a_u\, r_v \times r_w + a_v\, r_w \times r_u + a_w\, r_u \times r_v) $$
+#
+# $$ {} + c \, (A_u\, r_v \times r_w + A_v\, r_w \times r_u + A_w\, r_u \times r_v)
+#    + \det(r_u, r_v, r_w) , $$
 #
 # in which every term has the size that it should have. If only one eigenfunction leads, take
 # $c = 0$, $A = 0$. The normal itself is formed in the same way:
@@ -357,3 +374,57 @@ e, f, g = gu.dot(gu), gu.dot(gv), gv.dot(gv)
 assert expand(e * g - f**2 - area**2) == 0
 assert simplify((e * g_vv - 2 * f * g_uv + g * g_uu) / area**3 - (p + r)) == 0
 assert factor(g_uu * g_vv - g_uv**2) / area**4 - factor(p * r - q**2) == 0
+
+# %% [markdown]
+# ## 6. Coordinates with units of their own
+#
+# Another way to keep the sizes of part 4 apart, which the library takes (`basis.eigen_curvatures`):
+# choose orthonormal axes with $b$ along the first and $c$ in the plane of the first two. The three
+# coordinates of the surface then begin with different eigenfunctions and fall by different powers
+# $a_1, a_2, h$ on the way to the vertex. Let all derivatives be known in these units,
+#
+# $$ X_u = (a_1 u_1, a_2 u_2, h u_3), \qquad X_{uu} = (a_1 w_1, a_2 w_2, h w_3) , $$
+#
+# and so on. A determinant of three such vectors is $a_1 a_2 h$ times that of the numbers, without a
+# sum of different powers; nor is there one in the components of a cross product. With $\hat l$,
+# $\hat m$, $\hat n$ for the determinants of the numbers, $\hat E = E / a_1^2$,
+# $\hat W = W / \left|a_1 a_2\right|$ and $q = F / E$,
+#
+# $$ S_{11} = \frac{h}{a_1^2} \frac{\hat l}{\hat W \hat E}, \qquad
+#    S_{12} = \frac{h}{a_1 a_2} \frac{\hat m - q \hat l}{\hat W^2}, \qquad
+#    S_{22} = \frac{h}{a_2^2} \frac{\hat E (\hat n - 2 q \hat m + q^2 \hat l)}{\hat W^3} $$
+#
+# (for $a_1 a_2 > 0$; else $S_{11}$ and $S_{22}$ change their signs, and $S_{12}$ does not). For the
+# differences to be harmless $X_u$ should be the longer of the two first derivatives,
+# $\left|q\right| \le 1$; otherwise the parameters are turned by a quarter, $(s, t) = (v, -u)$ (part
+# 3).
+
+# %%
+units = symbols("a_1 a_2 h", nonzero=True, real=True)
+scale = Matrix.diag(*units)
+hats = [determinant(Xu, Xv, second) for second in (Xuu, Xuv, Xvv)]
+for hat, second in zip(hats, (Xuu, Xuv, Xvv), strict=True):
+    assert expand(determinant(scale * Xu, scale * Xv, scale * second) - scale.det() * hat) == 0
+a1, a2, h = units
+crossed = (scale * Xu).cross(scale * Xv)
+areas = Matrix([a2 * h, a1 * h, a1 * a2])
+assert (crossed - areas.multiply_elementwise(Xu.cross(Xv))).expand() == Matrix.zeros(3, 1)
+
+e_hat, w_hat, sign = symbols("E_hat W_hat sign", positive=True)
+slope, l_hat, m_hat, n_hat = symbols("q l_hat m_hat n_hat", real=True)
+known = {E: a1**2 * e_hat, W: sign * a1 * a2 * w_hat, F: slope * a1**2 * e_hat}
+parts = (l_hat, m_hat, n_hat)
+# L = det / W, and sign^2 = 1
+known |= {x: h / (sign * w_hat) * hat for x, hat in zip((L, M, N), parts, strict=True)}
+wanted = (
+    h / a1**2 * l_hat / (w_hat * e_hat) / sign,
+    h / (a1 * a2) * (m_hat - slope * l_hat) / w_hat**2 / sign**2,
+    h / a2**2 * e_hat * (n_hat - 2 * slope * m_hat + slope**2 * l_hat) / w_hat**3 / sign**3,
+)
+for entry, value in zip((S11, S12, S22), wanted, strict=True):
+    assert simplify(entry.subs(known, simultaneous=True) - value) == 0
+
+turned = {"l": determinant(Xv, -Xu, Xvv), "m": -determinant(Xv, -Xu, Xuv)}
+turned["n"] = determinant(Xv, -Xu, Xuu)
+assert [expand(turned["l"] - hats[2]), expand(turned["m"] + hats[1])] == [0, 0]
+assert expand(turned["n"] - hats[0]) == 0

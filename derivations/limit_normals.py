@@ -1,16 +1,40 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: py:percent
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% tags=["remove-cell"]
 """Limit normals at creases, corners, cones and darts: which exist, their masks, how fast they come.
 
-Papers
-    U. Reif, "A unified approach to subdivision algorithms near extraordinary vertices", Computer
-    Aided Geometric Design 12 (1995): normals from eigenfunctions, and the sign of their minor.
-    T. DeRose, M. Kass, T. Truong, "Subdivision surfaces in character animation", SIGGRAPH 1998:
-    the rules, used here as they stand.
-    H. Biermann, A. Levin, D. Zorin, "Piecewise smooth subdivision surfaces with normal control",
-    SIGGRAPH 2000: modified rules, and the tangent masks that belong to them.
+After Reif (1995), DeRose, Kass and Truong (1998) and Biermann, Levin and Zorin (2000).
 
 Run this file: it says nothing unless an assertion fails.
 """
 
+# %% [markdown]
+# # Limit normals on sharp edges
+#
+# At which vertices on sharp edges unit normals have a limit, and at which it depends on the
+# direction of approach; the masks of the two vectors whose cross product it is; how fast normals
+# come to it; and how derivatives scale. Signs of minors are proved in interval arithmetic, by
+# Bernstein coefficients.
+#
+# - U. Reif, "A unified approach to subdivision algorithms near extraordinary vertices", Computer
+#   Aided Geometric Design 12 (1995): normals from eigenfunctions, and the sign of their minor.
+# - T. DeRose, M. Kass, T. Truong, "Subdivision surfaces in character animation", SIGGRAPH 1998: the
+#   rules, used here as they stand.
+# - H. Biermann, A. Levin, D. Zorin, "Piecewise smooth subdivision surfaces with normal control",
+#   SIGGRAPH 2000: modified rules, and the tangent masks that belong to them.
+
+# %%
 from itertools import pairwise
 from math import comb
 
@@ -35,27 +59,44 @@ from sympy.polys.matrices import DomainMatrix
 
 iv.dps = mp.dps = 50
 
-# 1. Minors
-# ---------
-# Let phi_i be the eigenfunctions of a face with v at (0, 0), lambda_i their values and P_i the left
-# eigenvectors applied to the control points, so that f(x / 2^n) = sum of lambda_i^n phi_i(x) P_i.
+# %% [markdown]
+# ## 1. Minors
+#
+# Let $\varphi_i$ be the eigenfunctions of a face with $v$ at $(0, 0)$, $\lambda_i$ their values and
+# $P_i$ the left eigenvectors applied to the control points, so that
+#
+# $$
+# f(x / 2^n) = \sum_i \lambda_i^n \, \varphi_i(x) \, P_i .
+# $$
+#
 # The normal is, up to a factor,
 #
-#     f_u x f_v  =  4^n sum over i < j of (lambda_i lambda_j)^n m_ij(x) (P_i x P_j),
-#     m_ij = phi_i,u phi_j,v - phi_i,v phi_j,u,
+# $$
+# \begin{split}
+# f_u \times f_v &= 4^n \sum_{i < j} (\lambda_i \lambda_j)^n \, m_{ij}(x) \, (P_i \times P_j), \\
+# m_{ij} &= \frac{\partial \varphi_i}{\partial u} \frac{\partial \varphi_j}{\partial v}
+#   - \frac{\partial \varphi_i}{\partial v} \frac{\partial \varphi_j}{\partial u},
+# \end{split}
+# $$
 #
-# for x in the face but not in its quarter at v. Suppose one pair beats all others. If its minor has
-# one sign at all x of all faces, unit normals tend to that of P_i x P_j. Where it vanishes other
-# pairs speak, and they tend to nothing. A chain (A - lambda) g = c p (sectors.py) adds the terms
+# for $x$ in the face but not in its quarter at $v$. Suppose one pair beats all others. If its minor
+# $m_{ij}$ has one sign at all $x$ of all faces, unit normals tend to that of $P_i \times P_j$.
+# Where it vanishes other pairs speak, and they tend to nothing. A chain
+# $(A - \lambda) \, g = c \, p$ ([sectors](sectors.py), section 4) adds the terms
 #
-#     lambda^n ((phi_g + n c / lambda phi_p) P_g + phi_p P_p):
+# $$
+# \lambda^n \left( \left( \varphi_g + \frac{n c}{\lambda} \, \varphi_p \right) P_g
+#   + \varphi_p P_p \right) :
+# $$
 #
-# the slowest function is phi_p, but its vector is P_g.
+# the slowest function is $\varphi_p$, but its vector is $P_g$.
 #
-# An eigenvector on the ring determines its outer points and these three bicubic quarters of the
-# face. If the Bernstein coefficients of a minor are positive, so is the minor. They are computed in
-# intervals of 50 digits, so that a sign is a proof. Weights of lines are integers over 8.
+# An eigenvector on the ring determines its outer points and the three bicubic quarters of the face
+# away from $v$. If the Bernstein coefficients of a minor are positive, so is the minor. They are
+# computed in intervals of 50 digits, so that a sign is a proof. Weights of lines are integers over
+# 8.
 
+# %%
 OUTER = [(3, 0), (3, 1), (3, 2), (3, 3), (2, 3), (1, 3), (0, 3)]
 BEYOND = [(4, 0), (4, 1), (4, 2), (4, 3), (4, 4), (3, 4), (2, 4), (1, 4), (0, 4)]
 LINES = [{0: 4, 1: 4}, {0: 1, 1: 6, 2: 1}, {1: 4, 2: 4}, {1: 1, 2: 6, 3: 1}, {2: 4, 3: 4}]
@@ -167,13 +208,15 @@ def positive(minors):
     return all(m > 0 for m in minors)
 
 
-# 2. Sectors with a limit normal
-# ------------------------------
-# The candidates: T, the wave across the curve, of value 1/2; on a crease its vector is
-# (e_0 - e_k) / 2, the tangent of the curve. And the interior waves, of which that of m = 1 has the
-# largest value (sectors.py), here above 1/4:
+# %% [markdown]
+# ## 2. Sectors with a limit normal
+#
+# The candidates: $T$, the wave across the curve, of value $\frac12$; on a crease its vector is
+# $(e_0 - e_k) / 2$, the tangent of the curve. And the interior waves, of which that of $m = 1$ has
+# the largest value ([sectors](sectors.py), section 3), here above $\frac14$:
 
 
+# %%
 def wave(k, m):
     """Ring of the interior wave of k faces, v = 0, and its value."""
     angle, a = iv.pi * m / k, iv.cos(iv.pi * m / (2 * k))
@@ -197,23 +240,28 @@ def minors(kind, k, first, second):
 
 HALF, FOURTH = intervals("1/2", "1/4")
 
-# Crease, k = 2 and 3. T has e_j+2 = -e_j and f_j = e_j + e_j+1. The value of the wave 1 is 1/2 (the
-# spline of two faces) or 0.580, all others are smaller. The pair (T, wave) has a positive minor:
-# the normal tends to T x P_1.
+# %% [markdown]
+# *Crease, $k = 2$ and $3$.* $T$ has $e_{j+2} = -e_j$ and $f_j = e_j + e_{j+1}$. The value of the
+# wave 1 is $\frac12$ (the spline of two faces) or 0.580, all others are smaller. The pair ($T$,
+# wave 1) has a positive minor: the normal tends to $T \times P_1$.
 
+# %%
 two = intervals(0, 1, 1, 0, -1, -1), HALF
 three = intervals(0, 1, 2, 1, 0, -1, -2, -1), HALF
 for k, tangent in ((2, two), (3, three)):
     for signs in minors("crease", k, tangent, wave(k, 1)):
         assert positive(signs)
 
-# Crease, k = 4. Wave 1 has 0.611. At 1/2 is the chain from T to the wave m = 2, with c = 1/12 and g
-# as in sectors.py: after n steps the function that comes with T is phi_g + n / 6 phi_p. On the
-# crease p vanishes, inside it wins. So the minors of (g, wave 1) and (p, wave 1) must both be
-# positive where the other may vanish; (p, wave 1) is zero on the creases alone, and (g, wave 1) is
-# positive on all of the faces there. Again T x P_1, but by 1 / n: the rest, (p, wave 1) with the
-# vector P_2 x P_1, is only n / 6 times smaller.
+# %% [markdown]
+# *Crease, $k = 4$.* Wave 1 has 0.611. At $\frac12$ is the chain from $T$ to the wave $m = 2$, with
+# $c = 1/12$ and $g$ as in [sectors](sectors.py), section 4: after $n$ steps the function that comes
+# with $T$ is $\varphi_g + \frac{n}{6} \varphi_p$. On the crease $p$ vanishes, inside it wins. So
+# the minors of ($g$, wave 1) and ($p$, wave 1) must both be positive where the other may vanish;
+# ($p$, wave 1) is zero on the creases alone, and ($g$, wave 1) is positive on all of the faces
+# there. Again $T \times P_1$, but by $1/n$: the rest, ($p$, wave 1) with the vector
+# $P_2 \times P_1$, is only $n/6$ times smaller.
 
+# %%
 p_ring = intervals(0, 0, 1, 1, 1, 0, -1, -1, -1, 0)
 g_ring = intervals(0, 1, "2/3", 0, "-1/3", 0, "1/3", 0, "-2/3", -1)
 
@@ -235,31 +283,47 @@ for i in range(2):  # the other two are their mirror images
         assert positive(minor(phi_g, phi_1))
     assert positive(signs)
 
-# Crease, k = 1: the crease rule at a vertex of one face. T has 1/2; all that is left is 1/4, a
-# chain from the even vector of the curve, with Q = (e_0 + e_1 - 2 v) / 6, to the point f_0 alone,
-# with c = 3/4. So the normal tends to T x Q, the plane in which the boundary curve bends, by 1 / n.
-# Only if that is zero, on a boundary that is straight there, it is T x P, with P = f_0 - (e_0 +
-# e_1) / 2, the vector of p.
+# %% [markdown]
+# *Crease, $k = 1$*: the crease rule at a vertex of one face. $T$ has $\frac12$; all that is left is
+# $\frac14$, a chain from the even vector of the curve, with $Q = (e_0 + e_1 - 2v) / 6$, to the
+# point $f_0$ alone, with $c = \frac34$. So the normal tends to $T \times Q$, the plane in which the
+# boundary curve bends, by $1/n$. Only if that is zero, on a boundary that is straight there, it is
+# $T \times P$, with $P = f_0 - (e_0 + e_1) / 2$, the vector of $p$.
 
+# %%
 face = Face("crease", 1, 0)
 phi_t = face.eigenfunction(intervals(0, 1, 0, -1), HALF)
 phi_p, phi_g = chain(face, intervals(-1, 2, 2, 2), intervals(0, 0, 1, 0), FOURTH, *intervals("3/4"))
 assert positive(minor(phi_t, phi_p))
 
-# Corner, k = 1: a spline (creases.py). Value 1/2 has the vectors S_0 = e_0 - v and S_k = e_k - v of
-# the two curves, and the normal is that of S_0 x S_1.
+# %% [markdown]
+# *Corner, $k = 1$*: a spline ([creases](creases.py), section 2). Value $\frac12$ has the vectors
+# $S_0 = e_0 - v$ and $S_k = e_k - v$ of the two curves, and the normal is that of $S_0 \times S_1$.
 
+# %%
 face = Face("corner", 1, 0)
 phi_0, phi_k = (face.eigenfunction(intervals(*ring), HALF) for ring in ((0, 1, 1, 0), (0, 0, 1, 1)))
 assert positive(minor(phi_0, phi_k))
 
-# Corner, k = 2. All is 1/2: d (odd) with (S_0 - S_2) / 2, and a chain from g (even) with
-# (S_0 + S_2) / 2 to the wave p. The pair (d, p) has a positive minor and the vector
-# (S_0 - S_2) x (S_0 + S_2) / 4 = S_0 x S_2 / 2. So the normal is that of S_0 x S_2, by 1 / n. On a
-# crease that runs straight through its corner, S_2 = -t S_0 with t > 0, this is zero, and without n
-# remains S_0 x P times (1 + t) / 2 (d, p) + (1 - t) / 2 (g, p), in minors; P, the vector of p, is
-# (12 e_1 + 3 f_0 + 3 f_1 - e_0 - e_2 - 16 v) / 18. As (d, p) is at least |(g, p)|, it is positive.
+# %% [markdown]
+# *Corner, $k = 2$.* All is $\frac12$: $d$ (odd) with $(S_0 - S_2) / 2$, and a chain from $g$ (even)
+# with $(S_0 + S_2) / 2$ to the wave $p$. The pair $(d, p)$ has a positive minor and the vector
+#
+# $$
+# \frac{(S_0 - S_2) \times (S_0 + S_2)}{4} = \frac{S_0 \times S_2}{2} .
+# $$
+#
+# So the normal is that of $S_0 \times S_2$, by $1/n$. On a crease that runs straight through its
+# corner, $S_2 = -t S_0$ with $t > 0$, this is zero, and what remains, without $n$, is
+#
+# $$
+# \left( \frac{1 + t}{2} \, m_{dp} + \frac{1 - t}{2} \, m_{gp} \right) S_0 \times P, \qquad
+# P = \frac{12 e_1 + 3 f_0 + 3 f_1 - e_0 - e_2 - 16 v}{18},
+# $$
+#
+# with $P$ the vector of $p$. As $m_{dp}$ is at least $\left| m_{gp} \right|$, it is positive.
 
+# %%
 for i in range(2):
     face = Face("corner", 2, i)
     phi_d = face.eigenfunction(*two)
@@ -269,8 +333,11 @@ for i in range(2):
     both = zip(minor(phi_d, phi_p), minor(phi_g, phi_p), strict=True)
     assert all(d - abs(g) > -1e-40 for d, g in both)
 
-# The vectors of p, checked: they do not see the other vectors of their chains, nor T, d and 1.
+# %% [markdown]
+# The vectors of $p$, checked: they do not see the other vectors of their chains, nor $T$, $d$ and
+# 1.
 
+# %%
 for mask, p_ring, others in (
     ([0, -9, 18, -9], [0, 0, 1, 0], ([1] * 4, [0, 1, 0, -1], [-1, 2, 2, 2])),
     (
@@ -282,21 +349,34 @@ for mask, p_ring, others in (
     assert fdot(mask, p_ring) == 18
     assert all(fdot(mask, other) == 0 for other in others)
 
-# 3. The masks
-# ------------
-# On a crease T = (e_0 - e_k) / 2, and P_1 is a left eigenvector. In the interior it is that of the
-# smooth ring (limit_masks.py), A sin(j theta) on e_j and sin((j + 1/2) theta) on f_j, with
-# theta = pi / k, a = cos(theta / 2) and A = a + sqrt(4 + a^2). With y on e_0 and e_k and w on v the
-# columns of e_0 and of v say
+# %% [markdown]
+# ## 3. The masks
 #
-#     (lambda - 1/2) y = w / 8 + K,      K = A sin(theta) / 16 + sin(theta / 2) / 4,
-#     (lambda - 3/4) w = y + S,          S = 3/8 A cot(theta / 2) + 1 / (4 sin(theta / 2)),
+# On a crease $T = (e_0 - e_k) / 2$, and $P_1$ is a left eigenvector. In the interior it is that of
+# the smooth ring ([limit_masks](limit_masks.py), section 2), $A \, \sin(j\theta)$ on $e_j$ and
+# $\sin((j + \frac12)\theta)$ on $f_j$, with $\theta = \pi / k$, $a = \cos(\theta / 2)$ and
+# $A = a + \sqrt{4 + a^2}$. With $y$ on $e_0$ and $e_k$ and $w$ on $v$ the columns of $e_0$ and of
+# $v$ say
 #
-# S being 3/8 of all weights of the e_j and 1/4 of those of the f_j. So
+# $$
+# \begin{split}
+# \left(\lambda - \tfrac12\right) y &= \frac{w}{8} + K, \qquad
+#   K = \frac{A \, \sin(\theta)}{16} + \frac{\sin(\theta / 2)}{4}, \\
+# \left(\lambda - \tfrac34\right) w &= y + S, \qquad
+#   S = \frac{3 A \, \cot(\theta / 2)}{8} + \frac{1}{4 \, \sin(\theta / 2)},
+# \end{split}
+# $$
 #
-#     w = (K + (lambda - 1/2) S) / ((lambda - 1) (lambda - 1/4)),    y = (lambda - 3/4) w - S.
+# $S$ being $\frac38$ of all weights of the $e_j$ and $\frac14$ of those of the $f_j$. So
+#
+# $$
+# w = \frac{K + \left(\lambda - \frac12\right) S}
+#   {(\lambda - 1) \left(\lambda - \frac14\right)}, \qquad
+# y = \left(\lambda - \tfrac34\right) w - S .
+# $$
 
 
+# %%
 def interior_mask(k):
     a, half = cospi(mpf(1) / (2 * k)), sinpi(mpf(1) / (2 * k))
     A, value = a + sqrt(4 + a * a), (a + sqrt(4 + a * a)) ** 2 / 16
@@ -340,16 +420,24 @@ for k in range(2, 14):
     columns = [fdot(mask, refined_ring("crease", k, one)) for one in units(2 * k + 2)]
     assert close(columns, [value * weight for weight in mask], 1e-45)
 
-# The published masks are T and
+# %% [markdown]
+# The published masks (Biermann, Levin and Zorin 2000) are $T$ and
 #
-#     v: 4 R (cos theta - 1),    e_0 and e_k: -R (1 + 2 cos theta),
-#     e_j: 4 sin(j theta),       f_j: sin(j theta) + sin((j + 1) theta)
+# $$
+# \begin{array}{ll}
+# v: & 4 R \, (\cos(\theta) - 1), \\
+# e_0, e_k: & -R \, (1 + 2 \, \cos(\theta)), \\
+# e_j: & 4 \, \sin(j\theta), \\
+# f_j: & \sin(j\theta) + \sin((j + 1)\theta),
+# \end{array}
+# $$
 #
-# with R = (1 + cos theta) / sin theta (and over k (3 + cos theta)). They belong to an edge rule
-# that depends on k. At k = 2 that is the plain rule, and the mask is P_1; at k = 3 and 4 it is no
-# left eigenvector of the plain rules.
+# with $R = (1 + \cos(\theta)) / \sin(\theta)$ (and over $k \, (3 + \cos(\theta))$). They belong to
+# an edge rule that depends on $k$. At $k = 2$ that is the plain rule, and the mask is $P_1$; at
+# $k = 3$ and 4 it is no left eigenvector of the plain rules.
 
 
+# %%
 def published_mask(k):
     cosine, sine = cospi(mpf(1) / k), sinpi(mpf(1) / k)
     R = (1 + cosine) / sine
@@ -366,15 +454,18 @@ for k in (2, 3, 4):
     assert abs(sum(published)) < 1e-45
     assert close([m * published[2] / mask[2] for m in mask], published, 1e-45) == (k == 2)
 
-# 4. Darts
-# --------
-# Waves odd about the sharp edge are those of the smooth ring; that of m = 1 has the value L_o, with
-# theta = 2 pi / N. Even ones start with v = (2 lambda - 1) e_0 and follow the recurrence of
-# sectors.py; the largest value below 1 is L_e. The pair (even, odd) has a positive minor, and for
-# N >= 3 beats all others: so a dart has one limit normal for all its faces, that of P_e x P_o. It
-# feels the two scales L_e and L_o: at N = 3 the even one is larger, at N = 4 both are 1/2, for
-# N >= 5 the odd one is larger.
+# %% [markdown]
+# ## 4. Darts
+#
+# Waves odd about the sharp edge are those of the smooth ring; that of $m = 1$ has the value $L_o$,
+# with $\theta = 2\pi / N$. Even ones start with $v = (2\lambda - 1) \, e_0$ and follow the
+# recurrence of [sectors](sectors.py), section 2; the largest value below 1 is $L_e$. The pair
+# (even, odd) has a positive minor, and for $N \ge 3$ beats all others: so a dart has one limit
+# normal for all its faces, that of $P_e \times P_o$. It feels the two scales $L_e$ and $L_o$: at
+# $N = 3$ the even one is larger, at $N = 4$ both are $\frac12$, for $N \ge 5$ the odd one is
+# larger. The two by $N$ are shown below.
 
+# %%
 x = Symbol("x")
 
 
@@ -420,6 +511,7 @@ def even_wave(n, value):
     return ring
 
 
+scales = {}
 for n in range(3, 13):
     even, others = dart_values(n)
     odd_ring, odd = wave(n, 2)
@@ -429,68 +521,82 @@ for n in range(3, 13):
     _, next_odd = wave(n, 4) if n > 4 else (None, FOURTH)
     assert min(even.a, odd.a) > max(*others, next_odd.b)
     assert abs(even - odd) < 1e-35 if n == 4 else (even > odd) == (n == 3)
+    scales[n] = [round(float(mpf(value.mid)), 6) for value in (even, odd)]
     for i in range((n + 1) // 2):  # the others are their mirror images
         face = Face("dart", n, i)
         phi_e = face.eigenfunction(even_ring, even)
         assert positive(minor(phi_e, face.eigenfunction(odd_ring, odd)))
+scales
 
-# N = 2: the even values 0.388 and -0.281 beat the odd one, 1/4. Their pair wins, with a sign that
-# changes at every step: no limit.
+# %% [markdown]
+# $N = 2$: the even values 0.388 and -0.281 beat the odd one, $\frac14$. Their pair wins, with a
+# sign that changes at every step: no limit.
 
+# %%
 even, others = dart_values(2)
 assert max(others) > 0.28 > FOURTH
 
-# 5. No limit normal
-# ------------------
+# %% [markdown]
+# ## 5. No limit normal
+#
 # On a crease all interior waves are zero, and so is their derivative along it. There the derivative
-# along it is that of the curve, T on a crease, S_0 and S_k at a corner, and the derivative across
-# follows the wave 1: its points inside the sector are positive, for every k, and so are the outer
-# ones, positive combinations of them; on the crease phi_v is a spline of the row beside it, hence
-# positive. So along the creases the normal tends to T x P_1, or to S_0 x P_1 on one side and
-# P_1 x S_k on the other side of a corner.
+# along it is that of the curve, $T$ on a crease, $S_0$ and $S_k$ at a corner, and the derivative
+# across follows the wave 1: its points inside the sector are positive, for every $k$, and so are
+# the outer ones, positive combinations of them; on the crease $\partial \varphi / \partial v$ is a
+# spline of the row beside it, hence positive. So along the creases the normal tends to
+# $T \times P_1$, or to $S_0 \times P_1$ on one side and $P_1 \times S_k$ on the other side of a
+# corner.
 #
-#   - Corners of k >= 3: the value of the wave 1 beats the 1/2 of S_0 and S_k. These two limits are
-#     both there, and different.
-#   - Creases of k >= 5: the value of the wave 2 beats 1/2, too, and inside the pair of the waves 1
-#     and 2 wins: P_1 x P_2 where its minor is not zero. It is not zero everywhere: about the middle
-#     of the sector phi_1 is even and phi_2 odd, and zero there. If the minor vanished, phi_2 would
-#     be constant along the level lines of phi_1, which cross the middle (on it phi_1 tends to zero
-#     towards v, and is not zero): so it would be zero, with all its control points.
+# - *Corners of $k \ge 3$*: the value of the wave 1 beats the $\frac12$ of $S_0$ and $S_k$. These
+#   two limits are both there, and different.
+# - *Creases of $k \ge 5$*: the value of the wave 2 beats $\frac12$, too, and inside the pair of the
+#   waves 1 and 2 wins: $P_1 \times P_2$ where its minor is not zero. It is not zero everywhere:
+#   about the middle of the sector $\varphi_1$ is even and $\varphi_2$ odd, and zero there. If the
+#   minor vanished, $\varphi_2$ would be constant along the level lines of $\varphi_1$, which cross
+#   the middle (on it $\varphi_1$ tends to zero towards $v$, and is not zero): so it would be zero,
+#   with all its control points.
+# - *Cones*: the wave of frequency 0 has one function and the largest value. It is in all the pairs
+#   that win, (0, cosine) and (0, sine) of frequency 1: $P_0 \times (m_{0c} P_c + m_{0s} P_s)$ turns
+#   with the direction of approach, as on a cone.
 #
-# The value of the wave m beats 1/2 if cos(m pi / (2 k))^2 > 1/2, that is m < k / 2.
+# The value of the wave $m$ beats $\frac12$ if $\cos(m\pi / (2k))^2 > \frac12$, that is $m < k/2$.
 
+# %%
 for k in range(2, 14):
     for m in range(1, k):
         _, value = wave(k, m)
         assert 2 * m == k or (value > HALF) == (2 * m < k)
 
-#   - Cones: the wave of frequency 0 has one function and the largest value. It is in all the pairs
-#     that win, (0, cosine) and (0, sine) of frequency 1: P_0 x (m_0c P_c + m_0s P_s) turns with the
-#     direction of approach, as on a cone.
 
-# 6. The scale of derivatives
-# ---------------------------
-# As in limit_masks.py, first derivatives follow (2 lambda)^n at the distance 2^-n, second ones
-# (4 lambda)^n, times n along a chain. lambda_1 is the value of the wave 1, which grows with k:
+# %% [markdown]
+# ## 6. The scale of derivatives
 #
-#              normal at v         first derivatives
-#     crease   k = 1: T x Q        bounded; u and v tend to T and -T, across like n / 2^n
-#              k = 2: T x P_1      bounded (spline)
-#              k = 3, 4: T x P_1   (2 lambda_1)^n = 1.16^n, 1.22^n across, T along the crease
-#              k >= 5: none        (2 lambda_1)^n, to 1.31^n
-#     corner   k = 1: S_0 x S_1    bounded (spline)
-#              k = 2: S_0 x S_2    n
-#              k >= 3: none        (2 lambda_1)^n
-#     cone     none                (2 lambda_0)^n = 1.31^n at every valence, 4 included
-#     dart     N = 2: none         0.78^n: they vanish
-#              N = 3: P_e x P_o    0.92^n and 0.82^n: they vanish
-#              N = 4: P_e x P_o    bounded
-#              N >= 5: P_e x P_o   (2 L_e)^n and (2 L_o)^n, 1.05^n and 1.10^n at N = 5, to 1.31^n
+# As in [limit_masks](limit_masks.py), section 5, first derivatives follow $(2\lambda)^n$ at the
+# distance $2^{-n}$, second ones $(4\lambda)^n$, times $n$ along a chain. $\lambda_1$ is the value
+# of the wave 1, which grows with $k$:
 #
-# On a crease itself the derivative along it is that of the curve in every sector: T at v, and at a
-# corner S_0 or S_k. Second derivatives are bounded in the splines alone; at a crease of k = 1 they
-# grow like n, at a dart of N = 4 like 1.28^n.
+# | vertex | normal at $v$ | first derivatives |
+# | --- | --- | --- |
+# | crease, $k = 1$ | $T \times Q$ | bounded: $T$ along $u$, $-T$ along $v$, $n / 2^n$ across |
+# | crease, $k = 2$ | $T \times P_1$ | bounded (spline) |
+# | crease, $k = 3$ | $T \times P_1$ | $(2\lambda_1)^n = 1.16^n$ across, $T$ along the crease |
+# | crease, $k = 4$ | $T \times P_1$ | $(2\lambda_1)^n = 1.22^n$ across, $T$ along the crease |
+# | crease, $k \ge 5$ | none | $(2\lambda_1)^n$, to $1.31^n$ |
+# | corner, $k = 1$ | $S_0 \times S_1$ | bounded (spline) |
+# | corner, $k = 2$ | $S_0 \times S_2$ | $n$ |
+# | corner, $k \ge 3$ | none | $(2\lambda_1)^n$ |
+# | cone | none | $(2\lambda_0)^n = 1.31^n$ at every valence, 4 included |
+# | dart, $N = 2$ | none | $0.78^n$: they vanish |
+# | dart, $N = 3$ | $P_e \times P_o$ | $0.92^n$ and $0.82^n$: they vanish |
+# | dart, $N = 4$ | $P_e \times P_o$ | bounded |
+# | dart, $N = 5$ | $P_e \times P_o$ | $(2L_e)^n = 1.05^n$ and $(2L_o)^n = 1.10^n$ |
+# | dart, $N \ge 6$ | $P_e \times P_o$ | $(2L_e)^n$ and $(2L_o)^n$, to $1.31^n$ |
+#
+# On a crease itself the derivative along it is that of the curve in every sector: $T$ at $v$, and
+# at a corner $S_0$ or $S_k$. Second derivatives are bounded in the splines alone; at a crease of
+# $k = 1$ they grow like $n$, at a dart of $N = 4$ like $1.28^n$.
 
+# %%
 for number, expected in (
     (2 * wave(3, 1)[1], "1.159"),
     (2 * wave(4, 1)[1], "1.222"),
@@ -504,12 +610,14 @@ for number, expected in (
 ):
     assert abs(number - iv.mpf(expected)) < iv.mpf("0.0005")
 
-# 7. By brute force
-# -----------------
+# %% [markdown]
+# ## 7. By brute force
+#
 # Steps of the rules themselves, on a ring and outer points without a pattern; the normals at the
 # corners of the three quarters of each face, from the first to the middle one.
 
 
+# %%
 def cross(p, q):
     return [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]
 
@@ -557,8 +665,10 @@ def normals(kind, k, ring, steps):
     return found
 
 
-# Crease, k = 2 and 3, and corner, k = 1: at once.
+# %% [markdown]
+# *Crease, $k = 2$ and $3$, and corner, $k = 1$*: at once.
 
+# %%
 mp.dps = 150
 for k in (2, 3):
     ring = points(2 * k + 2)
@@ -569,8 +679,10 @@ ring = points(4)
 normal = cross(difference(ring[1], ring[0]), difference(ring[3], ring[0]))
 assert all(angle(n, normal) < 1e-12 for n in normals("corner", 1, ring, 200).values())
 
-# Crease, k = 1 and 4, and corner, k = 2: like 1 / n.
+# %% [markdown]
+# *Crease, $k = 1$ and $4$, and corner, $k = 2$*: like $1/n$.
 
+# %%
 for kind, k in (("crease", 1), ("crease", 4), ("corner", 2)):
     ring = points(2 * k + 2)
     first, last = difference(ring[1], ring[0]), difference(ring[-1], ring[0])
@@ -587,8 +699,10 @@ for kind, k in (("crease", 1), ("crease", 4), ("corner", 2)):
     assert 1.8 < farther / nearer < 2.2
     assert nearer < 10
 
-# The published masks, on a ring of a paraboloid, half a turn wide: off by 3.9 and 7.7 degrees.
+# %% [markdown]
+# *The published masks*, on a ring of a paraboloid, half a turn wide: off by 3.9 and 7.7 degrees.
 
+# %%
 for k, expected in ((2, 0), (3, "3.903"), (4, "7.695")):
     ring = [[mpf(0)] * 3]
     for j in range(2 * k + 1):
@@ -601,8 +715,10 @@ for k, expected in ((2, 0), (3, "3.903"), (4, "7.695")):
     )
     assert abs(angle(right, published) - mpf(expected)) < 0.0005
 
-# Darts. P_e by one step of inverse iteration, with the sign that sees e_0 - v > 0.
+# %% [markdown]
+# *Darts.* $P_e$ by one step of inverse iteration, with the sign that sees $e_0 - v > 0$.
 
+# %%
 for n in (3, 4, 7):
     size, ring = 2 * n + 1, points(2 * n + 1)
     value = dart_values(n)[0].b
@@ -618,10 +734,12 @@ for n in (3, 4, 7):
     normal = cross(combined(even, ring), combined(odd, ring))
     assert all(angle(m, normal) < 1e-12 for m in normals("dart", n, ring, 200).values())
 
-# No limit. Creases of five faces: T x P_1 on the crease, and degrees away from it in the middle,
-# there still at right angles to P_1. Corners of three: the normal is at right angles to S_0 on one
-# crease and, by turning the ring over, to S_3 on the other, but not to both.
+# %% [markdown]
+# *No limit.* Creases of five faces: $T \times P_1$ on the crease, and degrees away from it in the
+# middle, there still at right angles to $P_1$. Corners of three: the normal is at right angles to
+# $S_0$ on one crease and, by turning the ring over, to $S_3$ on the other, but not to both.
 
+# %%
 ring = points(12)
 P_1 = combined(interior_mask(5)[0], ring)
 normal = cross(difference(ring[1], ring[-1]), P_1)

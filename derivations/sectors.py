@@ -1,16 +1,41 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: py:percent
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% tags=["remove-cell"]
 """Crease and corner sectors, cones and darts: spectra, Jordan blocks and limit positions.
 
-Papers
-    H. Hoppe et al., "Piecewise smooth surface reconstruction", SIGGRAPH 1994: kinds of corners.
-    T. DeRose, M. Kass, T. Truong, "Subdivision surfaces in character animation", SIGGRAPH 1998:
-    their rules for Catmull-Clark, used here as they stand.
-    J. Schweitzer, "Analysis and application of subdivision surfaces", thesis, University of
-    Washington 1996; D. Zorin, D. Kristjansson, "Evaluation of piecewise smooth subdivision
-    surfaces", The Visual Computer 18 (2002): spectra of sectors.
+After Hoppe et al. (1994), Schweitzer (1996), DeRose, Kass and Truong (1998), and Zorin and
+Kristjansson (2002).
 
 Run this file: it says nothing unless an assertion fails.
 """
 
+# %% [markdown]
+# # Crease and corner sectors, cones and darts
+#
+# The spectra of the rings at vertices on sharp edges, for any number of faces; which eigenvalues
+# have Jordan blocks, and the chains in closed form; the limit positions of all kinds, that of a
+# dart by Fibonacci and Lucas numbers; that the outer points of a face add no Jordan block; and how
+# eigenvectors of darts are had in exact numbers and in digits.
+#
+# - H. Hoppe et al., "Piecewise smooth surface reconstruction", SIGGRAPH 1994: kinds of corners.
+# - T. DeRose, M. Kass, T. Truong, "Subdivision surfaces in character animation", SIGGRAPH 1998:
+#   their rules for Catmull-Clark, used here as they stand.
+# - J. Schweitzer, "Analysis and application of subdivision surfaces", thesis, University of
+#   Washington 1996; D. Zorin, D. Kristjansson, "Evaluation of piecewise smooth subdivision
+#   surfaces", The Visual Computer 18 (2002): spectra of sectors.
+
+# %%
 from sympy import (
     QQ,
     Matrix,
@@ -32,23 +57,29 @@ from sympy import (
 )
 from sympy.polys.matrices import DomainMatrix
 
+from limitsurf.exact.catmull_clark import CATMULL_CLARK
+from limitsurf.exact.matrices import Sector, subdivision_matrix
+
 HALF, FOURTH, EIGHTH, SIXTEENTH = (Rational(1, 2**n) for n in (1, 2, 3, 4))
 lam = Symbol("lambda")
 
-# 1. The rings
-# ------------
-# Around a vertex v stand e_0, f_0, e_1, f_1, ... counter-clockwise; face j is (v, e_j, f_j, e_j+1),
-# and all its edges but those named below are smooth. Four kinds of corner:
+# %% [markdown]
+# ## 1. The rings
 #
-#     crease   k faces between two sharp edges e_0 and e_k; v moves by the crease rule. A smooth
-#              boundary is this, for the faces on its one side;
-#     corner   the same, and v stays;
-#     cone     a whole ring of k faces without a sharp edge, and v stays: a sharp vertex;
-#     dart     a whole ring with one sharp edge e_0; v moves by the smooth rule.
+# Around a vertex $v$ stand $e_0, f_0, e_1, f_1, \dots$ counter-clockwise; face $j$ is
+# $(v, e_j, f_j, e_{j+1})$, and all its edges but those named below are smooth. Four kinds of
+# corner:
 #
-# (A sharp vertex with one sharp edge is a corner whose e_0 and e_k are one point: both move to the
-# middle of the same edge.) With "smooth" for comparison:
+# - *crease*: $k$ faces between two sharp edges $e_0$ and $e_k$; $v$ moves by the crease rule. A
+#   smooth boundary is this, for the faces on its one side;
+# - *corner*: the same, and $v$ stays;
+# - *cone*: a whole ring of $k$ faces without a sharp edge, and $v$ stays: a sharp vertex;
+# - *dart*: a whole ring with one sharp edge $e_0$; $v$ moves by the smooth rule.
+#
+# (A sharp vertex with one sharp edge is a corner whose $e_0$ and $e_k$ are one point: both move to
+# the middle of the same edge.) With "smooth" for comparison:
 
+# %%
 SECTORS = ("crease", "corner")
 
 
@@ -85,14 +116,23 @@ def kernels(matrix, value):
     return [matrix.rows - power.rank() for power in powers]
 
 
-# 2. One recurrence
-# -----------------
-# Take an eigenvector of value lambda. The rows of two neighbouring faces and of the edge between
-# them say, if lambda is not 1/4,
-#
-#     f_j = (v + e_j + e_j+1) / (4 lambda - 1),
-#     e_j-1 + e_j+1 = (16 lambda + 1/lambda - 10) e_j + (1/lambda - 6) v.
+ring_matrix("crease", 2)
 
+# %% [markdown]
+# ## 2. One recurrence
+#
+# Take an eigenvector of value $\lambda$. The rows of two neighbouring faces and of the edge between
+# them say, if $\lambda \ne \frac14$,
+#
+# $$
+# \begin{split}
+# f_j &= \frac{v + e_j + e_{j+1}}{4 \lambda - 1}, \\
+# e_{j-1} + e_{j+1} &= \left( 16 \lambda + \frac{1}{\lambda} - 10 \right) e_j
+#   + \left( \frac{1}{\lambda} - 6 \right) v .
+# \end{split}
+# $$
+
+# %%
 v, before, here, after = symbols("v e_before e e_after")
 f_before, f_after = ((v + here + other) / (4 * lam - 1) for other in (before, after))
 faces = [(v + here + f + other) / 4 for f, other in ((f_before, before), (f_after, after))]
@@ -101,10 +141,14 @@ edge_row = (v + here + sum(faces)) / 4 - lam * here
 recurrence = before + after - (16 * lam + 1 / lam - 10) * here - (1 / lam - 6) * v
 assert cancel(edge_row - lam / (4 * (4 * lam - 1)) * recurrence) == 0
 
-# At lambda = 1/4 the f_j are not given by the e_j, and the same rows say
+# %% [markdown]
+# At $\lambda = \frac14$ the $f_j$ are not given by the $e_j$, and the same rows say
 #
-#     e_j+1 = -e_j - v,    f_j = -f_j-1 - 4 v.
+# $$
+# e_{j+1} = -e_j - v, \qquad f_j = -f_{j-1} - 4 v .
+# $$
 
+# %%
 f_before, f_after = symbols("f_before f_after")
 faces = [(v + here + f + other) / 4 for f, other in ((f_before, before), (f_after, after))]
 rows = [new - f / 4 for new, f in zip(faces, (f_before, f_after), strict=True)]
@@ -113,10 +157,12 @@ assert solve(rows, [before, after, f_after], dict=True) == [
     {before: -here - v, after: -here - v, f_after: -f_before - 4 * v}
 ]
 
-# 3. Crease and corner sectors: eigenvalues
-# -----------------------------------------
-# v, e_0 and e_k look at nothing else: the matrix is block triangular, the curve first.
+# %% [markdown]
+# ## 3. Crease and corner sectors: eigenvalues
+#
+# $v$, $e_0$ and $e_k$ look at nothing else: the matrix is block triangular, the curve first.
 
+# %%
 curve = {
     "crease": Matrix([[6, 1, 1], [4, 4, 0], [4, 0, 4]]) / 8,
     "corner": Matrix([[2, 0, 0], [1, 1, 0], [1, 0, 1]]) / 2,
@@ -128,18 +174,28 @@ assert Matrix.eye(3) == LEFT * RIGHT
 CORNER = Matrix([[1, 0, 0], [1, 1, 0], [1, 0, 1]])
 assert curve["corner"] * CORNER == CORNER * diag(1, HALF, HALF)
 
-# So the spectrum has 1, 1/2, 1/4 for a crease and 1, 1/2, 1/2 for a corner, and the limit of the
-# vertex is the curve's: (4 v + e_0 + e_k) / 6 on a crease, v at a corner.
+# %% [markdown]
+# So the spectrum has $1, \frac12, \frac14$ for a crease and $1, \frac12, \frac12$ for a corner, and
+# the limit of the vertex is the curve's: $(4v + e_0 + e_k) / 6$ on a crease, $v$ at a corner.
 #
-# The interior has v = e_0 = e_k = 0. The recurrence is e_j-1 + e_j+1 = 2 cos(theta) e_j: sines,
+# The interior has $v = e_0 = e_k = 0$. The recurrence is
+# $e_{j-1} + e_{j+1} = 2 \, \cos(\theta) \, e_j$: sines,
 #
-#     e_j = E sin(j theta),  f_j = F sin((j + 1/2) theta),  theta = pi m / k,  m = 1 ... k,
-#     lambda^2 - (2 + a^2) / 4 lambda + 1/16 = 0,  a = cos(theta / 2),
+# $$
+# \begin{split}
+# & e_j = E \, \sin(j\theta), \qquad f_j = F \, \sin\left((j + \tfrac12)\theta\right), \qquad
+#   \theta = \frac{\pi m}{k}, \quad m = 1, \dots, k, \\
+# & \lambda^2 - \frac{2 + a^2}{4} \, \lambda + \frac{1}{16} = 0, \qquad
+#   a = \cos\left(\frac{\theta}{2}\right),
+# \end{split}
+# $$
 #
-# with (E, F) = (4 lambda - 1, 2 a), two values for each m < k, and for m = k (a = 0, where only the
-# f_j are left) the value 1/4 once: 2 k - 1 eigenvectors of 2 k - 1 points. It is the part of the
-# smooth ring of valence 2 k (subdivision_matrix.py) that is odd about the line of the crease.
+# with $(E, F) = (4\lambda - 1, \; 2a)$, two values for each $m < k$, and for $m = k$ ($a = 0$,
+# where only the $f_j$ are left) the value $\frac14$ once: $2k - 1$ eigenvectors of $2k - 1$ points.
+# It is the part of the smooth ring of valence $2k$ ([subdivision_matrix](subdivision_matrix.py),
+# section 2) that is odd about the line of the crease.
 
+# %%
 j, theta, a = symbols("j theta a", real=True)
 pair = lam**2 - (2 + a**2) / 4 * lam + SIXTEENTH
 cos_theta = (16 * lam + 1 / lam - 10) / 2
@@ -155,31 +211,47 @@ for k in range(1, 7):
         odd[i, column], odd[4 * k + 2 - i, column] = 1, -1
     assert smooth * odd == odd * ring.extract(interior, interior)
 
-# a falls from m = 1 to m = k. With 2 sinh x = a the two values are e^(2x) / 4 and e^(-2x) / 4
-# (eigenstructure.py): one above 1/4, falling with m, one below, rising. So the interior has no
-# value twice, and is diagonalisable.
+# %% [markdown]
+# $a$ falls from $m = 1$ to $m = k$. With $2 \, \sinh(x) = a$ the two values are $e^{2x} / 4$ and
+# $e^{-2x} / 4$ ([eigenstructure](eigenstructure.py), section 1): one above $\frac14$, falling with
+# $m$, one below, rising. So the interior has no value twice, and is diagonalisable.
+#
+# ## 4. Jordan blocks
+#
+# What the curve shares with the interior: never $1$; $\frac14$ always, from $m = k$ (a crease alone
+# has it in the curve); and $\frac12$, if $a^2 = \frac12$, $\theta = \pi / 2$, so $m = k/2$ and $k$
+# is even.
 
-# 4. Jordan blocks
-# ----------------
-# What the curve shares with the interior: never 1; 1/4 always, from m = k (a crease alone has it in
-# the curve); and 1/2, if a^2 = 1/2, theta = pi / 2, so m = k / 2 and k is even.
-
+# %%
 assert solve(pair.subs(lam, HALF), a**2) == [HALF]
 assert solve(pair.subs(lam, FOURTH), a**2) == [0]
 assert solve(pair.subs(lam, 1), a**2) == [Rational(9, 4)]
 
-# Count the eigenvectors, for any k:
+# %% [markdown]
+# Count the eigenvectors, for any $k$:
 #
-# 1/2. The curve says v = 0, the recurrence e_j+2 = -e_j: e_0 and e_1 give all. At a corner they are
-#      free: two eigenvectors. On a crease e_k = -e_0. For odd k that fixes e_1: one eigenvector.
-#      For k = 2, 6, 10 ... it always holds: two. For k = 4, 8, 12 ... it says e_0 = 0: one.
-# 1/4. On a crease (v, e_0, e_k) = t (-1, 2, 2), and e_j+1 = t - e_j goes 2 t, -t, 2 t, -t ... For
-#      even k it arrives at e_k = 2 t: t and f_0 are free, two eigenvectors. For odd k only t = 0
-#      does: one. At a corner v = e_0 = 0, and f_0 is free: one.
+# - $\lambda = \frac12$. The curve says $v = 0$, the recurrence $e_{j+2} = -e_j$: $e_0$ and $e_1$
+#   give all. At a corner they are free: two eigenvectors. On a crease $e_k = -e_0$. For odd $k$
+#   that fixes $e_1$: one eigenvector. For $k = 2, 6, 10, \dots$ it always holds: two. For
+#   $k = 4, 8, 12, \dots$ it says $e_0 = 0$: one.
+# - $\lambda = \frac14$. On a crease $(v, e_0, e_k) = t \, (-1, 2, 2)$, and $e_{j+1} = t - e_j$ goes
+#   $2t, -t, 2t, -t, \dots$ For even $k$ it arrives at $e_k = 2t$: $t$ and $f_0$ are free, two
+#   eigenvectors. For odd $k$ only $t = 0$ does: one. At a corner $v = e_0 = 0$, and $f_0$ is free:
+#   one.
 #
-# And the multiplicities: 1/2 has one (crease) or two (corner) from the curve and one more for even
-# k; 1/4 has two on a crease and one at a corner. The difference is one Jordan block of size two:
+# And the multiplicities: $\frac12$ has one (crease) or two (corner) from the curve and one more for
+# even $k$; $\frac14$ has two on a crease and one at a corner. The difference is one Jordan block of
+# size two:
+#
+# | sector | Jordan block of size two |
+# | --- | --- |
+# | crease, $k$ odd | at $\frac14$ |
+# | crease, $k = 2, 6, 10, \dots$ | none |
+# | crease, $k = 4, 8, 12, \dots$ | at $\frac12$ |
+# | corner, $k$ odd | none |
+# | corner, $k$ even | at $\frac12$ |
 
+# %%
 assert recurrence.subs({v: 0, lam: HALF}) == before + after
 
 
@@ -200,13 +272,29 @@ for kind in SECTORS:
             assert second == third == multiplicity
             assert second - first == (value in blocks(kind, k))
 
-# The chains in closed form: (A - lambda) g = c p, with p in the interior, and
+# %% [markdown]
+# The chains in closed form: $(A - \lambda) \, g = c \, p$, with $p$ in the interior. At
+# $\lambda = \frac12$, with $c = 1 / (3k)$,
 #
-#     1/2:  p: e_j = sin(j pi / 2),     g: v = 0,  e_j = (1 - 2 j / k) cos(j pi / 2),
-#              f_j = e_j + e_j+1           f_j = e_j + e_j+1 - 4 c (f_j of p),        c = 1 / (3 k)
-#     1/4:  p: e_j = 0,                 g: v = -1,  e_j = (1 + 3 (-1)^j (1 - 2 j / k)) / 2,
-#              f_j = (-1)^j                f_j = 2,                                   c = 3 / (4 k)
+# $$
+# \begin{array}{ll}
+# p: & v = 0, \quad e_j = \sin\left(\frac{j\pi}{2}\right), \quad f_j = e_j + e_{j+1}, \\
+# g: & v = 0, \quad e_j = \left(1 - \frac{2j}{k}\right) \, \cos\left(\frac{j\pi}{2}\right), \quad
+#   f_j = e_j + e_{j+1} - 4c \, (f_j \text{ of } p),
+# \end{array}
+# $$
+#
+# and at $\lambda = \frac14$, with $c = 3 / (4k)$,
+#
+# $$
+# \begin{array}{ll}
+# p: & v = 0, \quad e_j = 0, \quad f_j = (-1)^j, \\
+# g: & v = -1, \quad e_j = \frac12 \left( 1 + 3 (-1)^j \left(1 - \frac{2j}{k}\right) \right), \quad
+#   f_j = 2 .
+# \end{array}
+# $$
 
+# %%
 WAVE = [0, 1, 0, -1]  # sin(j pi / 2); cos(j pi / 2) is the next one
 
 
@@ -232,29 +320,40 @@ for kind in SECTORS:
             assert shifted * g == c * p
             assert shifted * p == Matrix.zeros(2 * k + 2, 1)
 
-# Powers: no block is larger than two, and J^n has lambda^n on the diagonal and n lambda^(n-1) above
-# it. By induction,
+# %% [markdown]
+# Powers: no block is larger than two, and by induction
+#
+# $$
+# J = \begin{pmatrix} \lambda & 1 \\ 0 & \lambda \end{pmatrix}, \qquad
+# J^n = \begin{pmatrix} \lambda^n & n \lambda^{n-1} \\ 0 & \lambda^n \end{pmatrix},
+# $$
+#
+# so that $A^n g = \lambda^n g + n \lambda^{n-1} c \, p$: along a chain things shrink like
+# $n \lambda^n$.
 
+# %%
 n = Symbol("n", integer=True, positive=True)
 J = Matrix([[lam, 1], [0, lam]])
 power = Matrix([[lam**n, n * lam ** (n - 1)], [0, lam**n]])
 assert power.subs(n, 1) == J
 assert simplify(power * J - power.subs(n, n + 1)) == Matrix.zeros(2, 2)
 
-# so that A^n g = lambda^n g + n lambda^(n-1) c p: along a chain things shrink like n lambda^n.
+# %% [markdown]
+# ## 5. Cones
+#
+# $v$ stays, and its limit is itself. With $v = 0$ all waves around the ring are eigenvectors, those
+# of frequency 0 included: $\theta = 2\pi f / k$, $f = 0, \dots, k - 1$. For $f > 0$ they are those
+# of the smooth ring; $f = 0$ has $a = 1$ and the values $(3 \pm \sqrt{5}) / 8$,
 
-# 5. Cones
-# --------
-# v stays, and its limit is itself. With v = 0 all waves around the ring are eigenvectors, those of
-# frequency 0 included: theta = 2 pi f / k, f = 0 ... k - 1. For f > 0 they are those of the smooth
-# ring; f = 0 has a = 1,
-
+# %%
 assert set(solve(pair.subs(a, 1), lam)) == {(3 - sqrt(5)) / 8, (3 + sqrt(5)) / 8}
 
+# %% [markdown]
 # and its upper value, 0.654, is larger than that of any other frequency, at every valence. Each
-# wave has two different values (a = 0 one, once), so there are no Jordan blocks. The waves against
-# the matrix itself: both characteristic polynomials at lambda = 1/7 and 2/3.
+# wave has two different values ($a = 0$ one, once), so there are no Jordan blocks. The waves
+# against the matrix itself: both characteristic polynomials at $\lambda = 1/7$ and $2/3$.
 
+# %%
 for k in range(2, 8):
     for value in (Rational(1, 7), Rational(2, 3)):
         waves = 1 - value
@@ -263,18 +362,22 @@ for k in range(2, 8):
         whole = exact(ring_matrix("cone", k) - value * Matrix.eye(2 * k + 1)).det()
         assert abs((Rational(whole.numerator, whole.denominator) - waves).evalf(60)) < 10**-50
 
-# 6. Darts
-# --------
-# The ring is symmetric about its sharp edge e_0. The odd waves are zero there and notice nothing:
-# those of the smooth ring, sines with theta = 2 pi m / N, 0 < m < N / 2, and for even N the
-# value 1/4 once. The even part has the other N + 2 dimensions. From the row of e_0,
+# %% [markdown]
+# ## 6. Darts
 #
-#     e_0 = v / (2 lambda - 1),
+# The ring is symmetric about its sharp edge $e_0$. The odd waves are zero there and notice nothing:
+# those of the smooth ring, sines with $\theta = 2\pi m / N$, $0 < m < N/2$, and for even $N$ the
+# value $\frac14$ once. The even part has the other $N + 2$ dimensions. From the row of $e_0$,
 #
-# and from there the recurrence goes around symmetrically; the row of v is the equation for lambda.
-# No closed roots; but the characteristic polynomial is rational, and tells all:
+# $$
+# e_0 = \frac{v}{2\lambda - 1},
+# $$
+#
+# and from there the recurrence goes around symmetrically; the row of $v$ is the equation for
+# $\lambda$. No closed roots; but the characteristic polynomial is rational, and tells all:
 
 
+# %%
 def even_part(ring):
     """On v, e_0, f_0, e_1, ..., halfway around."""
     size = ring.rows
@@ -304,24 +407,40 @@ for n in range(2, 22):
     rational |= {3: {Rational(0), Rational(1, 6)}, 4: {FOURTH}}.get(n, set())
     assert set(polynomial.ground_roots()) == rational
 
-# All roots are simple (the polynomial is square free), so the even part has no Jordan blocks; nor
-# has the odd part, whose waves have different values. What the two share, such as 1/2 where 4
-# divides N, has one even and one odd eigenvector. The ring of a dart is diagonalisable, over the
-# complex numbers: the pair is a block of two in the real Jordan form. It is not among the largest
-# values (limit_normals.py).
-#
-# The limit of the vertex is closed. A left eigenvector of value 1 has N^2 on v, and with z_j on the
-# e_j but z_0 = z_N = 0 (an edge point e_0 tells the others nothing), y_j on the f_j
-#
-#     12 y_j = 4 + z_j + z_j+1,    z_j-1 + z_j+1 = 7 z_j - 20.
-#
-# z_j = 4 is a solution; the homogeneous ones are powers of (7 +- 3 sqrt 5) / 2, the fourth power of
-# the golden ratio and its inverse. So with Fibonacci and Lucas numbers, L_-n = L_n for even n,
-#
-#     v: N^2,    e_0: 10 F_2N / L_2N,    e_j: 4 (1 - L_2N-4j / L_2N),    f_j: 1 - L_2N-4j-2 / L_2N,
-#
-# divided by their sum N (N + 5) - 4 F_2N / L_2N. (The smooth mask is N^2, 4, 1 over N (N + 5).)
+even_polynomial(3).as_expr().factor()
 
+# %% [markdown]
+# All roots are simple (the polynomial is square free), so the even part has no Jordan blocks; nor
+# has the odd part, whose waves have different values. What the two share, such as $\frac12$ where 4
+# divides $N$, has one even and one odd eigenvector. The ring of a dart is diagonalisable, over the
+# complex numbers: the pair is a block of two in the real Jordan form. It is not among the largest
+# values ([limit_normals](limit_normals.py), section 4).
+#
+# The limit of the vertex is closed. A left eigenvector of value 1 has $N^2$ on $v$, and with $z_j$
+# on the $e_j$, but $z_0 = z_N = 0$ (an edge point $e_0$ tells the others nothing), and $y_j$ on the
+# $f_j$,
+#
+# $$
+# 12 y_j = 4 + z_j + z_{j+1}, \qquad z_{j-1} + z_{j+1} = 7 z_j - 20 .
+# $$
+#
+# $z_j = 4$ is a solution; the homogeneous ones are powers of $(7 \pm 3 \sqrt{5}) / 2$, the fourth
+# power of the golden ratio and its inverse. So with Fibonacci and Lucas numbers, $L_{-n} = L_n$ for
+# even $n$, the mask is
+#
+# $$
+# \begin{array}{ll}
+# v: & N^2, \\
+# e_0: & 10 \, F_{2N} / L_{2N}, \\
+# e_j: & 4 \left( 1 - L_{2N - 4j} / L_{2N} \right), \\
+# f_j: & 1 - L_{2N - 4j - 2} / L_{2N},
+# \end{array}
+# $$
+#
+# divided by the sum of its weights, $N (N + 5) - 4 F_{2N} / L_{2N}$. (The smooth mask is $N^2$, 4,
+# 1 over $N (N + 5)$.)
+
+# %%
 N = Symbol("N", positive=True)
 z_before, z_here, z_after, y_before, y_here = symbols("z_before z z_after y_before y")
 column_f = N**2 / (4 * N**2) + (z_here + z_after) / 16 + y_here / 4
@@ -347,11 +466,19 @@ def dart_mask(n):
 for n in range(2, 22):
     assert exact(dart_mask(n)) * exact(ring_matrix("dart", n)) == exact(dart_mask(n))
 
-# 7. The points of a face
-# -----------------------
-# The limit on face i hangs on the ring and on the outer points of subdivision_matrix.py. On the
-# grid of the face, (1, 1) being v, (2, 1) e_i, (2, 2) f_i and (1, 2) e_i+1,
+dart_mask(4)
 
+# %% [markdown]
+# ## 7. The points of a face
+#
+# The limit on face $i$ hangs on the ring and on the outer points of
+# [subdivision_matrix](subdivision_matrix.py), section 4. On the grid of the face, $(1, 1)$ being
+# $v$, $(2, 1)$ $e_i$, $(2, 2)$ $f_i$ and $(1, 2)$ $e_{i+1}$, they refine by products of lines,
+# except at a sharp edge. If $e_i$ is sharp, line $(\cdot, 1)$ is a crease: across it its new points
+# are its old ones, and nothing is needed beyond: no line $(\cdot, 0)$. Likewise line $(1, \cdot)$
+# if $e_{i+1}$ is sharp.
+
+# %%
 OUTER = [(3, 0), (3, 1), (3, 2), (3, 3), (2, 3), (1, 3), (0, 3)]
 LINES = {  # new line: weights of old lines
     0: {0: HALF, 1: HALF},
@@ -359,10 +486,6 @@ LINES = {  # new line: weights of old lines
     2: {1: HALF, 2: HALF},
     3: {1: EIGHTH, 2: 6 * EIGHTH, 3: EIGHTH},
 }
-
-# they refine by products of these lines, except at a sharp edge. If e_i is sharp, line (., 1) is a
-# crease: across it its new points are its old ones, and nothing is needed beyond: no line (., 0).
-# Likewise line (1, .) if e_i+1 is sharp.
 
 
 def grid_row(place, creases=(False, False)):
@@ -396,9 +519,12 @@ def extended_matrix(kind, k, i):
     return whole, len(outer)
 
 
-# The values of the outer points are 1/8 and 1/16 twice, 1/64, and 1/32 twice, or once for a face
-# with one sharp edge at v, or never with two. They have as many eigenvectors.
+# %% [markdown]
+# The values of the outer points are $\frac18$ and $\frac1{16}$ twice, $\frac1{64}$, and
+# $\frac1{32}$ twice, or once for a face with one sharp edge at $v$, or never with two. They have as
+# many eigenvectors.
 
+# %%
 OUTER_VALUES = (EIGHTH, SIXTEENTH, SIXTEENTH / 2, SIXTEENTH / 4)
 for kind, k, i, times in (
     ("cone", 3, 0, 2),
@@ -412,11 +538,13 @@ for kind, k, i, times in (
     for value, multiplicity in zip(OUTER_VALUES, (2, 2, times, 1), strict=True):
         assert kernels(outer, value) == [multiplicity] * 3
 
-# Claim: the outer points add no Jordan block, at no face of no kind. A vector of the ring with a
+# %% [markdown]
+# *Claim*: the outer points add no Jordan block, at no face of no kind. A vector of the ring with a
 # value that no outer point has extends in one way, chains included. What remains is a value common
-# to both. The curve and the cone's waves of frequency 0 have none, other waves only 1/8, the
-# partner of 1/2:
+# to both. The curve and the cone's waves of frequency 0 have none, other waves only $\frac18$, the
+# partner of $\frac12$:
 
+# %%
 assert [solve(pair.subs(lam, value), a**2) for value in OUTER_VALUES] == [
     [HALF],
     [Rational(9, 4)],
@@ -424,19 +552,28 @@ assert [solve(pair.subs(lam, value), a**2) for value in OUTER_VALUES] == [
     [Rational(225, 16)],
 ]
 
-# The even part of a dart has none, at any N. The row of v says, with S the sum of all e_j,
+# %% [markdown]
+# The even part of a dart has none, at any $N$. The row of $v$ says, with $S$ the sum of all $e_j$,
+#
+# $$
+# (6\lambda - 1) \, S = \left( (4\lambda - 1)(\lambda - 1) N^2 + (7\lambda - 2) N \right) v .
+# $$
 
+# %%
 S = Symbol("S")
 sum_f = (N * v + 2 * S) / (4 * lam - 1)
 row = (1 - 7 / (4 * N)) * v + 3 * S / (2 * N**2) + sum_f / (4 * N**2) - lam * v
 demanded = (6 * lam - 1) * S - ((4 * lam - 1) * (lam - 1) * N**2 + (7 * lam - 2) * N) * v
 assert cancel(row * N**2 * (4 * lam - 1) - demanded) == 0
 
-# The recurrence has the constant solution e_j = rho v; d_j = e_j - rho v, which starts with
-# d_0 = v / (2 lambda - 1) - rho v, is a wave symmetric about N / 2. Below 1/8 it is hyperbolic, and
-# with cosh t in the place of cos(theta) it adds up to d_0 T coth(t/2), T = tanh(N t/2). (v = 0
-# leaves nothing.) What is demanded is linear in T, and of one sign for 0 < T <= 1:
+# %% [markdown]
+# The recurrence has the constant solution $e_j = \rho v$; $d_j = e_j - \rho v$, which starts with
+# $d_0 = v / (2\lambda - 1) - \rho v$, is a wave symmetric about $N/2$. Below $\frac18$ it is
+# hyperbolic, and with $\cosh(t)$ in the place of $\cos(\theta)$ it adds up to
+# $d_0 \, T \, \coth(t/2)$, $T = \tanh(N t / 2)$. ($v = 0$ leaves nothing.) What is demanded is
+# linear in $T$, and of one sign for $0 < T \le 1$:
 
+# %%
 rho = (6 * lam - 1) / (16 * lam**2 - 12 * lam + 1)
 assert cancel(recurrence.subs({before: rho, here: rho, after: rho, v: 1})) == 0
 T = Symbol("T")
@@ -449,23 +586,29 @@ for value in OUTER_VALUES[1:]:
         start, end = (form.subs({N: count, T: end}) for end in (0, 1))
         assert start * end > 0 or (start == 0 != end)
 
-# At 1/8 it has period 4, (d_0, d_1, -d_0, -d_1), with d_0 = -7/3 v. Symmetry, d_N = d_0 and
-# d_N-1 = d_1, leaves for N = 4 m the sum 0, for 4 m + 1 the sum d_0, for 4 m + 3 the sum -d_0 and
-# for 4 m + 2 only v = 0, then with sum d_1 = S = 0. The others would need
+# %% [markdown]
+# At $\frac18$ it has period 4, $(d_0, d_1, -d_0, -d_1)$, with $d_0 = -\frac73 v$. Symmetry,
+# $d_N = d_0$ and $d_{N-1} = d_1$, leaves for $N = 4m$ the sum 0, for $4m + 1$ the sum $d_0$, for
+# $4m + 3$ the sum $-d_0$ and for $4m + 2$ only $v = 0$, then with sum $d_1 = S = 0$. The others
+# would need an $N$ that is not of their form, or not whole:
 
+# %%
 at_eighth = demanded.subs({lam: EIGHTH, v: 1})
 assert (1 / (2 * lam - 1) - rho).subs(lam, EIGHTH) == Rational(-7, 3)
 assert solve(at_eighth.subs(S, N), N) == [2]  # not 4 m
 for wave_sum in (Rational(-7, 3), Rational(7, 3)):
     assert not any(root.is_integer for root in solve(at_eighth.subs(S, N + wave_sum), N))
 
-# So 1/8 in the waves is left, at even k and at N = 4 m.
+# %% [markdown]
+# So $\frac18$ in the waves is left, at even $k$ and at $N = 4m$.
 #
-# There v = 0, e_j+2 = -e_j and f_j = -2 (e_j + e_j+1). As in eigenstructure.py the left outer
-# eigenvectors of 1/8 must not see the wave. Away from sharp edges they are 1, 4, 1 along the outer
-# sides; at a sharp edge the side's is the end point of the crease alone, which hangs on v and its
-# neighbour on the crease, both zero.
+# There $v = 0$, $e_{j+2} = -e_j$ and $f_j = -2 (e_j + e_{j+1})$. As in
+# [eigenstructure](eigenstructure.py), section 3, the left outer eigenvectors of $\frac18$ must not
+# see the wave. Away from sharp edges they are $(1, 4, 1)$ along the outer sides; at a sharp edge
+# the side's is the end point of the crease alone, which hangs on $v$ and its neighbour on the
+# crease, both zero.
 
+# %%
 x, y = symbols("e_i e_i+1")
 wave = {(1, 1): 0, (2, 1): x, (1, 2): y, (0, 1): -x, (1, 0): -y}
 wave |= {(2, 2): -2 * (x + y), (0, 2): -2 * (y - x), (2, 0): -2 * (x - y)}
@@ -477,8 +620,10 @@ for side in (((3, 0), (3, 1), (3, 2)), ((0, 3), (1, 3), (2, 3))):
     )
     assert expand(sum(seen)) == 0
 
+# %% [markdown]
 # So the law of section 4 is the law of the whole matrix. By ranks, at every face:
 
+# %%
 for kind, sizes in (
     ("crease", range(1, 9)),
     ("corner", range(1, 9)),
@@ -492,3 +637,118 @@ for kind, sizes in (
             for value in (HALF, FOURTH, *OUTER_VALUES):
                 first, second, third = kernels(whole, value)
                 assert second == third == first + (value in defective)
+
+# %% [markdown]
+# ## 8. The even part of a dart
+#
+# Its eigenvalues have no closed form. In exact numbers its eigenvectors are polynomials in the
+# eigenvalue. Let $p(x) = \det(x - M) = \sum_k c_k x^k$ have simple roots and the degree $m$, and
+# let $B(x) = \sum_k B_k x^k$ be the adjugate of $x - M$: by Horner's scheme $B_{m-1} = I$ and
+# $B_{k-1} = M B_k + c_k I$. From
+#
+# $$
+# (x - M) \, B(x) = B(x) \, (x - M) = p(x) \, I, \qquad \operatorname{tr} B(x) = p'(x)
+# $$
+#
+# the columns of $B(\lambda)$ are right eigenvectors, its rows are left ones, and as each eigenvalue
+# has but one of each, $B(\lambda) = p'(\lambda) \, r \, l$ with $l \, r = 1$: the left eigenvector
+# that belongs to a column is a row over $p'(\lambda)$. A residual that vanishes modulo an
+# irreducible factor of $p$ vanishes at all its roots.
+
+
+# %%
+def adjugate(M):
+    """Of lambda - M."""
+    coefficients = Poly(exact(M).charpoly(), lam, domain=QQ).all_coeffs()
+    step = total = Matrix.eye(M.rows)
+    for c in coefficients[1:-1]:
+        step = M * step + c * Matrix.eye(M.rows)
+        total = lam * total + step
+    return total.applyfunc(expand)
+
+
+def polynomials(matrix):
+    return DomainMatrix.from_Matrix(matrix).convert_to(QQ[lam])
+
+
+for n in (3, 6):
+    M, p = even_part(ring_matrix("dart", n)), even_polynomial(n)
+    one, B = Matrix.eye(n + 2), polynomials(adjugate(M))
+    assert polynomials(lam * one - M) * B == polynomials(p.as_expr() * one)
+    slope = p.diff().as_expr()
+    assert expand(B.to_Matrix().trace() - slope) == 0
+    # B B = p' B at the roots: the product of a column and a row whose product is p'
+    for x in (B * B - polynomials(slope * one) * B).to_Matrix():
+        assert Poly(x, lam, domain=QQ).rem(p) == 0
+
+# %% [markdown]
+# If two roots are complex and all others real (section 6 has found no other case), their sum and
+# their product follow from two coefficients of $p$, and with modulus $r$ and argument $\alpha$
+# powers are $r^n \cos(n\alpha) \pm i \, r^n \sin(n\alpha)$. For the eigenvector $x + i y$ of
+# $a + i b$
+#
+# $$
+# A x = a x - b y, \qquad A y = b x + a y .
+# $$
+#
+# An outer point of eigenvalue $d$ follows (section 3 of [eigenstructure](eigenstructure.py)) by two
+# equations instead of one, with the numerators $g$ and $h$ and $c = a - d$:
+#
+# $$
+# \begin{pmatrix} G_x & G_y \end{pmatrix} \begin{pmatrix} c & b \\ -b & c \end{pmatrix} =
+# \begin{pmatrix} g & h \end{pmatrix}, \qquad
+# G_x = \frac{g c + h b}{c^2 + b^2}, \quad G_y = \frac{h c - g b}{c^2 + b^2} .
+# $$
+
+# %%
+b, c, d, g, h = symbols("b c d g h")
+turn = Matrix([[c, b], [-b, c]])
+pair_of_two = Matrix([[g * c + h * b, h * c - g * b]]) / (c**2 + b**2)
+assert simplify(pair_of_two * turn - Matrix([[g, h]])) == Matrix.zeros(1, 2)
+
+# %% [markdown]
+# In digits all eigenvectors are found at once. Let $X$ be approximations, and $X^{-1} A X = J + E$
+# with $J$ diagonal, its entries different, and $E$ off the diagonal. With
+# $F_{ij} = E_{ij} / (J_{jj} - J_{ii})$, so that $E + J F - F J = 0$, the next approximation
+# $X (I + F)$ has
+#
+# $$
+# (I + F)^{-1} (J + E) (I + F) = J + (I + F)^{-1} E F,
+# $$
+#
+# in the place of $J + E$: the square of the first error, as $F$ is of the order of $E$. The digits
+# double. So they do with Newton's step for an inverse $Y$ of $X$, $Y + Y (I - X Y)$, whose residual
+# is $(I - X Y)^2$.
+
+# %%
+values = symbols("J:3")
+J = diag(*values)
+E = Matrix(3, 3, lambda i, j: Symbol(f"E{i}{j}") if i != j else 0)
+F = Matrix(3, 3, lambda i, j: E[i, j] / (values[j] - values[i]) if i != j else 0)
+one = Matrix.eye(3)
+assert simplify(E + J * F - F * J) == Matrix.zeros(3, 3)
+assert simplify((J + E) * (one + F) - (one + F) * J - E * F) == Matrix.zeros(3, 3)
+X, Y = (Matrix(2, 2, symbols(f"{name}:4")) for name in "xy")
+one = Matrix.eye(2)
+left = one - X * Y
+assert (one - X * (Y + Y * left) - left * left).expand() == Matrix.zeros(2, 2)
+
+# %% [markdown]
+# ## 9. The matrices of the package
+
+# %%
+for kind, sizes in (
+    ("crease", range(1, 6)),
+    ("corner", range(1, 6)),
+    ("dart", range(2, 6)),
+    ("cone", range(3, 6)),
+):
+    for k in sizes:
+        for i in range(k if kind != "cone" else 1):
+            whole, _ = extended_matrix(kind, k, i)
+            built = subdivision_matrix(CATMULL_CLARK, Sector(kind, k, i))
+            assert whole.rows == built.size
+            for row, derived in zip(built.rows, whole.tolist(), strict=False):
+                assert {c: Rational(w) for c, w in row.items()} == {
+                    c: w for c, w in enumerate(derived) if w
+                }

@@ -22,6 +22,7 @@
 # %%
 from fractions import Fraction
 from itertools import pairwise
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -56,10 +57,10 @@ def creased(s: float) -> ls.LimitSurface:
     return ls.LimitSurface(ls.Mesh(points, cube, creases=dict.fromkeys(rim, s)))
 
 
-def picture(surface: ls.LimitSurface, **options: object) -> object:
+def picture(surface: ls.LimitSurface, **options: object) -> ls.Picture:
     """A small picture."""
-    shown = {"window_size": (400, 300), "poles": False, "n": 16, **options}
-    return ls.plot(surface, off_screen=True, **shown)  # type: ignore[arg-type]
+    shown: dict[str, Any] = {"window_size": (400, 300), "poles": False, "n": 16, **options}
+    return ls.plot(surface, **shown)
 
 
 row(*(picture(creased(s)) for s in (0, 0.5, 1)))

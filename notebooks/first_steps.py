@@ -14,17 +14,21 @@
 # %% [markdown]
 # # First steps
 #
-# A Catmull-Clark surface is what a cage of polygons becomes when it is refined forever.
-# `limitsurf` does not refine: it knows the limit in closed form and evaluates it at any point of
-# any face.
+# Take a few polygons. Refine them: cut each into smaller ones, and move the new points towards the
+# average of their neighbours. Refine again, and again. In the end there is a smooth surface, the
+# *limit surface* of the polygons, and they are its *cage*. Modelling programs make smooth shapes
+# so, by rules that Catmull and Clark found in 1978.
+#
+# Most of them refine a few times and stop. `limitsurf` does not refine: it knows the limit in
+# closed form, and evaluates it at any place. This notebook makes a surface, looks at it, and asks
+# it questions.
 
 # %%
 from fractions import Fraction
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory
 
 import numpy as np
-from IPython.display import Image
 
 import limitsurf as ls
 
@@ -47,76 +51,113 @@ mesh = ls.Mesh(points, below + above + sides)
 mesh
 
 # %% [markdown]
-# Most of its points have three or four faces around them. Two have five: the ends of the inner
-# edge, 4 and 12. There, classic software stops being exact.
+# ## Its surface, and a picture
+#
+# The picture has the cage as thin lines, and on the surface the curves that its edges become. Dots
+# are points where the number of faces is not four.
+
+# %%
+surface = ls.LimitSurface(mesh)
+picture = ls.plot(surface, view=(1, 0.4, 0.8), window_size=(800, 550))
+picture
+
+# %% [markdown]
+# In a notebook, or in a browser, it can be turned with the mouse.
+
+# %%
+picture.interactive(height=420)
+
+# %% [markdown]
+# ## Points
+#
+# A point of the surface is asked for by face, `u` and `v`. The corners 0, 1, 2, 3 of a quad are at
+# (0, 0), (1, 0), (1, 1) and (0, 1), and its middle is at (0.5, 0.5). (A face of n corners, n other
+# than 4, counts as n faces, one at each corner. This cage has none.)
+
+# %%
+surface.evaluate(0, 0.5, 0.5)
+
+# %% [markdown]
+# Arrays broadcast, as everywhere in NumPy: here is a grid of 9 times 9 points on each of the 14
+# faces.
+
+# %%
+face = np.arange(len(surface.limit_faces))[:, None, None]
+grid = np.linspace(0, 1, 9)
+surface.evaluate(face, grid[:, None], grid).shape
+
+# %% [markdown]
+# ## Derivatives and normals
+#
+# Derivatives of any order are with respect to `(u, v)`. `jet` has all of them up to an order at
+# once.
+
+# %%
+jet = surface.jet(0, 0.25, 0.75, order=2)
+assert np.allclose(jet[1, 1], surface.evaluate(0, 0.25, 0.75, nu=(1, 1)))
+jet
+
+# %% [markdown]
+# The normal is the unit vector across both first derivatives. `curvature` has the principal
+# curvatures, their directions, and what follows from them.
+
+# %%
+across = np.cross(jet[1, 0], jet[0, 1])
+assert np.allclose(surface.normal(0, 0.25, 0.75), across / np.linalg.norm(across))
+surface.normal(0, 0.25, 0.75)
+
+# %%
+bent = surface.curvature(0, 0.25, 0.75)
+assert np.isclose(bent.gaussian, bent.k1 * bent.k2)
+print(bent.k1, bent.k2)
+
+# %% [markdown]
+# `ls.plot` can colour the surface by it: red where it is bent like a ball, blue where it is bent
+# like a saddle.
+
+# %%
+ls.plot(surface, scalars="gaussian", cage=False, view=(1, 0.4, 0.8), window_size=(800, 500))
+
+# %% [markdown]
+# ## Where it gets interesting
+#
+# Most points of this cage have three or four faces around them. Two have five: the ends of the
+# inner edge, 4 and 12. Where the number is not four, the vertex is called *extraordinary*, or a
+# *pole*. There the surface is no spline, and many programs only come close to it.
 
 # %%
 np.flatnonzero(mesh.vertex_faces == 5)
 
 # %% [markdown]
-# Cages are usually files. `ls.write` and `ls.read` speak OBJ.
-
-# %%
-here = Path(mkdtemp())
-ls.write(here / "el.obj", mesh)
-mesh = ls.read(here / "el.obj")
-
-# %% [markdown]
-# ## Points of the surface
-#
-# A point is asked for by face, `u` and `v`. A quad's corners 0, 1, 2, 3 are at (0, 0), (1, 0),
-# (1, 1) and (0, 1). Arrays broadcast, as everywhere in NumPy.
-
-# %%
-surface = ls.LimitSurface(mesh)
-surface.evaluate(0, 0.5, 0.5)
-
-# %%
-face = np.arange(len(surface.limit_faces))[:, None, None]
-u, v = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9), indexing="ij")
-surface.evaluate(face, u, v).shape
-
-# %% [markdown]
-# ## Derivatives and normals
-#
-# Derivatives of any order are with respect to `(u, v)`; `jet` returns all of them up to an order
-# at once.
-
-# %%
-across = surface.evaluate(0, 0.25, 0.75, nu=(1, 1))
-jet = surface.jet(0, 0.25, 0.75, order=2)
-assert np.allclose(jet[1, 1], across)
-jet
-
-# %% [markdown]
-# Unit normals are exact everywhere, also at a point with five faces. Face 3 is the first one
-# above, and the third of its corners, (1, 1), is point 12.
+# Here unit normals are as exact as anywhere. Face 3 is the first one above, and the third of its
+# corners, (1, 1), is point 12.
 
 # %%
 surface.normal(3, 1.0, 1.0)
 
 # %% [markdown]
 # The derivatives themselves have no limit there: with five faces they grow without bound, by a
-# factor `2 * 0.54998...` each time the distance is halved. So at the point itself they are NaN,
-# and right next to it they are numbers, at any distance.
+# factor $2 \lambda = 1.09998$ each time the distance is halved. So at the point itself they are
+# NaN, and right next to it they are numbers, at any distance.
 
 # %%
 assert np.isnan(surface.evaluate(3, 1.0, 1.0, nu=(1, 0))).all()
-steps = 0.5 ** np.arange(10, 15)
+steps = 0.5 ** np.arange(20, 25)
 speed = np.linalg.norm(surface.evaluate(3, 1 - steps, 1 - steps, nu=(1, 0)), axis=-1)
 speed[1:] / speed[:-1]
 
 # %% [markdown]
 # ## Weights
 #
-# Every value is a weighted sum of the points of the cage. `weights` is that sum, a sparse matrix
+# Each value is a weighted sum of the points of the cage. `weights` is that sum, a sparse matrix
 # with a row for each query: for fitting, for moving the cage, for gradients.
 
 # %%
 rng = np.random.default_rng(1)
-faces, a, b = rng.integers(len(surface.limit_faces), size=1000), rng.random(1000), rng.random(1000)
-W = surface.weights(faces, a, b)
-assert np.allclose(W @ mesh.points, surface.evaluate(faces, a, b))
+faces = rng.integers(len(surface.limit_faces), size=1000)
+u, v = rng.random((2, 1000))
+W = surface.weights(faces, u, v)
+assert np.allclose(W @ mesh.points, surface.evaluate(faces, u, v))
 W.shape
 
 # %% [markdown]
@@ -124,7 +165,27 @@ W.shape
 
 # %%
 taller = surface.with_points(mesh.points * [1, 1, 3])
-assert np.allclose(taller.evaluate(faces, a, b), surface.evaluate(faces, a, b) * [1, 1, 3])
+assert np.allclose(taller.evaluate(faces, u, v), surface.evaluate(faces, u, v) * [1, 1, 3])
+
+# %% [markdown]
+# ## Files
+#
+# `ls.read` and `ls.write` speak OBJ and other formats. `ls.tessellate` cuts the surface into
+# polygons for programs that know no subdivision: here 8 by 8 to a face, with exact points and
+# normals. `ls.plot` writes pictures, and pages that turn in a browser.
+
+# %%
+folder = TemporaryDirectory()
+here = Path(folder.name)
+ls.write(here / "el.obj", mesh)
+assert ls.read(here / "el.obj") == mesh
+
+fine = ls.tessellate(surface, 8)
+ls.write(here / "fine.ply", fine)
+ls.plot(surface, here / "el.png")
+ls.plot(surface, here / "el.html")
+for file in sorted(here.iterdir()):
+    print(f"{file.name:10} {file.stat().st_size:9,} bytes")
 
 # %% [markdown]
 # ## Is it true?
@@ -159,28 +220,31 @@ middle
 # %% [markdown]
 # ## Why it works
 #
-# Around a point with `N` faces one step of refinement is a matrix, and `n` steps are its `n`-th
-# power. In the basis of its eigenvectors a power costs nothing. `eigenbasis` shows it, exactly.
+# Around a point with N faces one step of refinement is a matrix, and n steps are its n-th power. In
+# the basis of its eigenvectors a power costs nothing. Jos Stam found this way in 1998. `eigenbasis`
+# shows it, exactly.
 
 # %%
 basis = ls.eigenbasis("catmull-clark", valence=5)
 basis
 
 # %% [markdown]
-# The second and third eigenvalues are those that the derivatives above felt, and the left
-# eigenvector of eigenvalue 1 is the weights of the limit point: 25 for the point itself, 4 for
-# each neighbour, 1 for each opposite corner, over 50.
+# The second and third eigenvalues are the $\lambda$ that the derivatives above felt, and the left
+# eigenvector of eigenvalue 1 is the weights of the limit point: 25 for the point itself, 4 for each
+# neighbour, 1 for each opposite corner, over 50.
 
 # %%
-basis.exact.eigenvalues[1], basis.float64.eigenvalues[0, 1]
+assert np.isclose(2 * basis.float64.eigenvalues[0, 1], speed[-1] / speed[-2], rtol=1e-4)
+basis.float64.eigenvalues[0, :4]
 
 # %%
 basis.exact.limit_mask
 
 # %% [markdown]
-# ## A picture
-
-# %%
-picture = here / "el.png"
-ls.plot(surface, off_screen=True, screenshot=picture)
-Image(filename=picture)
+# ## From here
+#
+# - [Your own cage](your_own_cage.py): from other libraries and programs, and surfaces back to them.
+# - [Creases](creases.py): edges and vertices that stay sharp, boundaries, texture coordinates.
+# - [Sampling and fitting](sampling_and_fitting.py): arrays, weights, a fit to a scan.
+# - [Near a pole](near_a_pole.py), [refinement against the closed form](convergence.py) and [a tour
+#   of the eigenbasis](eigenbasis.py): the mathematics, and how to check it.
