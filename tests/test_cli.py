@@ -1,7 +1,11 @@
 """The command line: what it prints, what it writes, and how it fails."""
 
 import io
+import json
 import os
+import re
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,33 +17,12 @@ import pyarrow.parquet as pq
 import pytest
 import zarr
 import zoo
-from click.testing import CliRunner
+from command_line import PROGRAM, facts, fail, pipeline, run, succeed
+from mpmath import mp
 
 import limitsurf as ls
 from limitsurf.shell import answers, queries
 from limitsurf.shell.cli import main
-
-PROGRAM = [sys.executable, "-W", "error", "-c", "from limitsurf.shell.cli import main; main()"]
-
-
-def run(*arguments, stdin=None):
-    return CliRunner().invoke(main, [str(a) for a in arguments], input=stdin)
-
-
-def succeed(*arguments, stdin=None):
-    result = run(*arguments, stdin=stdin)
-    assert result.exit_code == 0, result.output
-    return result.output
-
-
-def fail(*arguments, stdin=None):
-    """The error's text, after checking that it is one line and nothing else."""
-    result = run(*arguments, stdin=stdin)
-    assert result.exit_code == 2, result.output
-    assert isinstance(result.exception, SystemExit)
-    (line,) = result.output.splitlines()
-    assert line.startswith("limitsurf: error: ")
-    return line.removeprefix("limitsurf: error: ")
 
 
 @pytest.fixture
@@ -84,10 +67,16 @@ def test_every_command_has_help_with_examples_that_work(command, cage, tmp_path,
     monkeypatch.chdir(tmp_path)
     cage.rename("cage.obj")
     help = succeed(*command.split(), "--help")
-    examples = [line.split()[1:] for line in help.splitlines() if line.startswith("    limitsurf ")]
+    examples = re.findall(r"^    (limitsurf .*)", help, re.MULTILINE)
     assert examples
     for example in examples:
-        succeed(*example)
+        pipeline(example)
+
+
+def test_options_say_what_they_are_for():
+    for name, command in main.commands.items():
+        for option in command.params:
+            assert option.param_type_name == "argument" or option.help, (name, option.name)
 
 
 def test_version():
@@ -110,27 +99,6 @@ def test_warnings_are_one_line(cage):
     assert result.exit_code == 0
     (line,) = [k for k in result.output.splitlines() if "frobnicate" in k]
     assert line.startswith("limitsurf: warning: ")
-
-
-# ------------------------------------------------------------------ bad cages
-
-
-def bad_cages(folder):
-    (folder / "empty.obj").write_bytes(b"")
-    (folder / "noise.obj").write_bytes(bytes(range(256)) * 20)
-    (folder / "range.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n")
-    (folder / "nan.obj").write_text("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    (folder / "cage.stl").write_text("solid\n")
-    (folder / "folder.obj").mkdir()
-    return ["empty.obj", "noise.obj", "range.obj", "nan.obj", "cage.stl", "folder.obj", "none.obj"]
-
-
-@pytest.mark.parametrize(
-    "command", [["info"], ["evaluate", "--grid", 2], ["validate"], ["plot", "-o", "a.png"]]
-)
-def test_bad_cages(command, tmp_path):
-    for name in bad_cages(tmp_path):
-        assert name in fail(command[0], tmp_path / name, *command[1:])
 
 
 # ------------------------------------------------------------------ cages of every kind
@@ -172,12 +140,12 @@ def test_cages_of_every_kind(name, suffix, tmp_path):
 # ------------------------------------------------------------------ info
 
 
-def facts(output):
+def told(output):
     return dict(line.strip().split("   ", 1) for line in output.splitlines() if "   " in line)
 
 
 def test_info(cage):
-    found = {name: value.strip() for name, value in facts(succeed("info", cage)).items()}
+    found = {name: value.strip() for name, value in told(succeed("info", cage)).items()}
     assert found["vertices"] == "10"
     assert found["edges"] == "15"
     assert found["faces"] == "7"
@@ -203,7 +171,7 @@ def test_info_of_an_open_cage_with_tags(tmp_path):
         channels={"uv": (np.eye(2), [0, 1] * 12, "boundaries")},
     )
     ls.write(path, mesh)
-    found = {name: value.strip() for name, value in facts(succeed("info", path)).items()}
+    found = {name: value.strip() for name, value in told(succeed("info", path)).items()}
     expected = {
         "vertices": "16, 1 of them in no face",
         "edges": "19, 14 of them on the boundary",
@@ -219,7 +187,7 @@ def test_info_of_an_open_cage_with_tags(tmp_path):
         "no limit (holes)": "1",
     }
     assert expected.items() <= found.items()
-    found = facts(succeed("info", path, "--boundary", "none"))
+    found = told(succeed("info", path, "--boundary", "none"))
     assert found["boundary"].strip() == "none"
     assert found["  no limit (holes)".strip()].strip() == "6"
 
@@ -231,23 +199,23 @@ def test_info_of_strips_and_sectors(tmp_path):
     creases = dict.fromkeys(pairwise(row), 2.5)
     solid = np.pad(np.asarray(points, float)[:, :2], ((0, 0), (0, 1)))
     ls.write(path, ls.Mesh(solid, faces, creases=creases))
-    found = {name: value.strip() for name, value in facts(succeed("info", path)).items()}
+    found = {name: value.strip() for name, value in told(succeed("info", path)).items()}
     assert found["creases"] == "8, sharpness 2.5"
     assert int(found["one strip along a semi-sharp crease"]) > 0
     ls.write(path, ls.Mesh(solid, faces, creases=dict.fromkeys(creases, np.inf)))
-    found = {name: value.strip() for name, value in facts(succeed("info", path)).items()}
+    found = {name: value.strip() for name, value in told(succeed("info", path)).items()}
     assert found["creases"] == "8, infinite"
     assert found["one regular patch"] == "64"
     assert "special corners of patches" not in found
     ls.write(path, ls.Mesh(solid, faces, creases=dict.fromkeys(pairwise(row[:5]), 12)))
-    found = {name: value.strip() for name, value in facts(succeed("info", path)).items()}
+    found = {name: value.strip() for name, value in told(succeed("info", path)).items()}
     assert found["special corners of patches"] == "dart of 4 faces (4)"
 
 
 def test_info_of_what_is_not_manifold(tmp_path):
     path = tmp_path / "fin.obj"
     ls.write(path, ls.Mesh(*zoo.NONMANIFOLD["fin"][:2]))
-    found = {name: value.strip() for name, value in facts(succeed("info", path)).items()}
+    found = {name: value.strip() for name, value in told(succeed("info", path)).items()}
     assert found["edges"] == "17, 12 of them on the boundary, 2 of them not manifold"
     assert found["faces at vertices that are not manifold"] == "3 (2 times), 6 (1)"
 
@@ -255,10 +223,69 @@ def test_info_of_what_is_not_manifold(tmp_path):
 def test_info_of_a_scheme_that_is_not_known(tmp_path):
     path = tmp_path / "loop.obj"
     ls.write(path, ls.Mesh(*zoo.tetrahedron(), scheme="loop"))
-    found = facts(succeed("info", path))
+    found = told(succeed("info", path))
     assert found["vertices"].strip() == "4"
     assert "'loop'" in found["limit surface"]
     assert "'loop'" in fail("evaluate", path, "--grid", 1)
+
+
+def test_info_as_json(cage, tmp_path):
+    found = facts("info", cage)
+    assert found["cage"] == str(cage)
+    assert (found["vertices"], found["edges"], found["faces"]) == (10, 15, 7)
+    assert found["closed"] is True
+    assert found["face_sizes"] == {"4": 5, "5": 2}
+    assert found["valences"] == {"3": 10}
+    assert found["rules"]["boundary"] == {"value": "edge_and_corner", "by_default": True}
+    assert sum(found["patches"].values()) == found["limit_faces"] == 15
+    assert {"kind": "interior", "faces": 5, "patches": 10} in found["special_corners"]
+    assert found["no_surface"] is None
+    path = tmp_path / "sharp.obj"
+    creases = {(0, 1): 0.5, (1, 3): np.inf}
+    ls.write(path, ls.Mesh(*zoo.cube(), creases=creases, scheme="loop"))
+    other = facts("info", path)
+    assert other.keys() == found.keys()
+    assert other["creases"] == {"number": 2, "infinite": 1, "least": 0.5, "most": 0.5}
+    assert "'loop'" in other["no_surface"]
+    assert other["limit_faces"] is None
+
+
+def test_keys_of_json_are_documented(cage, tmp_path):
+    target = tmp_path / "a.obj"
+    for command, arguments in {
+        "info": [cage],
+        "validate": [cage, "--levels", 1],
+        "basis": ["--valence", 3],
+        "tessellate": [cage, "-n", 2, "-o", target],
+        "refine": [cage, "-o", target],
+        "convert": [cage, target],
+        "plot": [cage, "-o", tmp_path / "a.png", "--size", 60, 40, "--quads", 2],
+        "demo": ["-o", tmp_path, "--queries", 1000],
+        "evaluate": [cage, "--grid", 2, "-o", tmp_path / "a.npy"],
+    }.items():
+        help = " ".join(succeed(command, "--help").split())
+        _, _, documented = re.split("(Keys of|With) --json", help)
+        for key in facts(command, *arguments):
+            assert re.search(rf"\b{key}\b", documented), (command, key)
+
+
+def test_rules_are_options(tmp_path):
+    path = tmp_path / "grid.obj"
+    ls.write(path, ls.Mesh(*zoo.tetrahedron()))
+    options = ["--boundary", "edge_only", "--creasing", "chaikin", "--triangles", "smooth"]
+    rules = facts("info", path, *options, "--scheme", "catmull-clark")["rules"]
+    assert {name: rule["value"] for name, rule in rules.items()} == {
+        "scheme": "catmull-clark",
+        "boundary": "edge_only",
+        "creasing": "chaikin",
+        "triangles": "smooth",
+    }
+    assert not any(rule["by_default"] for rule in rules.values())
+    smooth = ls.LimitSurface(ls.read(path), triangles="smooth")
+    found = table(succeed("evaluate", path, "--grid", 2, "--triangles", "smooth"))
+    where = found["face"].astype(int), found["u"], found["v"]
+    same(columns(found, "x", "y", "z"), smooth.evaluate(*where))
+    assert "'loup'" in fail("evaluate", path, "--grid", 1, "--scheme", "loup")
 
 
 # ------------------------------------------------------------------ evaluate
@@ -357,6 +384,41 @@ def test_channels(painted, tmp_path):
         np.testing.assert_array_equal(text["heat_0"], arrays["heat"])
     head = succeed("evaluate", painted, "--random", 0, "--channel", "st", "--channel", "st")
     assert head == "face,u,v,x,y,z,st_0,st_1\n"
+
+
+def test_answers_as_json_lines(painted, tmp_path):
+    options = ["--order", 1, "--normals", "--channel", "st"]
+    queries = ["--queries", "-"]
+    text = "face,u,v\n0,0.25,0.5\n5,1,nan\n"
+    lines = succeed("evaluate", painted, *queries, *options, "--json", stdin=text).splitlines()
+    first, second = map(json.loads, lines)
+    where = 0, 0.25, 0.5
+    surface = ls.LimitSurface(ls.read(painted))
+    assert list(first) == [
+        "face",
+        "u",
+        "v",
+        "position",
+        "du",
+        "dv",
+        "normal",
+        "st",
+        "st_du",
+        "st_dv",
+    ]
+    assert [first[name] for name in ("face", "u", "v")] == list(where)
+    same(first["position"], surface.evaluate(*where))
+    same(first["normal"], surface.normal(*where))
+    same(first["st_dv"], surface.evaluate(*where, nu=(0, 1), channel="st"))
+    assert second["v"] is None
+    assert second["position"] == [None] * 3
+    target = tmp_path / "a.npy"
+    assert facts("evaluate", painted, "--grid", 2, "-o", target) == {
+        "output": str(target),
+        "answers": 24,
+        "limit_faces": 6,
+    }
+    assert len(np.load(target)) == 24
 
 
 def test_channels_that_cannot_be(painted, cage, tmp_path):
@@ -782,6 +844,302 @@ def test_a_pipe_is_written_not_replaced(cage, tmp_path):
     assert path.is_fifo()
 
 
+# ------------------------------------------------------------------ meshes
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".stl", ".vtp", ".glb", ".usda"])
+def test_tessellate(suffix, cage, surface, tmp_path):
+    path = tmp_path / f"fine{suffix}"
+    assert succeed("tessellate", cage, "-n", 3, "-o", path).startswith(str(path))
+    expected = ls.tessellate(surface, 3)
+    fine = ls.read(path)
+    area = {
+        name: polygon_area(*mesh)
+        for name, mesh in {
+            "expected": (expected.points, expected.sizes, expected.indices),
+            "found": (fine.points, fine.sizes, fine.indices),
+        }.items()
+    }
+    assert area["found"] == pytest.approx(area["expected"], rel=1e-2)
+
+
+def polygon_area(points, sizes, indices):
+    """The area of polygons (that are almost flat)."""
+    last = np.cumsum(sizes) - 1
+    after = np.arange(len(indices)) + 1
+    after[last] -= sizes
+    face = np.repeat(np.arange(len(sizes)), sizes)
+    wedge = np.zeros((len(sizes), 3))
+    np.add.at(wedge, face, np.cross(points[indices], points[indices[after]]))
+    return np.linalg.norm(wedge, axis=1).sum() / 2
+
+
+def test_tessellate_options(cage, tmp_path):
+    path = tmp_path / "fine.obj"
+    found = facts("tessellate", cage, "-n", 2, "-o", path)
+    assert found["output"] == str(path)
+    assert (found["faces"], found["limit_faces"], found["n"]) == (60, 15, 2)
+    assert (found["normals"], found["channels"]) == (True, [])
+    text = path.read_text()
+    assert text.count("\nv ") == found["vertices"] - text.startswith("v ")
+    assert "\nvn " in text
+    assert "vn " not in succeed("tessellate", cage, "-n", 2, "--no-normals")
+    assert succeed("tessellate", cage, "-n", 2) == text
+    assert succeed("tessellate", cage, "-n", 2, "-o", "-", "--to", "OBJ") == text
+    other = tmp_path / "fine.txt"
+    succeed("tessellate", cage, "-n", 2, "-o", other, "--to", "obj")
+    assert other.read_text() == text
+
+
+def test_texture_coordinates_come_along(tmp_path):
+    path = tmp_path / "painted.obj"
+    uv = np.eye(2), [0, 1] * 12, "boundaries"
+    ls.write(path, ls.Mesh(*zoo.cube(), channels={"uv": uv}))
+    assert facts("tessellate", path, "-o", tmp_path / "a.obj")["channels"] == ["uv"]
+    assert "\nvt " in (tmp_path / "a.obj").read_text()
+    succeed("tessellate", path, "-o", tmp_path / "a.stl")  # which has no place for them
+    assert "'st'; it has 'uv'" in fail("tessellate", path, "--channel", "st").replace(
+        "no channel ", ""
+    )
+
+
+def test_refine(cage, tmp_path):
+    path = tmp_path / "fine.obj"
+    found = facts("refine", cage, "--levels", 2, "-o", path)
+    fine = ls.refined(ls.read(cage), 2)
+    assert ls.read(path) == fine.with_points(fine.points)
+    counts = {"vertices": fine.n_vertices, "edges": fine.n_edges, "faces": fine.n_faces}
+    assert found == {"output": str(path), **counts, "levels": 2, "limit": False}
+    assert succeed("refine", cage, "--levels", 2) == path.read_text()
+    succeed("refine", cage, "--levels", 2, "--limit", "-o", path)
+    np.testing.assert_array_equal(ls.read(path).points, fine.limit_points)
+    assert "vertices" in succeed("refine", cage, "-o", path)
+
+
+def test_refined_cages_keep_tags_and_rules(tmp_path):
+    path, fine = tmp_path / "cage.obj", tmp_path / "fine.obj"
+    creases = {(5, 6): 2.5, (6, 10): np.inf}
+    ls.write(path, ls.Mesh(*zoo.grid(3, 3), creases=creases, corners={9: 3}, holes=[4]))
+    succeed("refine", path, "-o", fine, "--boundary", "none", "--limit")
+    found = ls.read(fine)
+    expected = ls.refined(ls.read(path), boundary="none")
+    assert found.boundary == "none"
+    assert sorted(found.creases[1]) == sorted(expected.creases[1])
+    np.testing.assert_array_equal(found.holes, expected.holes)
+    lost = np.isnan(expected.limit_points)
+    assert 0 < lost.sum() < lost.size
+    np.testing.assert_array_equal(found.points[lost], expected.points[lost])
+    np.testing.assert_array_equal(found.points[~lost], expected.limit_points[~lost])
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".ply", ".vtp", ".off"])
+def test_convert(suffix, cage, tmp_path):
+    there, back = tmp_path / f"cage{suffix}", tmp_path / "back.obj"
+    found = facts("convert", cage, there)
+    assert found == {"output": str(there), "vertices": 10, "edges": 15, "faces": 7}
+    succeed("convert", there, back)
+    mesh, expected = ls.read(back), ls.read(cage)
+    np.testing.assert_allclose(mesh.points, expected.points, atol=1e-6)
+    assert (mesh.n_faces, mesh.n_edges) == (7, 15)
+
+
+def test_one_prim_of_many(tmp_path):
+    from pxr import Usd, UsdGeom
+
+    path = tmp_path / "two.usda"
+    stage = Usd.Stage.CreateNew(str(path))
+    for name, (points, faces) in {"cube": zoo.cube(), "tetra": zoo.tetrahedron()}.items():
+        prim = UsdGeom.Mesh.Define(stage, f"/{name}")
+        prim.CreatePointsAttr([tuple(map(float, point)) for point in points])
+        prim.CreateFaceVertexCountsAttr([len(face) for face in faces])
+        prim.CreateFaceVertexIndicesAttr([int(v) for face in faces for v in face])
+    stage.Save()
+    assert facts("info", path)["vertices"] == 12
+    assert facts("info", path, "--prim", "/tetra")["vertices"] == 4
+    assert facts("convert", path, tmp_path / "a.obj", "--prim", "/cube")["faces"] == 6
+    assert "/none" in fail("info", path, "--prim", "/none")
+
+
+# ------------------------------------------------------------------ pipes
+
+
+def test_cages_come_from_the_standard_input(cage, tmp_path):
+    text = cage.read_bytes()
+    for command in [
+        ["info", "-"],
+        ["evaluate", "-", "--grid", 1],
+        ["validate", "-", "--levels", 1],
+        ["tessellate", "-", "-n", 2],
+        ["refine", "-"],
+        ["convert", "-", "-"],
+    ]:
+        named = [cage if word == "-" else word for word in command]
+        named[2:3] = ["-"] if command[0] == "convert" else named[2:3]
+        assert succeed(*command, stdin=text) == succeed(*named), command
+    succeed("plot", "-", "-o", tmp_path / "a.png", "--size", 60, 40, "--quads", 2, stdin=text)
+
+
+def test_other_formats_in_pipes(cage, tmp_path):
+    for suffix in ["usda", ".ply"]:
+        content = run("convert", cage, "-", "--to", suffix)
+        assert (content.exit_code, content.stderr) == (0, "")
+        found = facts("info", "-", "--from", suffix.upper(), stdin=content.stdout_bytes)
+        assert (found["vertices"], found["faces"]) == (10, 7)
+        odd = tmp_path / "cage.dat"
+        odd.write_bytes(content.stdout_bytes)
+        assert facts("info", odd, "--from", suffix)["faces"] == 7
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
+def test_a_pipeline_of_a_shell(cage, tmp_path):
+    (tmp_path / "limitsurf").write_text(f'#!/bin/sh\nexec {shlex.join(PROGRAM)} "$@"\n')
+    (tmp_path / "limitsurf").chmod(0o755)
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    line = f"limitsurf refine {cage} -o - | limitsurf tessellate - -n 4 -o fine.ply"
+    done = subprocess.run(
+        ["bash", "-o", "pipefail", "-c", line], cwd=tmp_path, env=environment, capture_output=True
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout == b"fine.ply: 482 vertices, 480 faces\n"
+
+
+# ------------------------------------------------------------------ basis
+
+
+@pytest.mark.parametrize(
+    "options", [["--valence", 3], ["--valence", 4], ["--kind", "interior", "--faces", 3]]
+)
+def test_basis(options):
+    found = facts("basis", *options, "--digits", 20)
+    valence = found["faces"]
+    basis = ls.eigenbasis("catmull-clark", valence=valence)
+    assert found["control_points"] == 2 * valence + 8
+    values = [value["real"] for value in found["eigenvalues"] for _ in range(value["multiplicity"])]
+    assert sorted(values) == pytest.approx(sorted(basis.float64.eigenvalues[0]), abs=1e-15)
+    mask = [weight["decimal"] for weight in found["limit_mask"]]
+    same(np.array(mask, float), basis.float64.limit_mask[: len(mask)])
+    for weights, expected in zip(found["tangent_masks"], basis.float64.tangent_masks, strict=True):
+        same([float(weight["decimal"]) for weight in weights], expected[: len(weights)])
+    lam, mu = (found["growth"][name] for name in ("l1", "l3"))
+    assert found["growth"]["first_derivatives"] == pytest.approx(2 * lam)
+    assert found["growth"]["curvature"] == pytest.approx(mu / lam**2)
+
+
+def test_basis_in_words():
+    output = succeed("basis", "--valence", 3)
+    for text in ["sqrt(17)/32 + 9/32", "0.4100970508", "frequency 1", "0.820194", "3/8"]:
+        assert text in output
+    assert re.search(r"0\.4100970508 +2 +frequency 1 ", output)
+    output = succeed("basis", "--kind", "crease", "--faces", 4)
+    assert re.search(r"0\.5000000000 +2 +2 +wave 2, curve +1/2\n", output)
+    assert "crease of 4 faces\n" in output
+    assert "crease of 1 face\n" in succeed("basis", "--kind", "crease", "--faces", 1)
+    position = succeed("basis", "--kind", "corner", "--faces", 2, "--position", 1)
+    assert "corner of 2 faces, seen from face 1\n" in position
+
+
+def test_basis_of_complex_eigenvalues():
+    found = facts("basis", "--kind", "dart", "--faces", 6, "--digits", 5)
+    pair = [value for value in found["eigenvalues"] if value["imaginary"]]
+    assert [value["decimal"] for value in pair] == ["0.34397+0.029918i", "0.34397-0.029918i"]
+
+
+def test_jordan_blocks_of_a_basis():
+    found = facts("basis", "--kind", "crease", "--faces", 4)
+    (half,) = (value for value in found["eigenvalues"] if value["exact"] == "1/2")
+    assert (half["multiplicity"], half["jordan"]) == (2, [2])
+    found = facts("basis", "--valence", 2)
+    (eighth,) = (value for value in found["eigenvalues"] if value["exact"] == "1/8")
+    assert (eighth["multiplicity"], eighth["jordan"]) == (3, [2, 1])
+    assert found["tangent_masks"] == []
+    assert found["growth"]["normals"] is None
+
+
+def test_long_closed_forms_are_for_those_who_ask():
+    short, long = (
+        succeed("basis", "--kind", "dart", "--faces", 6, *exact) for exact in ([], ["--exact"])
+    )
+    assert "CRootOf" not in short
+    assert "CRootOf" in long
+    assert len(long) > 2 * len(short)
+
+
+def test_basis_in_latex():
+    latex = succeed("basis", "--valence", 3, "--latex")
+    assert r"\frac{\sqrt{17}}{32} + \frac{9}{32} & 0.4100970508 & 2 & \text{frequency 1}" in latex
+    assert latex.count(r"\begin{array}") == latex.count(r"\end{array}") == 2
+    assert succeed("basis", "--valence", 3, "--latex", "--exact").count(r"\begin{array}") == 4
+    found = facts("basis", "--valence", 3, "--latex")
+    assert found["eigenvalues"][1]["latex"] == r"\frac{\sqrt{17}}{32} + \frac{9}{32}"
+
+
+def test_a_large_valence():
+    found = facts("basis", "--valence", 50, "--digits", 30)
+    assert sum(value["multiplicity"] for value in found["eigenvalues"]) == 108
+    with mp.workdps(40):
+        c, s = mp.cospi(mp.mpf(2) / 50), mp.cospi(mp.mpf(1) / 50)
+        expected = mp.nstr((5 + c + s * mp.sqrt(18 + 2 * c)) / 16, 30)
+    assert found["eigenvalues"][1]["decimal"] == expected
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        [],
+        ["--valence", 1],
+        ["--valence", 3, "--faces", 3],
+        ["--valence", 3, "--kind", "crease"],
+        ["--kind", "crease"],
+        ["--kind", "fold", "--faces", 3],
+        ["--kind", "dart", "--faces", 1],
+        ["--kind", "crease", "--faces", 3, "--position", 3],
+        ["--valence", 3, "--scheme", "loup"],
+        ["--valence", 3, "--digits", 0],
+        ["--valence", "three"],
+    ],
+)
+def test_bad_options_of_basis(options):
+    fail("basis", *options)
+
+
+# ------------------------------------------------------------------ completion
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_scripts(shell, monkeypatch):
+    script = succeed("completion", shell)
+    assert f"_LIMITSURF_COMPLETE={shell}_complete" in script
+    monkeypatch.setenv("SHELL", f"/usr/bin/{shell}")
+    assert succeed("completion") == script
+
+
+def test_no_completion_for_other_shells(monkeypatch):
+    fail("completion", "tcsh")
+    monkeypatch.setenv("SHELL", "/bin/tcsh")
+    assert "'tcsh'" in fail("completion")
+    monkeypatch.delenv("SHELL")
+    fail("completion")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("limitsurf ev", ["plain,evaluate"]),
+        ("limitsurf evaluate --or", ["plain,--order"]),
+        ("limitsurf evaluate cage.obj --boundary edge_o", ["plain,edge_only"]),
+        ("limitsurf info ca", ["file,ca"]),
+        ("limitsurf info - --from .usdz", ["plain,.usdz"]),
+        ("limitsurf refine - --to .ob", ["plain,.obj"]),
+        ("limitsurf tessellate cage.obj -o fi", ["file,fi"]),
+    ],
+)
+def test_completion(words, expected, monkeypatch):
+    monkeypatch.setenv("_LIMITSURF_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    assert succeed().splitlines() == expected
+
+
 # ------------------------------------------------------------------ validate, plot
 
 
@@ -791,6 +1149,19 @@ def test_validate(cage):
     assert [row.split()[0] for row in rows] == ["1", "2", "3"]
     assert all(float(row.split()[-1]) < 1e-14 for row in rows)
     fail("validate", cage, "--levels", 0)
+
+
+def test_validate_as_json(cage, tmp_path):
+    found = facts("validate", cage, "--levels", 2)
+    assert (found["cage"], found["agrees"]) == (str(cage), True)
+    expected = ls.validate(ls.LimitSurface(ls.read(cage)), 2)
+    for row, level in zip(found["levels"], expected, strict=True):
+        assert row == {name: level[name] for name in expected.dtype.names}
+    path = tmp_path / "grid.obj"
+    solid = np.pad(np.asarray(zoo.grid(1, 1)[0], float)[:, :2], ((0, 0), (0, 1)))
+    ls.write(path, ls.Mesh(solid, zoo.grid(1, 1)[1], boundary="none"))
+    found = facts("validate", path, "--levels", 1)
+    assert found["levels"][0]["error"] is None  # there is no surface
 
 
 def test_validate_fails_when_the_refiner_disagrees(cage, monkeypatch):
@@ -813,6 +1184,30 @@ def test_plot(cage, tmp_path):
     output = succeed("plot", cage, "-o", path, *options, "--up", "y", "--color", "teal")
     assert str(path) in output
     assert path.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--scalars", "gaussian", "--limits", -1, 2, "--cmap", "viridis", "--label", "curvature"],
+        ["--scalars", "zebra", "--view", "top"],
+        ["--isolines", 3, "--no-curves", "--view", "1,-2,0.5"],
+    ],
+)
+def test_pictures_of_every_kind(options, cage, tmp_path):
+    pictures = []
+    for k, more in enumerate([[], options]):
+        path = tmp_path / f"{k}.png"
+        found = facts("plot", cage, "-o", path, "--size", 80, 60, "--quads", 4, *more)
+        assert found == {"output": str(path), "width": 80, "height": 60, "limit_faces": 15}
+        pictures.append(path.read_bytes())
+    assert pictures[0] != pictures[1]
+
+
+def test_plot_as_a_page(cage, tmp_path):
+    path = tmp_path / "a.html"
+    assert succeed("plot", cage, "-o", path, "--quads", 2) == f"{path}\n"
+    assert "<html" in path.read_text()[:2000].lower()
 
 
 def test_plot_of_a_channel(painted, tmp_path):
@@ -879,11 +1274,12 @@ def test_a_full_disk(cage):
             [*PROGRAM, "evaluate", cage, "--grid", "2"], stdout=full, stderr=subprocess.PIPE
         )
     assert done.returncode == 2
-    assert done.stderr.decode().startswith("limitsurf: error: No space left")
+    expected = "limitsurf: error: standard output: No space left on device\n"
+    assert done.stderr.decode() == expected
 
 
 def test_interrupt(cage):
-    command = [*PROGRAM, "evaluate", cage, "--random", "200000"]
+    command = [*PROGRAM, "evaluate", cage, "--random", "90000"]  # a few more would be compiled
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         process.stdout.readline()  # the answers have begun, and the pipe is soon full
         process.send_signal(signal.SIGINT)

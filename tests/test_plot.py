@@ -1,18 +1,25 @@
 """Pictures: both painters, odd cages, files."""
 
+import re
+import shutil
 import subprocess
 import sys
+import types
 from contextlib import nullcontext
 from fractions import Fraction
 
 import make_demo_cage
+import make_images
 import numpy as np
 import pytest
 import zoo
 from PIL import Image
 
 import limitsurf as ls
-from limitsurf.shell import plot as room
+from limitsurf.shell import picture as pictures
+from limitsurf.shell import render
+from limitsurf.shell import scene as scenes
+from limitsurf.shell.modes import Fan, predicted_order
 
 SIZE = (160, 120)
 PAINTED = "painted by Matplotlib"
@@ -21,16 +28,16 @@ PAINTED = "painted by Matplotlib"
 @pytest.fixture(params=["rendered", "painted"])
 def draw(request, monkeypatch):
     """``plot`` at a small size, by either painter."""
-    if request.param == "rendered" and not room._opengl():
+    if request.param == "rendered" and not render.opengl():
         pytest.skip("there is no OpenGL")
-    monkeypatch.setattr(room, "_opengl", lambda: request.param == "rendered")
-    monkeypatch.setattr(room, "QUADS", 2_000)
+    monkeypatch.setattr(render, "opengl", lambda: request.param == "rendered")
+    monkeypatch.setattr(pictures, "QUADS", 2_000)
 
-    def small(surface, screenshot=None, **options):
+    def small(surface, file=None, **options):
         options = {"window_size": SIZE, "off_screen": True, **options}
         rendered = request.param == "rendered"
         with nullcontext() if rendered else pytest.warns(UserWarning, match=PAINTED):
-            return ls.plot(surface, screenshot, **options)
+            return ls.plot(surface, file, **options).image
 
     return small
 
@@ -67,13 +74,13 @@ def test_picture(draw, tmp_path):
 
 
 def test_the_painters_agree(monkeypatch):
-    if not room._opengl():
+    if not render.opengl():
         pytest.skip("there is no OpenGL")
     surface = ls.LimitSurface(ls.read(make_demo_cage.FILE))
-    rendered = ls.plot(surface, off_screen=True, window_size=(320, 240), n=8)
-    monkeypatch.setattr(room, "_opengl", lambda: False)
+    rendered = ls.plot(surface, off_screen=True, window_size=(320, 240), n=8).image
+    monkeypatch.setattr(render, "opengl", lambda: False)
     with pytest.warns(UserWarning, match=PAINTED):
-        painted = ls.plot(surface, off_screen=True, window_size=(320, 240), n=8)
+        painted = ls.plot(surface, off_screen=True, window_size=(320, 240), n=8).image
     assert alike(rendered, painted, 6.0)
 
 
@@ -97,8 +104,7 @@ def test_every_option_changes_the_picture(draw):
 
 def test_creases_are_thick_edges_of_the_cage():
     surface = ls.LimitSurface(cube(creases={(0, 1): 2, (0, 2): 0}))
-    options = {"cage": True, "curves": False, "poles": False, "normals": False}
-    scene = room._scene(surface, 1, *options.values(), (1.0, 0.5, 0.3), "z", 1.0)
+    scene = scenes.build(surface, scenes.Wishes(cage=True, curves=False, poles=False), 1.0, 6)
     cage, creases = scene.lines
     assert len(cage.ends) == 12
     (edge,) = creases.ends
@@ -191,7 +197,7 @@ def test_all_sorts_of_cages(make, tags, draw):
 
 def test_poles_of_the_demo():
     mesh = ls.read(make_demo_cage.FILE)
-    count = {dots.name: len(dots.places) for dots in room._poles(ls.LimitSurface(mesh))}
+    count = {dots.name: len(dots.places) for dots in scenes.extraordinary(ls.LimitSurface(mesh))}
     inside = mesh.vertex_faces[~mesh.boundary_vertex]
     assert count == {
         "valence 3": (inside == 3).sum() + (mesh.sizes == 3).sum(),
@@ -204,13 +210,13 @@ def test_poles_of_the_demo():
 
 def test_poles_are_where_the_surface_is_smooth_and_closed():
     points, faces = zoo.disjoint(zoo.NONMANIFOLD["fin"][:2], zoo.cube())
-    (dots,) = room._poles(ls.LimitSurface(ls.Mesh(points, faces)))
+    (dots,) = scenes.extraordinary(ls.LimitSurface(ls.Mesh(points, faces)))
     assert (dots.name, len(dots.places)) == ("valence 3", 8)
 
 
 def test_poles_sit_where_all_their_faces_meet():
     mesh = cube(holes=[0])  # some of the faces around each vertex have no limit
-    (dots,) = room._poles(ls.LimitSurface(mesh))
+    (dots,) = scenes.extraordinary(ls.LimitSurface(mesh))
     centre = mesh.points.mean(axis=0)
     places = {tuple(p) for p in dots.places.round(12)}
     assert places == {tuple(p) for p in ((mesh.points - centre) / 2 + centre).round(12)}
@@ -222,10 +228,10 @@ def test_the_camera_sees_everything(up):
     for _ in range(20):
         points = rng.random((30, 3)) * 10 ** rng.uniform(-1, 1, 3)
         aspect = rng.uniform(0.3, 3)
-        axes, eye, distance = room._camera(points, up, aspect)
+        axes, eye, distance = scenes.camera(points, up, None, aspect)
         np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-14)
         local = (points - eye) @ axes.T
-        slope = np.tan(np.radians(room.VIEW_ANGLE / 2)) * (1 - 2 * room.MARGIN)
+        slope = np.tan(np.radians(scenes.VIEW_ANGLE / 2)) * (1 - 2 * scenes.MARGIN)
         reach = np.abs(local[:, :2] / -local[:, 2:]) / slope / [aspect, 1]
         assert distance > 0
         assert (local[:, 2] < 0).all()
@@ -239,7 +245,7 @@ def test_bad_calls(tmp_path):
         ({"up": "w"}, "up must be"),
         ({"window_size": (0, 9)}, "window_size"),
         ({"color": "no such color"}, "no such color"),
-        ({"screenshot": "a.jpg"}, "a.jpg"),
+        ({"file": "a.jpg"}, "a.jpg"),
     ]:
         with pytest.raises(ValueError, match=match):
             ls.plot(surface, **{"off_screen": True, **options})
@@ -254,8 +260,7 @@ def test_a_picture_appears_whole_or_not_at_all(tmp_path, monkeypatch):
     path = tmp_path / "a.png"
     path.write_text("precious")
     monkeypatch.setattr(Image.Image, "save", lambda *_, **__: 1 / 0)
-    monkeypatch.setattr(room, "_rendered", lambda *_: np.zeros((9, 9, 3), np.uint8))
-    monkeypatch.setattr(room, "_opengl", lambda: True)
+    monkeypatch.setattr(render, "pixels", lambda *_: np.zeros((9, 9, 3), np.uint8))
     with pytest.raises(ZeroDivisionError):
         ls.plot(ls.LimitSurface(cube()), path, window_size=(9, 9), poles=False)
     assert path.read_text() == "precious"
@@ -272,19 +277,420 @@ def test_without_pyvista(monkeypatch):
 def test_a_crash_of_the_trial_means_no_opengl(monkeypatch):
     crash = subprocess.CompletedProcess([], -11)
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: crash)
-    room._opengl.cache_clear()
-    assert not room._opengl()
-    room._opengl.cache_clear()
+    render.opengl.cache_clear()
+    assert not render.opengl()
+    render.opengl.cache_clear()
 
 
 def test_a_window(monkeypatch):
     """As far as it goes without a screen: PYVISTA_OFF_SCREEN is set for the whole suite."""
-    if not room._opengl():
+    if not render.opengl():
         pytest.skip("there is no OpenGL")
-    monkeypatch.setattr(room, "_display", lambda: True)
-    image = ls.plot(ls.LimitSurface(cube()), window_size=SIZE)
+    monkeypatch.setattr(render, "_display", lambda: True)
+    image = ls.plot(ls.LimitSurface(cube()), window_size=SIZE).image
     assert image.shape == (*SIZE[::-1], 3)
     assert colored(image) > 0.1
-    monkeypatch.setattr(room, "_display", lambda: False)
+    points, faces = zoo.prism(5)
+    plain = {"window_size": (320, 240), "poles": False}
+    bare = ls.plot(surface_of(points, faces), **plain).image
+    image = ls.plot(surface_of(points, faces), **plain, scalars="mean").image
+    assert (image[60:180, 280:] != bare[60:180, 280:]).any()  # the colour bar
+    monkeypatch.setattr(render, "_display", lambda: False)
     with pytest.raises(OSError, match="display"):
         ls.plot(ls.LimitSurface(cube()))
+
+
+# ------------------------------------------------------------------ reference pictures
+
+
+@pytest.mark.parametrize("name", make_images.PICTURES)
+def test_reference_pictures(name):
+    if name not in make_images.FLAT and not render.opengl():
+        pytest.skip("there is no OpenGL")
+    draw, tolerance, variants = make_images.PICTURES[name]
+    expected = make_images.reference(name)
+    assert make_images.difference(draw().image, expected) < tolerance
+    for variant in variants:
+        assert make_images.difference(draw(**variant).image, expected) > tolerance, variant
+
+
+@pytest.mark.parametrize("name", make_images.PAINTED)
+def test_painted_reference_pictures(name):
+    draw, _, _ = make_images.PICTURES[name]
+    image = make_images.painted(draw)
+    expected = make_images.reference(f"{name}_painted")
+    assert make_images.difference(image, expected) < make_images.PAINTED_ALIKE
+    bare = make_images.painted(lambda: draw(isolines=0, cage=False, curves=False, scalars=None))
+    assert make_images.difference(bare, expected) > make_images.PAINTED_ALIKE
+
+
+# ------------------------------------------------------------------ scalars
+
+
+def scene_of(surface, quads=100, **wishes):
+    return scenes.build(surface, scenes.Wishes(**wishes), 1.0, quads)
+
+
+def dented():
+    """A surface with curvature of both signs."""
+    points, faces = zoo.torus(6, 5)
+    return surface_of(np.asarray(points, dtype=float), faces)
+
+
+def test_curvature_is_in_units_of_the_points():
+    surface = dented()
+    for name, power in (("mean", 1), ("k1", 1), ("k2", 1), ("gaussian", 2)):
+        field = scene_of(surface, scalars=name, n=2).field
+        there = np.arange(len(surface.limit_faces))[:, None, None], [[0], [0.5], [1]], [0, 0.5, 1]
+        found = getattr(surface.curvature(*there), name)
+        known = np.isfinite(found) & (found != 0)
+        assert known.sum() > 100
+        np.testing.assert_allclose(field.values.reshape(found.shape)[known], found[known], 1e-9)
+        large = surface.with_points(surface.points * 1000 + 7)
+        other = scene_of(large, scalars=name, n=2).field
+        np.testing.assert_allclose(other.values, field.values / 1000**power, 1e-6, 1e-12)
+        assert -field.limits[0] == field.limits[1] > 0
+        assert np.isfinite(field.values).all()
+
+
+def test_the_range_of_colours_leaves_out_outliers():
+    surface = surface_of(*zoo.grid(10, 10))
+
+    def spiky(face, u, v):
+        return np.where((face == 0) & (u == 0), 1e9, u)
+
+    field = scene_of(surface, scalars=spiky).field
+    assert field.limits[1] <= 1
+    assert field.beyond[1]
+    field = scene_of(surface, scalars=spiky, limits=(-1, 2e9)).field
+    assert field.limits == (-1, 2e9)
+    assert field.beyond == (False, False)
+
+
+def test_signed_scalars_are_symmetric_and_others_are_not():
+    surface = surface_of(*zoo.grid(4, 4))
+    signed = scene_of(surface, scalars=lambda face, u, v: u - 0.4).field
+    assert signed.limits[0] == -signed.limits[1]
+    assert signed.cmap == scenes.DIVERGING
+    other = scene_of(surface, scalars=lambda face, u, v: 3 + u).field
+    assert 3 <= other.limits[0] < other.limits[1] <= 4
+    assert other.cmap == scenes.SEQUENTIAL
+    for constant in (0.0, 5.0):
+        low, high = scene_of(surface, scalars=lambda face, u, v, c=constant: c + 0 * u).field.limits
+        assert low < constant < high
+
+
+def test_a_flat_surface_has_no_curvature_to_exaggerate():
+    points, faces = zoo.grid(4, 4)
+    flat = np.asarray(points, dtype=float) * (1, 1, 0)
+    field = scene_of(surface_of(flat, faces), scalars="mean").field
+    assert np.abs(field.values).max() < 1e-3 * field.limits[1]
+
+
+def test_scalars_of_the_vertices_are_subdivided():
+    surface = surface_of(*zoo.prism(5))
+    x = np.asarray(surface.mesh.points, dtype=float)[:, 0]
+    scene = scene_of(surface, scalars=x)
+    extent = np.ptp(np.asarray(surface.mesh.points, dtype=float), axis=0).max()
+    np.testing.assert_allclose(np.ptp(scene.field.values), np.ptp(scene.points[:, 0]) * extent)
+
+
+def test_scalars_that_are_nan_are_grey(draw):
+    surface = surface_of(*zoo.grid(3, 3))
+    bare = {"cage": False, "curves": False, "poles": False, "view": "top"}
+    half = draw(surface, scalars=lambda f, u, v: np.where(f < 4, np.nan, f), **bare)
+    full = draw(surface, scalars=lambda f, u, v: f, **bare)
+    grey = np.ptp(half.astype(int), axis=2) < 12
+    assert grey.mean() > (np.ptp(full.astype(int), axis=2) < 12).mean() + 0.1
+    with pytest.raises(ValueError, match="finite"):
+        ls.plot(surface, scalars=lambda f, u, v: np.nan * u, off_screen=True)
+
+
+def test_bad_scalars():
+    surface = ls.LimitSurface(cube())
+    for options, match in [
+        ({"scalars": "means"}, "'means'"),
+        ({"scalars": np.zeros(7)}, r"\(8,\), got \(7,\)"),
+        ({"scalars": lambda face, u, v: 1.0}, "as many values"),
+        ({"scalars": "mean", "limits": (1, 0)}, "limits"),
+        ({"scalars": "mean", "limits": (0, np.nan)}, "limits"),
+        ({"scalars": "mean", "cmap": "no such map"}, "no such map"),
+        ({"isolines": -1}, "isolines"),
+        ({"isolines": 1.5}, "isolines"),
+        ({"view": "above"}, "'above'"),
+        ({"view": (0, 0, 0)}, "view"),
+        ({"view": (0, 1)}, "view"),
+    ]:
+        with pytest.raises(ValueError, match=match):
+            ls.plot(surface, off_screen=True, **options)
+
+
+def test_stripes_of_a_zebra_have_kinks_at_creases_only():
+    """The value is smooth across faces, and its slope too, but where there is a crease."""
+    points, faces = zoo.cube()
+    for sharp in (0, np.inf):
+        mesh = ls.Mesh(np.asarray(points, dtype=float), faces, creases={(0, 1): sharp})
+        scene = scene_of(ls.LimitSurface(mesh), scalars="zebra", n=8)
+        places = scene.points.round(9)
+        gaps = [
+            np.ptp(scene.field.values[(places == place).all(axis=1)])
+            for place in np.unique(places, axis=0)
+        ]
+        assert (max(gaps) > 0.1) == (sharp > 0)
+
+
+# ------------------------------------------------------------------ curves and views
+
+
+def test_isolines_are_exact():
+    surface = dented()
+    scene = scene_of(surface, isolines=2, cage=False, n=3)
+    (inner, outer) = scene.lines
+    unit = surface.with_points(scenes.unit_points(surface.mesh)[0])
+    faces = len(surface.limit_faces)
+    assert len(inner.ends) == faces * 2 * 2 * 3  # faces, directions, lines, pieces
+    assert len(outer.ends) == faces * 2 * 2 * 3
+    u, v = np.meshgrid([1 / 3, 2 / 3], [0, 1 / 3, 2 / 3, 1])
+    expected = unit.evaluate(np.arange(faces)[:, None], u.ravel(), v.ravel()).reshape(-1, 3)
+    found = {tuple(p) for p in inner.ends.reshape(-1, 3).round(9)}
+    assert {tuple(p) for p in expected.round(9)} <= found
+
+
+@pytest.mark.parametrize("up", "xyz")
+def test_views(up):
+    k = "xyz".index(up)
+    rng = np.random.default_rng(1)
+    points = rng.random((30, 3))
+    for name in scenes.VIEWS:
+        axes, _, _ = scenes.camera(points, up, name, 1.0)
+        np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-14)
+        assert np.linalg.det(axes) > 0
+        assert axes[1, k] > 0 or name in ("top", "bottom")
+        same, _, _ = scenes.camera(points, up, axes[2] * 5, 1.0)
+        np.testing.assert_allclose(same, axes, atol=1e-14)
+    opposite = [("front", "back"), ("left", "right"), ("top", "bottom")]
+    for one, other in opposite:
+        a, b = (scenes.camera(points, up, name, 1.0)[0][2] for name in (one, other))
+        np.testing.assert_allclose(a, -b, atol=1e-14)
+    assert scenes.camera(points, "z", "top", 1.0)[0][2].tolist() == [0, 0, 1]
+    assert scenes.camera(points, "z", "front", 1.0)[0][2].tolist() == [0, -1, 0]
+
+
+# ------------------------------------------------------------------ Picture
+
+
+def test_a_picture_is_an_array_and_a_file(tmp_path):
+    if not render.opengl():
+        pytest.skip("there is no OpenGL")
+    picture = ls.plot(ls.LimitSurface(cube()), off_screen=True, window_size=SIZE)
+    assert np.asarray(picture).shape == (*SIZE[::-1], 3)
+    assert np.asarray(picture, dtype=float).dtype == float
+    assert repr(picture) == "<Picture of 160 x 120 pixels>"
+    picture.save(tmp_path / "a.PNG")
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.PNG")), picture.image)
+    assert picture._repr_png_() == (tmp_path / "a.PNG").read_bytes()
+    for name in ("a.jpg", "a", "a.svg"):
+        with pytest.raises(ValueError, match=r"\.png or \.html"):
+            picture.save(tmp_path / name)
+
+
+def test_a_notebook_shows_what_is_returned(monkeypatch):
+    """In a kernel no window opens."""
+    kernel = types.SimpleNamespace(kernel=None)
+    monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: kernel))
+    monkeypatch.setattr(render, "_display", lambda: True)
+    monkeypatch.setattr(render, "window", lambda *_: 1 / 0)
+    assert isinstance(ls.plot(ls.LimitSurface(cube())), ls.Picture)
+    monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: None))
+    with pytest.raises(ZeroDivisionError):
+        ls.plot(ls.LimitSurface(cube()))
+
+
+# ------------------------------------------------------------------ pages
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    if not render.opengl():
+        pytest.skip("there is no OpenGL")
+    path = tmp_path_factory.mktemp("page") / "scene.html"
+    ls.plot(dented(), path, scalars="mean", poles=True, isolines=3, cage=True)
+    return path
+
+
+def test_a_page_needs_nothing_else(page):
+    text = page.read_text(encoding="utf-8")
+    assert [p.name for p in page.parent.iterdir()] == ["scene.html"]
+    assert 1e6 < len(text) < 3e6
+    assert "<title>limitsurf</title>" in text
+    # addresses in the code of the viewer are comments; none of them is loaded
+    assert not re.search(
+        r"""<(?:script|link|img|iframe)[^>]*(?:src|href)\s*=\s*["'](?!data:)""", text
+    )
+
+
+def test_a_page_in_a_browser(page, tmp_path):
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("there is no Chromium")
+    shot = tmp_path / "shot.png"
+    switches = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--window-size=800,600"]
+    switches += ["--enable-unsafe-swiftshader", "--virtual-time-budget=20000"]
+    switches += [f"--user-data-dir={tmp_path / 'profile'}", "--proxy-server=127.0.0.1:9"]
+    command = [browser, *switches, f"--screenshot={shot}", page.as_uri()]
+    subprocess.run(command, capture_output=True, check=True, timeout=120)
+    image = np.asarray(Image.open(shot).convert("RGB")).astype(int)
+    ground = tuple(bytes.fromhex(scenes.PAPER[1:]))
+    assert (image[5, 5] == ground).all()
+    assert 0.15 < (image != ground).any(axis=2).mean() < 0.8
+    bar = image[100:500, 620:]
+    assert (bar[..., 2] - bar[..., 0] > 60).any()  # blue and red ends of the colour bar
+    assert (bar[..., 0] - bar[..., 2] > 60).any()
+    assert (image.max(axis=2) < 90).mean() > 0.005  # lines
+
+
+def test_interactive_scenes_in_notebooks():
+    if not render.opengl():
+        pytest.skip("there is no OpenGL")
+    picture = ls.plot(ls.LimitSurface(cube()), off_screen=True, window_size=SIZE)
+    html = picture.interactive(height=300)._repr_html_()
+    assert html.startswith("<iframe srcdoc=")
+    assert "height:300px" in html
+    flat = ls.plot_characteristic_map(valence=3, off_screen=True)
+    with pytest.raises(ValueError, match="flat"):
+        flat.interactive()
+
+
+def test_without_trame(monkeypatch, tmp_path):
+    for name in ("trame_vtk", "trame_vtk.modules.vtk"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(ImportError, match=r'pip install "limitsurf\[plot\]"'):
+        ls.plot(ls.LimitSurface(cube()), tmp_path / "a.html")
+    assert not list(tmp_path.iterdir())
+
+
+# ------------------------------------------------------------------ eigenfunctions
+
+
+@pytest.mark.parametrize("valence", [3, 4, 5, 6, 8, 9, 12])
+def test_eigenfunctions_scale_by_their_eigenvalue(valence):
+    fan = Fan("catmull-clark", "interior", valence)
+    modes = fan.modes()
+    assert len(modes) == fan.size == 6 * valence + 1
+    values = np.stack([mode.values for mode in modes], axis=1)
+    assert np.linalg.cond(values) < 1e3  # they are a basis
+    eigenvalues = np.array([mode.eigenvalue for mode in modes])
+    u, v = np.random.default_rng(0).random((2, 50))
+    face, surface = np.arange(valence)[:, None], fan.surface(values)
+    whole, half = surface.evaluate(face, u, v), surface.evaluate(face, u / 2, v / 2)
+    np.testing.assert_allclose(half, eigenvalues * whole, rtol=0, atol=1e-13)
+    # those of the ring are the ones of `eigenbasis`, the others come once per sector
+    table = ls.eigenbasis("catmull-clark", valence=valence).float64
+    ring = np.sort(np.abs(table.eigenvalues[0]))[::-1]
+    found = np.abs(eigenvalues)
+    assert all(np.abs(found - value).min() < 1e-9 for value in ring)
+    np.testing.assert_allclose(found[:3], ring[:3], rtol=0, atol=1e-12)
+
+
+def test_frequencies_are_waves_around_the_vertex():
+    fan = Fan("catmull-clark", "interior", 7)
+    for mode in fan.modes():
+        ring = fan.surface(mode.values).evaluate(np.arange(7), 0.7, 0.7)
+        spectrum = np.abs(np.fft.rfft(ring))
+        others = np.delete(spectrum, mode.frequency)
+        assert others.max() < 1e-12
+        mirrored = fan.mirrored(mode.values)
+        np.testing.assert_allclose(mirrored, -mode.values if mode.sine else mode.values, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("kind", "faces"),
+    [
+        *(("interior", n) for n in (3, 4, 5, 8, 20)),
+        *(("crease", n) for n in (2, 3)),
+        *(("corner", n) for n in (1, 2)),
+        *(("dart", n) for n in (3, 4, 5, 8)),
+    ],
+)
+def test_characteristic_maps(kind, faces):
+    fan = Fan("catmull-clark", kind, faces)
+    surface = fan.surface(fan.characteristic_map())
+    face = np.arange(faces)[:, None]
+    u, v = np.random.default_rng(0).random((2, 200))
+    whole, half = surface.evaluate(face, u, v), surface.evaluate(face, u / 2, v / 2)
+    ratios = (np.abs(half) ** 2).sum(axis=(0, 1)) / (np.abs(whole) ** 2).sum(axis=(0, 1))
+    np.testing.assert_allclose(half, np.sqrt(ratios) * whole, rtol=0, atol=1e-13)
+    table = fan.basis.float64
+    expected = np.sort(table.eigenvalues[0, table.normal])
+    np.testing.assert_allclose(np.sort(np.sqrt(ratios)), expected, rtol=1e-12)
+    # one to one, and counter-clockwise
+    du, dv = (surface.evaluate(face, u, v, nu=nu) for nu in ((1, 0), (0, 1)))
+    assert (du[..., 0] * dv[..., 1] - du[..., 1] * dv[..., 0] > 0).all()
+
+
+def test_vertices_without_a_characteristic_map():
+    for kind, faces in (
+        ("crease", 1),
+        ("crease", 4),
+        ("crease", 5),
+        ("corner", 3),
+        ("cone", 4),
+        ("dart", 2),
+    ):
+        with pytest.raises(ValueError, match="no characteristic map"):
+            ls.plot_characteristic_map(kind=kind, faces=faces, off_screen=True)
+
+
+def test_bad_calls_of_the_spectrum():
+    for options in ({}, {"valence": 3, "kind": "dart"}, {"kind": "dart"}, {"faces": 3}):
+        with pytest.raises(ValueError, match="either valence, or kind and faces"):
+            ls.plot_characteristic_map(off_screen=True, **options)
+    for valence in (2, 2.5, "5", True):
+        with pytest.raises(ValueError, match="valence is an integer"):
+            ls.plot_characteristic_map(valence=valence, off_screen=True)
+        with pytest.raises(ValueError, match="valence is an integer"):
+            ls.plot_eigenfunctions(valence=valence, off_screen=True)
+    with pytest.raises(IndexError, match="31 eigenfunctions"):
+        ls.plot_eigenfunctions(valence=5, which=31, off_screen=True)
+    with pytest.raises(ValueError, match="unknown scheme"):
+        ls.plot_eigenfunctions("no such scheme", valence=5, off_screen=True)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
+def test_diagrams_as_files(suffix, tmp_path):
+    path = tmp_path / f"map{suffix}"
+    ls.plot_characteristic_map(valence=3, file=path, window_size=(240, 240))
+    start = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}[suffix]
+    assert path.read_bytes().startswith(start)
+    with pytest.raises(ValueError, match=r"\.png or \.svg or \.pdf"):
+        ls.plot_convergence(ls.LimitSurface(cube()), 1, tmp_path / "a.html")
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+# ------------------------------------------------------------------ convergence
+
+
+def test_predicted_orders():
+    for make, expected in [
+        (zoo.cube(), np.log2(1 / 0.41009705)),
+        (zoo.torus(5, 5), 2),
+        (zoo.prism(5), np.log2(1 / 0.54998835)),
+        (zoo.grid(3, 3), 2),
+    ]:
+        assert predicted_order(surface_of(*make)) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("valence", [3, 5, 9])
+def test_observed_orders_are_those_predicted(valence):
+    """On a cage that is nothing but the slowest eigenfunctions; regular ones have order 2."""
+    fan = Fan("catmull-clark", "interior", valence)
+    surface = fan.surface(fan.characteristic_map())
+    orders = ls.validate(surface, 4)["order"]
+    assert orders[-1] == pytest.approx(predicted_order(surface), abs=0.01)
+
+
+def test_convergence_of_nothing():
+    with pytest.raises(ValueError, match="at least one surface"):
+        ls.plot_convergence({}, off_screen=True)
+    with pytest.raises(ValueError, match="levels"):
+        ls.plot_convergence(ls.LimitSurface(cube()), 0, off_screen=True)

@@ -458,7 +458,7 @@ def test_a_part_of_a_stage(read, refused):
 
 def test_a_part_of_an_obj_file(tmp_path):
     ls.write(tmp_path / "cube.obj", ls.Mesh(*zoo.cube()))
-    with pytest.raises(ValueError, match=r"cube\.obj: got prim '/cube', but an OBJ file has none"):
+    with pytest.raises(ValueError, match=r"cube\.obj: got prim '/cube', but only a USD file has"):
         ls.read(tmp_path / "cube.obj", prim="/cube")
 
 

@@ -15,7 +15,15 @@ if TYPE_CHECKING:
     from limitsurf.exact.scheme import Scheme as Scheme
     from limitsurf.mesh import Mesh as Mesh
     from limitsurf.mesh import MeshError as MeshError
-    from limitsurf.query import validate as validate
+    from limitsurf.query import (
+        Tessellation as Tessellation,
+    )
+    from limitsurf.query import (
+        tessellate as tessellate,
+    )
+    from limitsurf.query import (
+        validate as validate,
+    )
     from limitsurf.refine import (
         ExactOperator as ExactOperator,
     )
@@ -29,15 +37,35 @@ if TYPE_CHECKING:
         from_pyvista as from_pyvista,
     )
     from limitsurf.shell.io import (
+        from_trimesh as from_trimesh,
+    )
+    from limitsurf.shell.io import (
         read as read,
     )
     from limitsurf.shell.io import (
         to_pyvista as to_pyvista,
     )
     from limitsurf.shell.io import (
+        to_trimesh as to_trimesh,
+    )
+    from limitsurf.shell.io import (
         write as write,
     )
-    from limitsurf.shell.plot import plot as plot
+    from limitsurf.shell.plot import (
+        Picture as Picture,
+    )
+    from limitsurf.shell.plot import (
+        plot as plot,
+    )
+    from limitsurf.shell.plot import (
+        plot_characteristic_map as plot_characteristic_map,
+    )
+    from limitsurf.shell.plot import (
+        plot_convergence as plot_convergence,
+    )
+    from limitsurf.shell.plot import (
+        plot_eigenfunctions as plot_eigenfunctions,
+    )
     from limitsurf.spectra import Eigenbasis as Eigenbasis
     from limitsurf.spectra import eigenbasis as eigenbasis
     from limitsurf.surface import (
@@ -60,15 +88,23 @@ _HOME = {
     "LimitSurface": "surface",
     "Mesh": "mesh",
     "MeshError": "mesh",
+    "Picture": "shell.plot",
     "RefinedMesh": "refine",
     "Scheme": "exact.scheme",
+    "Tessellation": "query",
     "eigenbasis": "spectra",
     "from_pyvista": "shell.io",
+    "from_trimesh": "shell.io",
     "plot": "shell.plot",
+    "plot_characteristic_map": "shell.plot",
+    "plot_convergence": "shell.plot",
+    "plot_eigenfunctions": "shell.plot",
     "precompile": "surface",
     "read": "shell.io",
     "refined": "refine",
+    "tessellate": "query",
     "to_pyvista": "shell.io",
+    "to_trimesh": "shell.io",
     "validate": "query",
     "write": "shell.io",
 }

@@ -1,14 +1,22 @@
-"""Questions asked of a surface: so far, whether recursive refinement converges to it."""
+"""Questions asked of a surface: its tessellation, its distance from recursive refinement."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.caching import cached_property
+from limitsurf.mesh import Mesh
+from limitsurf.patches import NO_LIMIT
 from limitsurf.refine import refined
 from limitsurf.surface import LimitSurface
+
+Array: TypeAlias = NDArray[Any]
 
 
 def validate(surface: LimitSurface, levels: int) -> NDArray[Any]:
@@ -170,3 +178,391 @@ def _distance(points: NDArray[Any], surface: LimitSurface, mesh: Any) -> float:
     if not len(gap) or size == 0:
         return size if len(gap) else float("nan")
     return size * float(np.sqrt(((gap / size) ** 2).sum(axis=1).max()))
+
+
+# two unit normals this close, in each coordinate, are one: far above their rounding (1e-12, more
+# where derivatives almost vanish), far below any crease to be seen, and what float32 tells apart
+_SAME_NORMAL = 1e-6
+
+_DIAGONALS = 1 << 22  # of polygons that are in memory at once
+
+
+@dataclass(frozen=True, eq=False)
+class Tessellation:
+    """Polygons with their corners on a surface, made by `tessellate`.
+
+    A polygon is a run of corners, counter-clockwise as the faces of the cage. For each corner
+    there is the row of `points` that it has, and of `normals` and each channel: these are several
+    for one point where the surface has several sides.
+
+    Attributes
+    ----------
+    points : (V, 3) float64
+        Each once, on the surface.
+    sizes : (F,) int64
+        Corners of each polygon, 4 to 8.
+    indices : (C,) int64
+        Rows of `points` of all corners.
+    face, u, v : (V,)
+        One place of each point: ``surface.evaluate(face, u, v)`` equals `points`.
+    normals : (K, 3) float64
+        Unit normals, NaN where the surface has none; (0, 3) if none were asked for.
+    normal_indices : (C,) int64
+        Rows of `normals` of all corners; (0,) without normals.
+    channels : {name: (values (k, ...), indices (C,))}
+        Face-varying channels in the same way.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    >>> ls.tessellate(ls.LimitSurface(square), 2)
+    Tessellation(9 points, 4 polygons, 9 normals)
+    """
+
+    points: NDArray[np.float64]
+    sizes: NDArray[np.int64]
+    indices: NDArray[np.int64]
+    face: NDArray[np.int64]
+    u: NDArray[np.float64]
+    v: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    normal_indices: NDArray[np.int64]
+    channels: Mapping[str, tuple[NDArray[Any], NDArray[np.int64]]]
+
+    @cached_property
+    def offsets(self) -> NDArray[np.int64]:
+        """First corner of each polygon, and their number C: shape (F + 1,)."""
+        return np.concatenate([[0], np.cumsum(self.sizes)])
+
+    @cached_property
+    def triangles(self) -> NDArray[np.int64]:
+        """The polygons cut into triangles, as positions among the C corners: shape (T, 3).
+
+        ``indices[triangles]`` are the points of the triangles, ``normal_indices[triangles]`` their
+        normals. A quad is cut by its shorter diagonal, another polygon by those from the corner
+        where the smallest triangle is largest.
+        """
+        first = np.cumsum(self.sizes - 2) - (self.sizes - 2)  # triangle of each polygon
+        triangles = np.empty((int((self.sizes - 2).sum()), 3), dtype=np.int64)
+        for size in np.unique(self.sizes).tolist():
+            alike = np.flatnonzero(self.sizes == size)
+            fan = np.arange(1, size - 1)
+            portion = max(_DIAGONALS // size**2, 1)
+            for start in range(0, len(alike), portion):
+                some = alike[start : start + portion]
+                corner = self.offsets[some]
+                points = self.points[self.indices[corner[:, None] + np.arange(size)]]
+                tip = _tips(points)
+                turned = np.stack([0 * fan, fan, fan + 1], axis=1)  # (size - 2, 3)
+                place = (tip[:, None, None] + turned) % size
+                triangles[first[some, None] + fan - 1] = corner[:, None, None] + place
+        return triangles
+
+    def split(self) -> Tessellation:
+        """The same polygons with one normal and one value of each channel per point.
+
+        Points are repeated where they have several, at creases and seams, behind the others, with
+        the same face, u and v. The indices of points, normals and channels are then all the same,
+        as formats and graphics libraries want them that keep everything by point.
+        """
+        number, origin = self.indices.copy(), np.arange(len(self.points))
+        attributes = [(name, *channel) for name, channel in self.channels.items()]
+        if len(self.normals):
+            attributes.append(("", self.normals, self.normal_indices))
+        for _, _, rows in attributes:
+            # a point keeps the row of one of its corners; those with another one get a new point
+            row = np.zeros(len(origin), dtype=np.int64)
+            row[number] = rows
+            other = np.flatnonzero(row[number] != rows)
+            key = np.stack([number[other], rows[other]])
+            new, inverse = np.unique(key, axis=1, return_inverse=True)
+            number[other] = len(origin) + inverse.ravel()
+            origin = np.concatenate([origin, origin[new[0]]])
+        found = {}
+        for name, values, rows in attributes:
+            row = np.zeros(len(origin), dtype=np.int64)
+            row[number] = rows
+            found[name] = values[row]
+        normals = found.pop("", self.normals)
+        return Tessellation(
+            *(self.points[origin], self.sizes, number),
+            *(self.face[origin], self.u[origin], self.v[origin]),
+            *(normals, number if len(normals) else self.normal_indices),
+            {name: (values, number) for name, values in found.items()},
+        )
+
+    def __repr__(self) -> str:
+        parts = [f"{len(self.points)} points", f"{len(self.sizes)} polygons"]
+        if len(self.normals):
+            parts.append(f"{len(self.normals)} normals")
+        parts += [f"channel {name!r}" for name in self.channels]
+        return f"Tessellation({', '.join(parts)})"
+
+
+def tessellate(
+    surface: LimitSurface,
+    n: int,
+    *,
+    normals: bool = True,
+    channels: Iterable[str] = (),
+    workers: int = 1,
+) -> Tessellation:
+    """Polygons on the surface, n x n to each limit face, without gaps.
+
+    Points are welded by what they are in the cage (on a vertex, an edge, inside a face), not by
+    distance: polygons of neighbouring faces share them. All are on the surface. An edge of an n-gon
+    has 2 n segments, n from each of the two limit faces there; a quad beside one takes them
+    over, so that some of its polygons have 5 to 8 corners and no corner of one polygon lies amid
+    the side of another. Faces without a limit (holes) are left out.
+
+    Parameters
+    ----------
+    surface : LimitSurface
+        Of float64 points, (n_vertices, 3).
+    n : int
+        Segments along u and v of each limit face, at least 1.
+    normals : bool
+        Whether to find normals: one for each side at creases and boundaries between faces of
+        opposite orientation. Sides whose unit normals differ by less than 1e-6 are one.
+    channels : iterable of str
+        Face-varying channels to evaluate as well, such as "uv", with their seams.
+    workers : int
+        Threads, as for `LimitSurface.evaluate`.
+
+    Returns
+    -------
+    Tessellation
+        The polygons of each limit face in turn, row by row (v), n to a row.
+
+    Raises
+    ------
+    ValueError
+        For an n that is not an integer >= 1, points of another shape, or a channel that the mesh
+        does not have.
+    TypeError
+        For a surface of exact numbers.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> cube = ls.Mesh(
+    ...     [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)],
+    ...     [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    >>> pieces = ls.tessellate(ls.LimitSurface(cube), 4)
+    >>> pieces
+    Tessellation(98 points, 96 polygons, 98 normals)
+    >>> corners = pieces.points[pieces.indices[pieces.triangles]]
+    >>> corners.shape
+    (192, 3, 3)
+    """
+    if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
+        raise ValueError(f"n must be an integer >= 1, got {n!r}")
+    if not isinstance(surface, LimitSurface):
+        raise TypeError(f"tessellate needs a LimitSurface, got {type(surface).__name__}")
+    if surface.points.shape[1:] != (3,):
+        raise ValueError(f"got points of shape {surface.points.shape}, need (n_vertices, 3)")
+    if surface.points.dtype == object:
+        raise TypeError("polygons need float64 points, these are exact: convert them first")
+    sites = _Sites(surface, int(n))
+    corners, sizes = sites.corners()
+    number, place = sites.welded(surface.mesh)
+    at = sites.places(place)
+    rows, directions = np.zeros(0, np.int64), np.zeros((0, 3))
+    if normals:
+        rows, directions = sites.normals(surface, number, len(place), workers)
+        rows = rows[corners]
+    of_channels = {}
+    for name in [channels] if isinstance(channels, str) else channels:
+        value, where = sites.welded(surface.of_channel(name).mesh)
+        there = sites.places(where)
+        values = surface.evaluate(*there, channel=name, workers=workers)
+        of_channels[name] = values, value[corners]
+    points = surface.evaluate(*at, workers=workers)
+    return Tessellation(points, sizes, number[corners], *at, directions, rows, of_channels)
+
+
+def _tips(points: Array) -> Array:
+    """The corner of each polygon (p, k, 3) from which its diagonals are to go: (p,)."""
+    across = [np.roll(points, -i, axis=1) - points for i in range(1, points.shape[1])]
+    if len(across) == 3:
+        return np.asarray(np.argmin((across[1] ** 2).sum(axis=2), axis=1))
+    areas = [(np.cross(*sides) ** 2).sum(axis=2) for sides in pairwise(across)]
+    return np.asarray(np.argmax(np.min(areas, axis=0), axis=1))
+
+
+class _Sites:
+    """The places in limit faces where polygons have corners.
+
+    Those of a limit face are a lattice of n + 1 rows (v) of n + 1 (u); behind those of all faces
+    come the middles of segments on the sides of quads beside n-gons, n to a side.
+
+    Attributes
+    ----------
+    face : (K,) int
+        The limit faces that there are polygons of.
+    corner : (K,) int
+        Their corners of the cage: of a quad the first.
+    quad : (K,) bool
+    fine : (n_corners,) bool
+        Half-edges with 2 n segments.
+    row, side : (X,) int
+        Quads, as rows of `face`, and the sides (0 to 3) of theirs that are fine.
+    """
+
+    def __init__(self, surface: LimitSurface, n: int) -> None:
+        mesh, limit_faces = surface.mesh, surface.limit_faces
+        self.n = n
+        self.face = np.flatnonzero(surface.patches.codes[: len(limit_faces)] != NO_LIMIT)
+        corner = limit_faces.corner[self.face]
+        self.quad = corner < 0
+        self.corner = mesh.offsets[limit_faces.face[self.face]] + np.maximum(corner, 0)
+        fine = np.zeros(mesh.n_edges, dtype=bool)
+        fine[mesh.corner_edge[self.corner[~self.quad]]] = True
+        self.fine = fine[mesh.corner_edge]
+        rows = np.flatnonzero(self.quad)
+        row, self.side = np.nonzero(self.fine[self.corner[rows, None] + np.arange(4)])
+        self.row = rows[row]
+
+    def corners(self) -> tuple[Array, Array]:
+        """The sites of all corners of polygons (C,), and the sizes of these (F,)."""
+        n, width = self.n, self.n + 1
+        first = (np.arange(n)[:, None] * width + np.arange(n)).ravel()  # (n n,) of each cell
+        cell = first[:, None] + [0, 1, width + 1, width]
+        sites = (np.arange(len(self.face))[:, None] * width**2 + cell.ravel()).ravel()
+        sizes = np.full(len(self.face) * n * n, 4)
+        if len(self.row):
+            # the cells along each side, from its start
+            k = np.arange(n)
+            along = np.stack([k, n * k + n - 1, n * n - 1 - k, n * (n - 1 - k)])
+            cells = self.row[:, None] * n * n + along[self.side]  # (X, n)
+            extra = len(self.face) * width**2 + np.arange(cells.size)
+            sites = np.insert(sites, (4 * cells + self.side[:, None] + 1).ravel(), extra)
+            sizes += np.bincount(cells.ravel(), minlength=len(sizes))
+        return sites, sizes
+
+    def welded(self, mesh: Mesh) -> tuple[Array, Array]:
+        """The points of all sites (S,), and a site of each point (V,).
+
+        `mesh` is the cage, or that of a channel, which has the same faces and half-edges.
+        """
+        n, width = self.n, self.n + 1
+        after, before = mesh.next_corner, mesh.previous_corner
+        inside = np.full(mesh.n_edges, n - 1)  # points inside each edge
+        inside[mesh.corner_edge[self.fine]] = 2 * n - 1
+        first = mesh.n_vertices + np.cumsum(inside) - inside
+
+        def on_edge(corner: Array, step: Array) -> Array:
+            """The points so many steps (m,) or (k, m) from the starts of half-edges (k,)."""
+            corner = corner[:, None]
+            edge = mesh.corner_edge[corner]
+            start, end = mesh.indices[corner], mesh.indices[after[corner]]
+            last = inside[edge] + 1
+            step = np.where(start <= end, step, last - step)
+            ends = np.where(step == 0, np.minimum(start, end), np.maximum(start, end))
+            return np.where((step == 0) | (step == last), ends, first[edge] + step - 1)
+
+        K, steps = len(self.face), np.arange(width)
+        lattice = np.empty((K, width, width), dtype=np.int64)
+        quads, others = np.flatnonzero(self.quad), np.flatnonzero(~self.quad)
+        corner = self.corner[quads]
+        sides = lattice[:, 0], lattice[:, :, n], lattice[:, n, ::-1], lattice[:, ::-1, 0]
+        for i, side in enumerate(sides):
+            segments = 1 + self.fine[corner + i, None]  # to a step
+            side[quads] = on_edge(corner + i, segments * steps)
+        total = mesh.n_vertices + int(inside.sum())
+        if len(others):
+            corner = self.corner[others]
+            lattice[others, 0, :] = on_edge(corner, steps)
+            lattice[others, :, 0] = on_edge(before[corner], 2 * n - steps)
+            # limit faces of one n-gon follow each other
+            is_first = mesh.offsets[mesh.corner_face[corner]] == corner
+            own = np.arange(len(others))
+            previous = own - 1 + is_first * mesh.sizes[mesh.corner_face[corner]]
+            lattice[others, n, n] = total + np.cumsum(is_first) - 1
+            total += int(is_first.sum())
+            inner = np.arange(n - 1)
+            lattice[others, 1:n, n] = total + own[:, None] * (n - 1) + inner
+            lattice[others, n, 1:n] = total + previous[:, None] * (n - 1) + inner
+            total += len(others) * (n - 1)
+        inner = total + np.arange(K * (n - 1) ** 2)
+        lattice[:, 1:n, 1:n] = inner.reshape(K, n - 1, n - 1)
+        total += len(inner)
+        number = lattice.ravel()
+        if len(self.row):
+            extra = on_edge(self.corner[self.row] + self.side, 2 * np.arange(n) + 1)
+            number = np.concatenate([number, extra.ravel()])
+        # of the vertices and edges some have no polygon
+        place = np.full(total, -1)
+        place[number[::-1]] = np.arange(len(number))[::-1]
+        used = place >= 0
+        if not used.all():
+            number, place = (np.cumsum(used) - 1)[number], place[used]
+        return number, place
+
+    def places(self, site: Array) -> tuple[Array, Array, Array]:
+        """Limit face, u and v of sites."""
+        n, width = self.n, self.n + 1
+        extra = site >= len(self.face) * width**2
+        row, cell = np.divmod(site, width**2)
+        v, u = np.divmod(cell, width)
+        row, u, v = row.clip(max=len(self.face) - 1), u / n, v / n
+        if extra.any():
+            number, step = np.divmod(site[extra] - len(self.face) * width**2, n)
+            row[extra], side = self.row[number], self.side[number]
+            there, back = (2 * step + 1) / (2 * n), (2 * (n - step) - 1) / (2 * n)
+            u[extra] = np.choose(side, [there, 1.0, back, 0.0])
+            v[extra] = np.choose(side, [0.0, there, 1.0, back])
+        return self.face[row], u, v
+
+    def normals(
+        self, surface: LimitSurface, number: Array, n_points: int, workers: int
+    ) -> tuple[Array, Array]:
+        """The normals of all sites, as rows (S,) of normals (K, 3), one for each side of a point.
+
+        `number` has the points of sites; those inside a limit face are no other's.
+        """
+        n, width = self.n, self.n + 1
+        steps = np.arange(width)
+        v, u = (x.ravel() for x in np.meshgrid(steps, steps, indexing="ij"))
+        rim = (u % n == 0) | (v % n == 0)
+        on_rim, inner = np.flatnonzero(rim), np.flatnonzero(~rim)
+        K, S = len(self.face), len(number)
+
+        def grid(which: Array) -> Array:
+            found = surface.normal(self.face[:, None], u[which] / n, v[which] / n, workers=workers)
+            return np.asarray(found).reshape(K * len(which), 3)
+
+        extra = np.arange(K * width**2, S)
+        sites = np.concatenate([(np.arange(K)[:, None] * width**2 + on_rim).ravel(), extra])
+        known = np.concatenate([grid(on_rim), surface.normal(*self.places(extra), workers=workers)])
+        side, chosen = _sides(number[sites], known, n_points)
+        rows = np.empty(S, dtype=np.int64)
+        rows[sites] = side
+        middle = np.arange(K * len(inner)).reshape(K, len(inner))
+        rows[: K * width**2].reshape(K, width**2)[:, inner] = len(chosen) + middle
+        return rows, np.concatenate([known[chosen], grid(inner)])
+
+
+def _sides(point: Array, normals: Array, n_points: int) -> tuple[Array, Array]:
+    """Number equal normals (S, 3) at the same point (S,) alike: (S,), and one of each number.
+
+    NaN counts as one more normal.
+    """
+    number = np.empty(len(point), dtype=np.int64)
+    leaders: list[Array] = []
+    count, leader, rest = 0, np.empty(n_points, dtype=np.int64), np.arange(len(point))
+    while len(rest):
+        # at each point the first one left, and all that equal it
+        leader[point[rest[::-1]]] = rest[::-1]
+        ahead = leader[point[rest]]
+        same = np.ones(len(rest), dtype=bool)
+        for x in normals.T:
+            a, b = x[rest], x[ahead]
+            same &= (np.abs(a - b) <= _SAME_NORMAL) | (np.isnan(a) & np.isnan(b))
+        first = rest[ahead == rest]
+        number[first] = count + np.arange(len(first))
+        number[rest[same]] = number[ahead[same]]
+        leaders.append(first)
+        count, rest = count + len(first), rest[~same]
+    return number, np.concatenate([np.zeros(0, dtype=np.int64), *leaders])

@@ -15,10 +15,10 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import IO, TYPE_CHECKING, Any, Self, TypeAlias
 
-import click
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.shell import files, terminal
 from limitsurf.shell.files import checked_suffix, needed, replacing, replacing_folder
 from limitsurf.shell.queries import BATCH, NAMES, Batch
 
@@ -78,8 +78,12 @@ def answered(
 
 
 @contextmanager
-def writing(path: str | os.PathLike[str] | None, total: int | None = None) -> Iterator[Write]:
-    """A function that writes batches of answers to a file, or as CSV to the standard output.
+def writing(
+    path: str | os.PathLike[str] | None, total: int | None = None, as_json: bool = False
+) -> Iterator[Write]:
+    """A function that writes batches of answers to a file, or else to the standard output.
+
+    There they are CSV, or, `as_json`, objects of arrays named as in `Question`, one in each line.
 
     The file appears whole, when the context ends without an error, or not at all. NPZ and Zarr hold
     arrays, NPY fields named as in `Question`. The columns of CSV and Parquet are face, u, v, x, y,
@@ -89,8 +93,10 @@ def writing(path: str | os.PathLike[str] | None, total: int | None = None) -> It
     """
     suffix = ".csv" if path is None else checked_suffix(path)
     with ExitStack() as stack:
-        if path is None:
-            yield _CSV(lambda text: click.echo(text, nl=False))
+        if path is None and as_json:
+            yield _json_lines
+        elif path is None:
+            yield _CSV(lambda text: terminal.say(text, nl=False))
         elif suffix == ".csv":
             yield _CSV(stack.enter_context(replacing(path, "w")).write)
         elif suffix == ".zarr":
@@ -108,17 +114,15 @@ def check_target(path: str | os.PathLike[str], as_folder: bool = False) -> None:
     """Refuse early what `writing`, or a cluster into a directory, would refuse at the end."""
     suffix = checked_suffix(path)
     name = os.path.realpath(path)
-    folder = os.path.dirname(name)
-    if not os.path.isdir(folder):
-        raise FileNotFoundError(errno.ENOENT, "No such directory", folder)
     if suffix == ".parquet":
         needed("pyarrow", "Parquet")
     if suffix == ".zarr":
         needed("zarr", "Zarr")
     if not (as_folder or suffix == ".zarr"):
-        if os.path.isdir(name):
-            raise IsADirectoryError(errno.EISDIR, "Is a directory", os.fspath(path))
-    elif os.path.lexists(name) and not _is_replaceable(name, suffix):
+        files.check_target(path)
+        return
+    files.check_folder(os.path.dirname(name))
+    if os.path.lexists(name) and not _is_replaceable(name, suffix):
         raise FileExistsError(errno.EEXIST, "There is something else", os.fspath(path))
 
 
@@ -268,6 +272,15 @@ class _CSV:
             for name, values in columns.items():
                 table[name] = values[part]
             self.write(repr(table.tolist())[2:-2].replace("), (", "\n").replace(", ", ",") + "\n")
+
+
+def _json_lines(answers: Answers) -> None:
+    """Objects on the standard output, one in each line."""
+    for start in range(0, len(answers["face"]), LINES):
+        columns = (values[start : start + LINES].tolist() for values in answers.values())
+        terminal.say_json_lines(
+            dict(zip(answers, row, strict=True)) for row in zip(*columns, strict=True)
+        )
 
 
 def _columns(answers: Answers) -> dict[str, NDArray[Any]]:

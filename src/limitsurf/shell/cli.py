@@ -2,52 +2,37 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from collections import Counter
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any
 
 import click
-import numpy as np
 
 import limitsurf as ls
-from limitsurf.mesh import BOUNDARY
-from limitsurf.shell import terminal
-from limitsurf.shell.plot import COLOR
+from limitsurf.shell import files, terminal
+from limitsurf.shell.program import (
+    PATH,
+    Cage,
+    Program,
+    from_option,
+    json_option,
+    mesh_suffix,
+    output_option,
+    prim_option,
+    reads_cage,
+    refuse_beyond_memory,
+    report,
+    to_option,
+    write_mesh,
+)
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from limitsurf.mesh import Mesh
-    from limitsurf.surface import LimitSurface
-
-Command = TypeVar("Command", bound=Callable[..., Any])
-
-# What a user can cause; anything else is a defect of the program and shows its traceback.
-ERRORS = (ValueError, OSError, IndexError, ImportError, MemoryError)
-
-
-class _Program(click.Group):
-    """Errors in one line with exit code 2; 130 after Ctrl-C, 1 when the reader goes away."""
-
-    def main(self, *args: Any, **extra: Any) -> Any:
-        try:
-            with terminal.warnings_in_one_line():
-                code = super().main(*args, **{**extra, "standalone_mode": False})
-        except click.Abort:
-            code = 130
-        except (click.ClickException, *ERRORS) as error:
-            click.echo(f"limitsurf: error: {terminal.sentence(error)}", err=True)
-            code = 2
-        if not extra.get("standalone_mode", True):
-            return code
-        raise SystemExit(code)
+MANY = 2**63 - 1
 
 
 @click.group(
-    cls=_Program,
+    cls=Program,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 96},
 )
@@ -60,124 +45,64 @@ def main(context: click.Context) -> None:
     Example:
       limitsurf info cage.obj
       limitsurf evaluate --help
+      limitsurf refine cage.obj -o - | limitsurf tessellate - -n 4 -o fine.ply
 
-    A CAGE is an OBJ or USD file. A face in a query is a limit face: a quad is one; another polygon
-    is as many as it has corners, in their order. Every u and v is in [0, 1].
+    A CAGE is a file, in OBJ or USD, which hold sharpness too, or in PLY, OFF, STL, VTP, VTU, VTK,
+    glTF, 3MF or DAE; or - for the standard input. A face in a query is a limit face: a quad is one;
+    another polygon is as many as it has corners, in their order. Every u and v is in [0, 1].
+
+    Exit codes: 0, done; 1, the answer is no (validate, demo), or the reader of a pipe went away; 2,
+    bad input or usage, with one line on the standard error; 130 after Ctrl-C. Files appear whole or
+    not at all.
     """
     if context.invoked_subcommand is None:
-        click.echo(context.get_help())
-
-
-def _on_cage(command: Command) -> Command:
-    cage = click.argument("cage", type=click.Path(path_type=Path))
-    boundary = click.option(
-        "--boundary",
-        type=click.Choice([name for name in BOUNDARY if name]),
-        help="What a boundary does; by default as the cage says, else edge_and_corner.",
-    )
-    return cage(boundary(command))
-
-
-def _surface(cage: Path, boundary: str | None, channels: tuple[str, ...] = ()) -> LimitSurface:
-    mesh = ls.read(cage)
-    for name in channels:
-        if name not in mesh.channels:
-            known = ", ".join(map(repr, mesh.channels)) or "none"
-            raise click.UsageError(f"the cage has no channel {name!r}; it has {known}")
-    with terminal.working("building the surface"):
-        return ls.LimitSurface(mesh, boundary=boundary)
+        terminal.say(context.get_help())
 
 
 @main.command()
-@_on_cage
-def info(cage: Path, boundary: str | None) -> None:
+@reads_cage
+@json_option
+def info(cage: Cage, as_json: bool) -> None:
     """Say what a cage is made of, what is irregular and why.
 
     \b
     Example:
       limitsurf info cage.obj
+      limitsurf info cage.obj --json
+
+    Keys of --json: cage; vertices, unused_vertices, edges, boundary_edges, nonmanifold_edges,
+    faces, components, closed; face_sizes, valences, boundary_faces, nonmanifold_faces (how
+    often which number of corners, or of faces at a vertex, occurs); creases, corners (number,
+    infinite, least, most); holes; channels (of each name values, numbers, interpolation); rules
+    (of each value, by_default); limit_faces; patches (how many limit faces are covered how);
+    special_corners (kind, faces, patches); no_surface (why there is none, else null).
     """
-    mesh = ls.read(cage)
+    from limitsurf.shell import facts
+
+    mesh = cage.read()
     with terminal.working("building the surface"):
-        facts = list(_facts(mesh, boundary))
-    terminal.say_table(facts)
-
-
-def _facts(mesh: Mesh, boundary: str | None) -> Iterator[tuple[str, str]]:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    used = mesh.vertex_faces > 0
-    start, end = mesh.edges.T
-    links = coo_array((np.ones(mesh.n_edges), (start, end)), shape=(mesh.n_vertices,) * 2)
-    parts = len(np.unique(connected_components(links)[1][used]))
-    border, unused = mesh.boundary_edge.any(), ~used
-    yield "vertices", _parts(mesh.n_vertices, {"in no face": unused})
-    on_edges = {"on the boundary": mesh.boundary_edge, "not manifold": mesh.nonmanifold_edge}
-    yield "edges", _parts(mesh.n_edges, on_edges)
-    yield "faces", f"{mesh.n_faces}"
-    yield "components", f"{parts}, {'open' if border else 'closed'}"
-    yield "corners of faces", terminal.histogram(mesh.sizes)
-    odd = mesh.nonmanifold_vertex
-    for name, where in (
-        ("valences inside", used & ~mesh.boundary_vertex & ~odd),
-        ("faces at boundary vertices", mesh.boundary_vertex & ~odd),
-        ("faces at vertices that are not manifold", odd),
-    ):
-        if where.any():
-            yield name, terminal.histogram(mesh.vertex_faces[where])
-    for name, sharpness in (("creases", mesh.creases[1]), ("corners", mesh.corners[1])):
-        if len(sharpness):
-            yield name, terminal.sharpness(sharpness)
-    if len(mesh.holes):
-        yield "holes", f"{len(mesh.holes)}"
-    for name, (values, _, interpolation) in mesh.channels.items():
-        yield f"channel {name}", f"{len(values)} values, {interpolation}"
-    try:
-        surface = ls.LimitSurface(mesh, boundary=boundary)
-    except ValueError as error:
-        yield "limit surface", f"none: {terminal.sentence(error)}"
-        return
-    rules = {**surface.rules, "scheme": surface.rules["scheme"].name}
-    for name, value in rules.items():
-        chosen = getattr(mesh, name) is not None or (name == "boundary" and boundary is not None)
-        yield name, value if chosen else f"{value}, by default"
-    yield "limit faces", f"{len(surface.limit_faces)}"
-    for reason, count in surface.patches.summary():
-        yield f"  {reason}", f"{count}"
-    if corners := _special_corners(surface):
-        yield "special corners of patches", corners
-
-
-def _special_corners(surface: LimitSurface) -> str:
-    """What surrounds the special corners of patches, and of how many."""
-    patches = surface.patches
-    counts: Counter[tuple[bool, str, int]] = Counter()
-    for sector, number in zip(patches.sectors, np.bincount(patches.kind).tolist(), strict=False):
-        if sector is not None:
-            counts[sector.kind != "interior", sector.kind, sector.faces] += number
-    return ", ".join(
-        f"{f'{kind} of {faces} faces' if sharp else f'valence {faces}'} ({number})"
-        for (sharp, kind, faces), number in sorted(counts.items())
-    ).replace(" 1 faces", " 1 face")
-
-
-def _parts(total: int, which: dict[str, NDArray[np.bool_]]) -> str:
-    """A number, and how many of them are something else than usual."""
-    found = [f"{np.sum(those)} of them {what}" for what, those in which.items() if those.any()]
-    return ", ".join([f"{total}", *found])
+        found = facts.cage_facts(mesh, cage.rules)
+    if as_json:
+        terminal.say_json({"cage": cage.path, **found})
+    else:
+        terminal.say_table(facts.told(found))
 
 
 @main.command()
-@_on_cage
+@reads_cage
 @click.option(
-    "--queries", metavar="FILE", help="CSV, NPZ, NPY, Parquet or Zarr of face, u, v; - reads CSV."
+    "--queries",
+    type=PATH,
+    metavar="FILE",
+    help="CSV, NPZ, NPY, Parquet or Zarr of face, u, v; - reads CSV.",
 )
-@click.option("--grid", type=click.IntRange(1), metavar="N", help="N x N per limit face.")
-@click.option("--random", type=click.IntRange(0), metavar="N", help="N on random limit faces.")
+@click.option("--grid", type=click.IntRange(1, MANY), metavar="N", help="N x N per limit face.")
+@click.option(
+    "--random", type=click.IntRange(0, MANY), metavar="N", help="N on random limit faces."
+)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="For --random.")
 @click.option(
-    "--order", type=click.IntRange(0), default=0, help="Derivatives up to this order as well."
+    "--order", type=click.IntRange(0, 20), default=0, help="Derivatives up to this order as well."
 )
 @click.option("--normals", is_flag=True, help="Unit normals as well.")
 @click.option(
@@ -190,8 +115,10 @@ def _parts(total: int, which: dict[str, NDArray[np.bool_]]) -> str:
 @click.option(
     "-o",
     "--output",
+    type=PATH,
+    default="-",
     metavar="FILE",
-    help=".csv, .npz, .npy, .parquet or .zarr; CSV to stdout without.",
+    help=".csv, .npz, .npy, .parquet or .zarr; CSV to the standard output without.",
 )
 @click.option(
     "--workers",
@@ -203,9 +130,9 @@ def _parts(total: int, which: dict[str, NDArray[np.bool_]]) -> str:
 @click.option(
     "--scheduler", metavar="ADDRESS", help="Evaluate on the Dask cluster of this scheduler."
 )
+@json_option
 def evaluate(
-    cage: Path,
-    boundary: str | None,
+    cage: Cage,
     queries: str | None,
     grid: int | None,
     random: int | None,
@@ -213,9 +140,10 @@ def evaluate(
     order: int,
     normals: bool,
     channels: tuple[str, ...],
-    output: str | None,
+    output: str,
     workers: int,
     scheduler: str | None,
+    as_json: bool,
 ) -> None:
     """Evaluate positions, derivatives, normals and channels.
 
@@ -223,6 +151,7 @@ def evaluate(
     Example:
       limitsurf evaluate cage.obj --random 1000 --order 1 --normals -o answers.npz
       limitsurf evaluate cage.obj --queries answers.npz -o again.csv
+      limitsurf evaluate cage.obj --grid 2 --json
 
     Columns of CSV and Parquet are face, u, v, x, y, z, then derivatives x_u, y_u, z_u, x_v, ... and
     normals n_x, n_y, n_z. Arrays of NPZ and Zarr and fields of NPY are face, u, v, position, du,
@@ -234,25 +163,31 @@ def evaluate(
     Queries and answers stream: files may be larger than memory. Queries in Parquet may also be a
     directory of such files, or a quoted pattern: --queries "part.*.parquet". With --scheduler,
     workers read and write shared files themselves, Parquet as a directory of parts.
+
+    With --json, answers on the standard output are one object in each line, of the same names as
+    arrays; with -o FILE there is one object: output, answers (their number), limit_faces.
     """
-    from limitsurf.shell import answers as files
+    from limitsurf.shell import answers as formats
     from limitsurf.shell import cluster
     from limitsurf.shell import queries as sources
 
     if sum(given is not None for given in (queries, grid, random)) != 1:
         raise click.UsageError("need one of --queries, --grid and --random")
-    if output is not None:
-        files.check_target(output, as_folder=scheduler is not None)
+    if queries == "-" == cage.path:
+        raise click.UsageError("cage and queries cannot both be on the standard input")
+    to_file = output != "-"
+    if to_file:
+        formats.check_target(output, as_folder=scheduler is not None)
     with ExitStack() as stack:
         asked = None if queries is None else stack.enter_context(sources.reading(queries))
         if scheduler is not None and not (
-            asked and asked.rows and output and output.endswith((".parquet", ".zarr"))
+            asked and asked.rows and output.endswith((".parquet", ".zarr"))
         ):
             raise click.UsageError(
                 "workers of a cluster read and write files themselves: --scheduler needs --queries "
                 "in NPY, Parquet or Zarr, and an --output in Parquet or Zarr"
             )
-        surface = _surface(cage, boundary, channels)
+        surface = cage.surface(channels)
         faces = len(surface.limit_faces)
         if grid is not None:
             asked = sources.grid_queries(faces, grid)
@@ -260,23 +195,142 @@ def evaluate(
             asked = sources.random_queries(faces, random, seed)
         assert asked is not None
         threads = workers if scheduler is None else 1
-        question = files.Question(order, normals, channels, threads)
-        on_screen = output is None and sys.stdout.isatty()
-        done = stack.enter_context(terminal.counting("evaluating", asked.total, on_screen))
-        if scheduler is not None and output is not None:
-            cluster.evaluate(scheduler, surface, asked, question, output, done)
-            return
-        write = stack.enter_context(files.writing(output, asked.total))
-        for answers in files.answered(surface, asked.batches, question):
-            write(answers)
-            done(len(answers["face"]))
+        question = formats.Question(order, normals, channels, threads)
+        on_screen = not to_file and sys.stdout is not None and sys.stdout.isatty()
+        count = 0
+        with terminal.counting("evaluating", asked.total, on_screen) as done:
+            if scheduler is not None:
+                cluster.evaluate(scheduler, surface, asked, question, output, done)
+                count = asked.total or 0
+            else:
+                with formats.writing(output if to_file else None, asked.total, as_json) as write:
+                    for answers in formats.answered(surface, asked.batches, question):
+                        write(answers)
+                        count += len(answers["face"])
+                        done(len(answers["face"]))
+        if as_json and to_file:
+            report(output, as_json, answers=count, limit_faces=faces)
 
 
 @main.command()
-@_on_cage
-@click.option("--levels", type=click.IntRange(1), default=4, show_default=True)
+@reads_cage
+@click.option(
+    "-n",
+    "n",
+    type=click.IntRange(1, MANY),
+    default=8,
+    show_default=True,
+    metavar="N",
+    help="N x N quads per limit face.",
+)
+@output_option
+@to_option
+@click.option(
+    "--normals/--no-normals",
+    default=None,
+    help="Unit normals, two at creases; by default where the format has a place.",
+)
+@click.option(
+    "--channel",
+    "channels",
+    metavar="NAME",
+    multiple=True,
+    help="A face-varying channel as well; uv is included anyway where the format has a place.",
+)
+@json_option
+def tessellate(
+    cage: Cage,
+    n: int,
+    output: str,
+    to: str | None,
+    normals: bool | None,
+    channels: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Write the surface as polygons, N x N per limit face, welded.
+
+    \b
+    Example:
+      limitsurf tessellate cage.obj -n 4 -o fine.obj
+      limitsurf tessellate cage.obj -n 4 | limitsurf info -
+
+    All vertices lie on the surface, and no edge is open that is closed in the cage.
+
+    Keys of --json: output, vertices, faces, triangles, limit_faces, n, normals, channels.
+    """
+    from limitsurf.shell.formats import WITH_NORMALS, WITH_UV
+
+    suffix = mesh_suffix(output, to, as_json)
+    if normals and suffix not in WITH_NORMALS:
+        raise click.UsageError(f"{suffix} has no place for normals: say --no-normals")
+    normals = suffix in WITH_NORMALS if normals is None else normals
+    surface = cage.surface(channels)
+    refuse_beyond_memory(len(surface.limit_faces) * n * n, 250, "polygons")
+    if suffix in WITH_UV and "uv" in surface.mesh.channels:
+        channels = tuple(dict.fromkeys(("uv", *channels)))
+    with terminal.working("tessellating"):
+        made = ls.tessellate(surface, n, normals=normals, channels=channels, workers=-1)
+    write_mesh(
+        output,
+        to,
+        made,
+        as_json,
+        vertices=len(made.points),
+        faces=len(made.sizes),
+        triangles=int((made.sizes - 2).sum()),
+        limit_faces=len(surface.limit_faces),
+        n=n,
+        normals=normals,
+        channels=channels,
+    )
+
+
+@main.command()
+@reads_cage
+@click.option(
+    "--levels", type=click.IntRange(0, 99), default=1, show_default=True, help="How often."
+)
+@click.option("--limit", is_flag=True, help="Move vertices to their limit positions.")
+@output_option
+@to_option
+@json_option
+def refine(
+    cage: Cage, levels: int, limit: bool, output: str, to: str | None, as_json: bool
+) -> None:
+    """Subdivide a cage into a finer one of the same surface.
+
+    \b
+    Example:
+      limitsurf refine cage.obj --levels 2 -o fine.obj
+      limitsurf refine cage.obj | limitsurf validate -
+
+    Creases, corners, holes and channels are carried on. With --limit, vertices lie on the surface;
+    those without a limit stay.
+
+    Keys of --json: output, vertices, edges, faces, levels, limit.
+    """
+    import numpy as np
+
+    mesh_suffix(output, to, as_json)
+    mesh = cage.read()
+    refuse_beyond_memory(mesh.n_corners * 4 ** max(levels - 1, 0), 500, "faces")
+    with terminal.working("refining"):
+        fine = ls.refined(mesh, levels, **cage.rules)
+        if limit:
+            places = fine.limit_points
+            fine = fine.with_points(np.where(np.isnan(places), fine.points, places))
+    counts = {"vertices": fine.n_vertices, "edges": fine.n_edges, "faces": fine.n_faces}
+    write_mesh(output, to, fine, as_json, **counts, levels=levels, limit=limit)
+
+
+@main.command()
+@reads_cage
+@click.option(
+    "--levels", type=click.IntRange(1, 99), default=4, show_default=True, help="Refinements."
+)
+@json_option
 @click.pass_context
-def validate(context: click.Context, cage: Path, boundary: str | None, levels: int) -> None:
+def validate(context: click.Context, cage: Cage, levels: int, as_json: bool) -> None:
     """Compare the surface with recursive refinement.
 
     \b
@@ -286,96 +340,304 @@ def validate(context: click.Context, cage: Path, boundary: str | None, levels: i
     At each level, every vertex of the refined cage is compared with the surface at its (face, u,
     v): where it is (error, and the order at which it shrinks), and where its limit mask moves it
     (limit error, which is rounding alone). Exits with 1 if the latter is more than rounding.
+
+    Keys of --json: cage, agrees, levels (a list of objects: level, error, order, limit_error).
     """
-    surface = _surface(cage, boundary)
+    surface = cage.surface()
+    refuse_beyond_memory(surface.mesh.n_corners * 4 ** (levels - 1), 500, "faces")
     with terminal.working("refining"):
         table = ls.validate(surface, levels)
-    if not terminal.say_validation(surface, table):
+    agrees = terminal.agrees(surface, table)
+    if as_json:
+        rows = terminal.validation_rows(table)
+        terminal.say_json({"cage": cage.path, "agrees": agrees, "levels": rows})
+    else:
+        terminal.say_validation(table)
+    if not agrees:
         click.echo("limitsurf: the limit error is more than rounding", err=True)
         context.exit(1)
 
 
 @main.command()
-@_on_cage
-@click.option("-o", "--output", metavar="FILE", help="A .png to write; without, a window opens.")
-@click.option("--quads", type=click.IntRange(1), metavar="N", help="N x N drawn per limit face.")
+@click.option("--valence", type=click.IntRange(2), metavar="N", help="Of a smooth vertex.")
+@click.option(
+    "--kind",
+    type=click.Choice(["interior", "crease", "corner", "dart", "cone"]),
+    help="What is at the vertex, with --faces.",
+)
+@click.option("--faces", type=click.IntRange(1), metavar="K", help="How many faces there are.")
+@click.option(
+    "--position",
+    type=click.IntRange(0),
+    default=0,
+    metavar="P",
+    help="From which face of a sector it is seen.",
+)
+@click.option(
+    "--scheme",
+    metavar="NAME",
+    default="catmull-clark",
+    show_default=True,
+    help="Of subdivision.",
+)
+@click.option(
+    "--digits",
+    type=click.IntRange(1, 1000),
+    default=10,
+    show_default=True,
+    metavar="D",
+    help="Significant digits of decimals.",
+)
+@click.option("--exact", is_flag=True, help="Closed forms also where they are long.")
+@click.option("--latex", is_flag=True, help="LaTeX arrays, for math mode.")
+@json_option
+def basis(
+    valence: int | None,
+    kind: str | None,
+    faces: int | None,
+    position: int,
+    scheme: str,
+    digits: int,
+    exact: bool,
+    latex: bool,
+    as_json: bool,
+) -> None:
+    """Say the spectrum around a vertex: eigenvalues, masks, growth.
+
+    \b
+    Example:
+      limitsurf basis --valence 5
+      limitsurf basis --kind crease --faces 3 --exact
+      limitsurf basis --valence 3 --digits 30 --latex
+
+    \b
+    Kinds of vertices:
+      interior   smooth, amid faces; the same as --valence
+      crease     on a boundary or sharp crease, the faces on one side
+      corner     sharp, the faces between two sharp edges
+      dart       the end of a sharp crease, all faces around
+      cone       sharp, amid smooth faces
+
+    Each eigenvalue is told with how often it occurs, the sizes of its Jordan blocks if there are
+    others than 1, and the block of the matrix that it is of: a Fourier frequency around a smooth
+    vertex, the sharp curve or a wave beside it, or the outer points. Masks are of the vertex, its
+    edge neighbours e and the opposite corners f of its faces, counter-clockwise.
+
+    Keys of --json: scheme, paper, kind, faces, position, control_points; eigenvalues (real,
+    imaginary, multiplicity, jordan, from, decimal, exact); growth (l1, l2, l3, the eigenvalues
+    after 1; the factors first_derivatives, second_derivatives, curvature, normals); limit_mask and
+    tangent_masks (point, decimal, exact). With --latex also latex beside exact.
+    """
+    from limitsurf.shell import spectrum
+
+    if (valence is None) == (faces is None):
+        raise click.UsageError("need either --valence N, or --kind KIND with --faces K")
+    if valence is not None and kind not in (None, "interior"):
+        raise click.UsageError(f"--valence is of a smooth vertex; for a {kind} say --faces")
+    with terminal.working("deriving"):
+        found = ls.eigenbasis(
+            scheme, valence, kind=kind or "interior", faces=faces, position=position
+        )
+        facts = spectrum.spectrum_facts(found, digits, latex)
+    if as_json:
+        terminal.say_json(facts)
+    elif latex:
+        terminal.say(spectrum.in_latex(facts, exact))
+    else:
+        spectrum.say(facts, exact)
+
+
+@main.command()
+@reads_cage
+@click.option(
+    "-o",
+    "--output",
+    type=PATH,
+    metavar="FILE",
+    help="A .png to write, or an .html to turn in a browser; without, a window opens.",
+)
+@click.option(
+    "--quads", type=click.IntRange(1, MANY), metavar="N", help="N x N drawn per limit face."
+)
 @click.option("--cage/--no-cage", "wires", default=None, help="Draw the cage.")
 @click.option("--curves/--no-curves", default=None, help="Draw the edges of the limit faces.")
-@click.option("--poles/--no-poles", default=True, help="Mark extraordinary points.")
+@click.option("--poles/--no-poles", default=None, help="Mark extraordinary points.")
 @click.option("--normals", is_flag=True, help="Draw normals.")
+@click.option(
+    "--isolines",
+    type=click.IntRange(0, 1000),
+    metavar="N",
+    help="Draw N lines of constant u, and N of constant v, within each limit face.",
+)
+@click.option(
+    "--scalars",
+    type=click.Choice(["mean", "gaussian", "k1", "k2", "zebra"]),
+    help="Colour the surface by a curvature, or by reflection lines.",
+)
+@click.option("--limits", type=(float, float), metavar="LOW HIGH", help="The range of the colours.")
+@click.option("--cmap", metavar="NAME", help="The colours of scalars, by Matplotlib's names.")
+@click.option("--label", metavar="TEXT", help="What the colour bar says.")
 @click.option("--channel", metavar="NAME", help="Draw a channel, such as uv, in its own space.")
-@click.option("--color", default=COLOR, show_default=True, help="Of the surface, or a name.")
-@click.option("--up", type=click.Choice(["x", "y", "z"]), default="z", show_default=True)
+@click.option("--color", metavar="COLOR", help="Of the surface, #rrggbb or a name.")
+@click.option(
+    "--up",
+    type=click.Choice(["x", "y", "z"]),
+    default="z",
+    show_default=True,
+    help="The axis that points up in the picture.",
+)
+@click.option(
+    "--view",
+    metavar="VIEW",
+    callback=lambda _, __, view: _direction(view),
+    help="From where to look: front, back, left, right, top, bottom, iso, or as 1,-2,0.5.",
+)
 @click.option(
     "--size",
-    type=(click.IntRange(1), click.IntRange(1)),
+    type=(click.IntRange(1, 8192), click.IntRange(1, 8192)),
     default=(1600, 1200),
     show_default=True,
     metavar="W H",
     help="In pixels.",
 )
+@json_option
 def plot(
-    cage: Path,
-    boundary: str | None,
+    cage: Cage,
     output: str | None,
     quads: int | None,
     wires: bool | None,
-    curves: bool | None,
-    poles: bool,
-    normals: bool,
     channel: str | None,
-    color: str,
-    up: str,
     size: tuple[int, int],
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Draw the surface, its cage and its extraordinary points.
 
     \b
     Example:
       limitsurf plot cage.obj -o picture.png
+      limitsurf plot cage.obj -o curvature.png --scalars mean --no-cage
 
     Creases are drawn as thick edges of the cage.
+
+    Keys of --json: output (null for a window), width, height, limit_faces.
     """
-    surface = _surface(cage, boundary, () if channel is None else (channel,))
-    with terminal.working("drawing"):
-        ls.plot(
-            surface,
-            output,
-            n=quads,
-            cage=wires,
-            curves=curves,
-            poles=poles,
-            normals=normals,
-            channel=channel,
-            color=color,
-            up=up,
-            window_size=size,
-        )
+    from limitsurf.shell import picture
+
+    picture.check_target(output, None, picture.SceneDrawing.suffixes)
     if output is not None:
-        click.echo(output)
+        files.check_target(output)
+    surface = cage.surface(() if channel is None else (channel,))
+    faces = len(surface.limit_faces)
+    refuse_beyond_memory(faces * (quads or 1) ** 2, 250, "quads")
+    refuse_beyond_memory(size[0] * size[1], 200, "pixels")
+    given = {name: value for name, value in options.items() if value is not None}
+    with terminal.working("drawing"):
+        ls.plot(surface, output, n=quads, cage=wires, channel=channel, window_size=size, **given)
+    report(output, as_json, width=size[0], height=size[1], limit_faces=faces)
+
+
+def _direction(view: str | None) -> str | tuple[float, ...] | None:
+    """A name, or numbers with commas between them."""
+    if view is None or "," not in view:
+        return view
+    try:
+        return tuple(map(float, view.split(",")))
+    except ValueError:
+        raise click.BadParameter(f"{view!r} is no direction such as 1,-2,0.5") from None
+
+
+@main.command()
+@click.argument("source", metavar="IN", type=PATH)
+@click.argument("output", metavar="OUT", type=PATH)
+@from_option
+@to_option
+@prim_option
+@json_option
+def convert(
+    source: str, output: str, from_: str | None, to: str | None, prim: str | None, as_json: bool
+) -> None:
+    """Read a cage in one format, write it in another.
+
+    \b
+    Example:
+      limitsurf convert cage.obj cage.ply
+      limitsurf convert - copy.obj < cage.obj
+
+    Either may be -, the standard input or output, in OBJ unless --from or --to says otherwise. What
+    the new format has no place for is refused or said in a warning.
+
+    Keys of --json: output, vertices, edges, faces.
+    """
+    mesh_suffix(output, to, as_json)
+    mesh = Cage(source, from_, prim, {}).read()
+    counts = {"vertices": mesh.n_vertices, "edges": mesh.n_edges, "faces": mesh.n_faces}
+    write_mesh(output, to, mesh, as_json, **counts)
 
 
 @main.command()
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=click.Path(path_type=Path, readable=False),
     default=Path("limitsurf-demo"),
     show_default=True,
     metavar="DIR",
     help="Where results and picture go.",
 )
-@click.option("--queries", type=click.IntRange(1), default=1_000_000, show_default=True)
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option(
+    "--queries",
+    type=click.IntRange(1, MANY),
+    default=1_000_000,
+    show_default=True,
+    metavar="N",
+    help="How many random ones.",
+)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of chance.")
+@json_option
 @click.pass_context
-def demo(context: click.Context, output: Path, queries: int, seed: int) -> None:
+def demo(context: click.Context, output: Path, queries: int, seed: int, as_json: bool) -> None:
     """Evaluate a bundled cage at random, check it against the refiner, draw it.
 
     \b
     Example:
-      limitsurf demo --queries 100000 -o results
+      limitsurf demo --queries 20000 -o results
+
+    Keys of --json: agrees, output (the files written), limit_faces, queries, seconds, position_gap
+    and normal_gap (the largest differences on the once refined cage), levels (as of validate).
     """
     from limitsurf.shell.demo import run
 
-    if not run(output, queries, seed):
+    refuse_beyond_memory(queries, 400, "queries")
+    facts = run(output, queries, seed, quiet=as_json)
+    if as_json:
+        terminal.say_json(facts)
+    if not facts["agrees"]:
         context.exit(1)
+
+
+@main.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]), required=False)
+def completion(shell: str | None) -> None:
+    """Print the script that lets a shell complete commands, options and files.
+
+    \b
+    Example:
+      limitsurf completion bash
+      limitsurf completion fish
+
+    \b
+    To install it, once:
+      bash   echo 'eval "$(limitsurf completion bash)"' >> ~/.bashrc
+      zsh    echo 'eval "$(limitsurf completion zsh)"' >> ~/.zshrc
+      fish   limitsurf completion fish > ~/.config/fish/completions/limitsurf.fish
+
+    Without a name it is for the shell of $SHELL.
+    """
+    from click.shell_completion import get_completion_class
+
+    name = shell or os.path.basename(os.environ.get("SHELL", ""))
+    kind = get_completion_class(name)
+    if kind is None:
+        raise click.UsageError(f"no completion for the shell {name!r}: say bash, zsh or fish")
+    terminal.say(kind(main, {}, "limitsurf", "_LIMITSURF_COMPLETE").source())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib.resources import as_file, files
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import click
 import numpy as np
@@ -23,11 +24,12 @@ it (limit error: it lies on the surface, up to rounding).
 
 
 @_kernels.numpy_only()  # on a fresh machine compiling would take longer than all the rest
-def run(folder: Path, n: int, seed: int) -> bool:
-    """Run the demo and report on stdout; whether the refiner agrees up to rounding.
+def run(folder: Path, n: int, seed: int, quiet: bool = False) -> dict[str, Any]:
+    """Run the demo, report on stdout unless it is to be quiet, and return the facts by name.
 
     Writes ``demo_results.npz`` (face, u, v, position, du, dv and normal of ``n`` random queries)
-    and ``demo.png`` to ``folder``, which is made if need be.
+    and ``demo.png`` to ``folder``, which is made if need be. The fact "agrees" is whether the
+    refiner agrees up to rounding.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with as_file(files("limitsurf") / "_data" / "demo.obj") as path:
@@ -47,41 +49,56 @@ def run(folder: Path, n: int, seed: int) -> bool:
     took = perf_counter() - start
     inside = mesh.vertex_faces[~mesh.boundary_vertex]
 
-    terminal.say_table(
-        [
-            ("cage", f"{mesh.n_vertices} vertices, {mesh.n_faces} faces: an octopus with a pearl"),
-            ("corners of faces", terminal.histogram(mesh.sizes)),
-            ("valences inside", terminal.histogram(inside)),
-            ("surface", f"{len(surface.limit_faces)} limit faces, built in {built:.2f} s"),
-            ("queries", f"{n:,} random (face, u, v), seed {seed}"),
-            ("answers", "position, both first derivatives, unit normal"),
-            ("time", f"{took:.2f} s, {n / took:,.0f} queries a second"),
-        ],
-    )
+    lines = [
+        ("cage", f"{mesh.n_vertices} vertices, {mesh.n_faces} faces: an octopus with a pearl"),
+        ("corners of faces", terminal.histogram(mesh.sizes)),
+        ("valences inside", terminal.histogram(inside)),
+        ("surface", f"{len(surface.limit_faces)} limit faces, built in {built:.2f} s"),
+        ("queries", f"{n:,} random (face, u, v), seed {seed}"),
+        ("answers", "position, both first derivatives, unit normal"),
+        ("time", f"{took:.2f} s, {n / took:,.0f} queries a second"),
+    ]
+    if not quiet:
+        terminal.say_table(lines)
 
     with terminal.working("checking every query on the once refined cage"):
         where = [np.concatenate([batch[name] for batch in found]) for name in queries.NAMES]
         position, normal = refinement_gap(surface, *where)
-    click.echo(
-        f"\nThe same {n:,} queries on the cage refined once, in other patches: positions differ by"
-        f"\nat most {position:.1e}, unit normals by {normal:.1e}."
-    )
-    click.echo(REFINER)
+    if not quiet:
+        terminal.say(
+            f"\nThe same {n:,} queries on the cage refined once, in other patches: positions differ"
+            f"\nby at most {position:.1e}, unit normals by {normal:.1e}."
+        )
+        terminal.say(REFINER)
     with terminal.working("refining"):
         table = ls.validate(surface, LEVELS)
-    agrees = terminal.say_validation(surface, table)
-    click.echo(f"The limit error is {'rounding alone' if agrees else 'MORE than rounding'}.\n")
+    agrees = terminal.agrees(surface, table)
+    if not quiet:
+        terminal.say_validation(table)
+        terminal.say(
+            f"The limit error is {'rounding alone' if agrees else 'MORE than rounding'}.\n"
+        )
 
     results, picture = folder / "demo_results.npz", folder / "demo.png"
     with answers.writing(results, n) as write:
         for batch in found:
             write(batch)
-    click.echo(results)
+    written = [results]
     try:
         with terminal.working("drawing"):
             ls.plot(surface, picture)
+        written.append(picture)
     except ImportError as error:
         click.echo(f"no picture: {terminal.sentence(error)}", err=True)
-    else:
-        click.echo(picture)
-    return agrees
+    if not quiet:
+        terminal.say("\n".join(map(str, written)))
+    return {
+        "agrees": agrees,
+        "output": [str(path) for path in written],
+        "limit_faces": len(surface.limit_faces),
+        "queries": n,
+        "seconds": took,
+        "position_gap": position,
+        "normal_gap": normal,
+        "levels": terminal.validation_rows(table),
+    }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 import shutil
@@ -11,6 +12,7 @@ from importlib import import_module
 from typing import IO, Any
 
 SUFFIXES = (".csv", ".npz", ".npy", ".parquet", ".zarr")
+FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}  # said of writing only
 
 
 def checked_suffix(path: str | os.PathLike[str]) -> str:
@@ -31,6 +33,46 @@ def needed(module: str, what: str) -> Any:
         raise ImportError(
             f'{package} is needed for {what}: pip install "limitsurf[dask]"'
         ) from error
+
+
+def check_target(path: str | os.PathLike[str]) -> None:
+    """Refuse early, by an OSError, what `replacing` would refuse at the end of all work."""
+    if os.path.isdir(path):
+        raise IsADirectoryError(errno.EISDIR, "Is a directory", os.fspath(path))
+    if not _is_device(path):
+        check_folder(os.path.dirname(os.path.realpath(path)))
+
+
+def check_folder(folder: str) -> None:
+    """Refuse, by an OSError, a directory in which no file can be made."""
+    if not os.path.isdir(folder):
+        raise FileNotFoundError(errno.ENOENT, "No such directory", folder)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, "No permission to write in this directory", folder)
+
+
+def _is_device(path: str | os.PathLike[str]) -> bool:
+    """Whether there is something that is no regular file; its real path can be none at all."""
+    return os.path.exists(path) and not os.path.isfile(path)
+
+
+def _beside(path: str) -> str:
+    """A name of its own for what is to take the place of a path, in the same directory."""
+    folder, base = os.path.split(path)
+    # a name can be as long as the system allows
+    return os.path.join(folder, f".{base[:40]}.{secrets.token_hex(8)}")
+
+
+@contextmanager
+def _named(path: str | os.PathLike[str], temporary: str) -> Iterator[None]:
+    """Let errors of writing carry the path that the user knows."""
+    try:
+        yield
+    except OSError as error:
+        inside = isinstance(error.filename, str) and error.filename.startswith(temporary)
+        if not inside and (error.filename is not None or error.errno not in FULL):
+            raise
+        raise type(error)(error.errno, error.strerror, os.fspath(path)) from None
 
 
 @contextmanager
@@ -63,23 +105,19 @@ def replacing(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[Any
     ['a.txt']
     """
     text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": ""}
-    name = os.path.realpath(os.fspath(path))
-    if os.path.exists(name) and not os.path.isfile(name):
-        with open(name, mode, **text) as file:
+    if _is_device(path):
+        with _named(path, os.fspath(path)), open(path, mode, **text) as file:
             yield file
         return
-    folder, base = os.path.split(name)
-    temporary = os.path.join(folder, f".{base}.{secrets.token_hex(8)}")
+    name = os.path.realpath(os.fspath(path))
+    temporary = _beside(name)
     try:
-        file = open(temporary, mode.replace("w", "x"), **text)  # noqa: SIM115
-    except OSError as error:
-        raise type(error)(error.errno, error.strerror, os.fspath(path)) from None
-    try:
-        with file:
-            yield file
-        if os.path.exists(name):
-            shutil.copymode(name, temporary)
-        os.replace(temporary, name)
+        with _named(path, temporary):
+            with open(temporary, mode.replace("w", "x"), **text) as file:
+                yield file
+            if os.path.exists(name):
+                shutil.copymode(name, temporary)
+            os.replace(temporary, name)
     except BaseException:
         if os.path.exists(temporary):
             os.remove(temporary)
@@ -107,17 +145,14 @@ def replacing_folder(path: str | os.PathLike[str]) -> Iterator[str]:
     ['b']
     """
     name = os.path.realpath(os.fspath(path))
-    folder, base = os.path.split(name)
-    temporary, old = (os.path.join(folder, f".{base}.{secrets.token_hex(8)}") for _ in range(2))
+    temporary, old = _beside(name), _beside(name)
     try:
-        os.mkdir(temporary)
-    except OSError as error:
-        raise type(error)(error.errno, error.strerror, os.fspath(path)) from None
-    try:
-        yield temporary
-        if os.path.lexists(name):
-            os.rename(name, old)
-        os.rename(temporary, name)
+        with _named(path, temporary):
+            os.mkdir(temporary)
+            yield temporary
+            if os.path.lexists(name):
+                os.rename(name, old)
+            os.rename(temporary, name)
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
         if os.path.lexists(old) and not os.path.lexists(name):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import re
-import sys
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -19,6 +18,7 @@ from typing import IO, Any, NoReturn, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.shell import terminal
 from limitsurf.shell.files import checked_suffix, needed
 
 Array: TypeAlias = NDArray[np.float64]
@@ -122,7 +122,7 @@ def reading(path: str | os.PathLike[str]) -> Iterator[Queries]:
     """
     name = os.fspath(path)
     if name == "-":
-        yield _from_csv("standard input", sys.stdin)
+        yield _from_csv("standard input", terminal.standard_input())
         return
     suffix = checked_suffix(name)
     with ExitStack() as stack:
@@ -145,6 +145,8 @@ def reading(path: str | os.PathLike[str]) -> Iterator[Queries]:
 
 def grid_queries(faces: int, n: int) -> Queries:
     """The centres of n x n equal cells of each limit face; no two of these points coincide."""
+    if faces * n * n >= 2**63:
+        raise ValueError(f"a grid of {n} x {n} on {faces} limit faces has too many points")
 
     def batches() -> Iterator[Batch]:
         for start, stop in spans(faces * n * n, BATCH):

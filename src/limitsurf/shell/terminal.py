@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import errno
+import io
+import json
+import os
+import signal
+import sys
+import threading
 import warnings
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from limitsurf.surface import LimitSurface
 
 ROUNDING = 1e-12  # of the largest coordinate; what refinement adds up stays far below
+STANDARD_OUTPUT = "standard output"
 
 
 def sentence(error: BaseException) -> str:
@@ -24,6 +34,8 @@ def sentence(error: BaseException) -> str:
         text = error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
     elif isinstance(error, click.ClickException):
         text = error.format_message()
+    elif isinstance(error, MemoryError):
+        text = f"not enough memory. {text}"
     return " ".join(text.split()) or type(error).__name__
 
 
@@ -31,13 +43,127 @@ def sentence(error: BaseException) -> str:
 def warnings_in_one_line() -> Iterator[None]:
     """Say warnings as this program, without the place in its source."""
 
-    def say(message: Warning | str, *_: Any, **__: Any) -> None:
+    def say_warning(message: Warning | str, *_: Any, **__: Any) -> None:
         click.echo(f"limitsurf: warning: {' '.join(str(message).split())}", err=True)
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
-        warnings.showwarning = say
+        warnings.showwarning = say_warning
         yield
+
+
+# ---------------------------------------------------------------------------- streams, signals
+
+
+@contextmanager
+def orderly() -> Iterator[None]:
+    """Let the process meet its end, and its streams, as programs on a command line do.
+
+    SIGTERM and SIGHUP become a `SystemExit` with 128 plus their number, so that temporary files go
+    with it. A KeyboardInterrupt that a library swallows, being in a callback, comes once more. What
+    the standard output cannot encode is escaped. Descriptors 0 to 2, if closed, are occupied: else
+    the next file opened would be written as the standard output.
+    """
+    for standard in range(3):
+        try:
+            os.fstat(standard)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
+
+    if reconfigure := getattr(sys.stdout, "reconfigure", None):
+        reconfigure(errors="backslashreplace")
+
+    def end(number: int, _: Any) -> NoReturn:
+        raise SystemExit(128 + number)
+
+    def notice(lost: Any) -> None:
+        if issubclass(lost.exc_type, KeyboardInterrupt) and hasattr(signal, "pthread_kill"):
+            again = threading.main_thread().ident, signal.SIGINT
+            threading.Timer(0.1, signal.pthread_kill, again).start()
+        else:
+            before(lost)
+
+    before, sys.unraisablehook = sys.unraisablehook, notice
+    names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
+    caught = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    caught = [number for number in caught if signal.getsignal(number) == signal.SIG_DFL]
+    for number in caught:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+        for number in caught:
+            signal.signal(number, signal.SIG_DFL)
+
+
+@contextmanager
+def standard_output() -> Iterator[TextIO]:
+    """The standard output; errors of writing name it."""
+    if sys.stdout is None:
+        raise OSError(errno.EBADF, "It is closed", STANDARD_OUTPUT)
+    try:
+        sys.stdout.flush()
+        yield sys.stdout
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        # what is still to be written would fail again at the end
+        sys.stdout = io.StringIO()
+        raise OSError(error.errno, error.strerror, STANDARD_OUTPUT) from None
+
+
+def standard_input() -> TextIO:
+    """The standard input."""
+    if sys.stdin is None:
+        raise OSError(errno.EBADF, "It is closed", "standard input")
+    return sys.stdin
+
+
+def say(text: object = "", nl: bool = True) -> None:
+    """Text on the standard output."""
+    with standard_output():
+        click.echo(text, nl=nl)
+
+
+def say_json(value: Any) -> None:
+    """A value as JSON on the standard output, NaN and infinity as null."""
+    say(json.dumps(_plain(value), indent=2, allow_nan=False))
+
+
+def say_json_lines(values: Iterable[Any]) -> None:
+    """The same of several, one in each line."""
+    lines = [json.dumps(_plain(value), allow_nan=False) + "\n" for value in values]
+    say("".join(lines), nl=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int) else str(value)
+
+
+# ------------------------------------------------------------------------------------ progress
+
+
+def _console() -> Console | None:
+    """The terminal at the standard error, if it can be written to in place."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        return None
+    if os.environ.get("TERM", "dumb") in ("", "dumb", "unknown") and os.name != "nt":
+        return None
+    from rich.console import Console
+
+    return Console(stderr=True)
 
 
 @contextmanager
@@ -45,10 +171,12 @@ def counting(text: str, total: int | None, quiet: bool = False) -> Iterator[Call
     """A progress bar on stderr, unless it is to be quiet; the function takes how many more are
     done. Without a total it shows how many are.
     """
+    console = None if quiet else _console()
+    if console is None:
+        yield lambda _: None
+        return
     from rich import progress
-    from rich.console import Console
 
-    console = Console(stderr=True)
     columns = (
         progress.TextColumn("{task.description}"),
         progress.BarColumn(),
@@ -56,9 +184,7 @@ def counting(text: str, total: int | None, quiet: bool = False) -> Iterator[Call
         progress.TimeElapsedColumn(),
         progress.TimeRemainingColumn(),
     )
-    with progress.Progress(
-        *columns, console=console, transient=True, disable=quiet or not console.is_terminal
-    ) as bar:
+    with progress.Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(text, total=total)
         yield lambda more: bar.advance(task, more)
 
@@ -66,34 +192,54 @@ def counting(text: str, total: int | None, quiet: bool = False) -> Iterator[Call
 @contextmanager
 def working(text: str) -> Iterator[None]:
     """A sign of life on stderr while something takes its time."""
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield
-        return
-    with console.status(text):
+    console = _console()
+    with nullcontext() if console is None else console.status(text):
         yield
 
 
-def say_table(rows: Iterable[tuple[str, ...]], names: Iterable[str] | None = None) -> None:
-    """A table on stdout: numbers to the right under their names, or else a list of facts."""
+# -------------------------------------------------------------------------------------- tables
+
+
+def say_table(
+    rows: Iterable[tuple[str, ...]],
+    names: Iterable[str] | None = None,
+    left: Collection[int] = (),
+) -> None:
+    """A table on stdout: under names, or else a list of facts.
+
+    Under names, columns stand to the right but for those in `left`.
+    """
     lines = list(rows)
     head = [] if names is None else [tuple(names)]
     widths = [max(map(len, column)) for column in zip(*head, *lines, strict=True)]
-    for k, line in enumerate(head + lines):
-        pad = str.rjust if head else str.ljust
-        text = "   ".join(map(pad, line, widths)).rstrip()
-        click.echo(click.style(text, bold=True) if head and k == 0 else text)
+    pads = [str.ljust if not head or k in left else str.rjust for k in range(len(widths))]
+    text = [
+        "   ".join(
+            pad(cell, width) for pad, cell, width in zip(pads, line, widths, strict=True)
+        ).rstrip()
+        for line in head + lines
+    ]
+    if head and "NO_COLOR" not in os.environ and os.environ.get("TERM", "dumb") != "dumb":
+        text[0] = click.style(text[0], bold=True)
+    say("\n".join(text))
 
 
-def say_validation(surface: LimitSurface, table: NDArray[Any]) -> bool:
-    """The table that ``validate`` returns; whether its limit errors are rounding alone."""
+def say_validation(table: NDArray[Any]) -> None:
+    """The table that ``validate`` returns."""
     names = [name.replace("_", " ") for name in table.dtype.names or ()]
     say_table([tuple(map(_short, row)) for row in table.tolist()], names)
+
+
+def agrees(surface: LimitSurface, table: NDArray[Any]) -> bool:
+    """Whether the limit errors that ``validate`` returns are rounding alone."""
     points = surface.mesh.points[surface.mesh.indices]
     # NaN, where no vertex has a limit, is no disagreement.
     return not table["limit_error"].max() > ROUNDING * np.abs(points).max()
+
+
+def validation_rows(table: NDArray[Any]) -> list[dict[str, Any]]:
+    """The same table as objects."""
+    return [dict(zip(table.dtype.names or (), row, strict=True)) for row in table.tolist()]
 
 
 def _short(value: float) -> str:
@@ -105,19 +251,10 @@ def _short(value: float) -> str:
 def histogram(values: NDArray[np.int64]) -> str:
     """How often each value occurs, such as "3 (8 times), 4 (20)"."""
     kinds, counts = np.unique(values, return_counts=True)
-    times = [f"{kind} ({count})" for kind, count in zip(kinds, counts, strict=True)]
-    return ", ".join([times[0].replace(")", " times)"), *times[1:]])
+    return times(dict(zip(kinds.tolist(), counts.tolist(), strict=True)))
 
 
-def sharpness(values: NDArray[Any]) -> str:
-    """How many there are, of which sharpness, such as "5, sharpness 0.5 to 2, 3 infinite"."""
-    from limitsurf.tables import is_infinite
-
-    finite = values[~is_infinite(values)]
-    parts = [f"{len(values)}"]
-    if len(finite):
-        low, high = f"{finite.min():g}", f"{finite.max():g}"
-        parts.append(f"sharpness {low}" + (f" to {high}" if high != low else ""))
-    if len(finite) < len(values):
-        parts.append(f"{len(values) - len(finite)} infinite" if len(finite) else "infinite")
-    return ", ".join(parts)
+def times(counts: Mapping[Any, int]) -> str:
+    """The same from how often there is what."""
+    first, *others = (f"{kind} ({count})" for kind, count in counts.items())
+    return ", ".join([first.replace(")", " times)"), *others])

@@ -5,19 +5,20 @@ from __future__ import annotations
 import os
 import re
 import secrets
-import shutil
 import tempfile
 import warnings
 from collections.abc import Iterator
 from itertools import accumulate
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import INTERPOLATION, Mesh, MeshError
-from limitsurf.shell.files import replacing
-from limitsurf.shell.io import IntArray, Path, _float_points
+from limitsurf.shell.polygons import IntArray, float_points, polygons
+
+if TYPE_CHECKING:
+    from limitsurf.query import Tessellation
 
 try:
     from pxr import Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
@@ -63,15 +64,18 @@ VALUES = {  # of a primvar, by the shape of one
 OF_POINTS = {"vertex": "none", "varying": "all"}
 
 
-def read(name: str, path: str | None) -> Mesh:
-    """The mesh, or all meshes as one, of a stage or of what is at or below the prim of a path."""
+def read(name: str, path: str | None, file: str) -> Mesh:
+    """The mesh, or all meshes as one, of a stage or of what is at or below the prim of a path.
+
+    `name` is that of the file for messages.
+    """
     # In its place of stderr, for as long as it lives.
     diagnostics = UsdUtils.CoalescingDiagnosticDelegate()
     try:
         # An argument of its own gives a layer of its own, read from the file as it is now, where
         # USD would hand out one that somebody has open.
         fresh = {"limitsurf": secrets.token_hex(8)}
-        stage = Usd.Stage.Open(Sdf.Layer.CreateIdentifier(os.path.abspath(name), fresh))
+        stage = Usd.Stage.Open(Sdf.Layer.CreateIdentifier(os.path.abspath(file), fresh))
         return _merged(name, [_Reader(name, prim) for prim in _found(name, stage, path)])
     except Tf.ErrorException as error:
         said = _plain(error.args[0])
@@ -347,11 +351,20 @@ def _starts(counts: list[int]) -> list[int]:
     return [0, *accumulate(counts[:-1])]
 
 
-def write(path: Path, mesh: Mesh) -> None:
-    """Write a mesh as the one prim of a stage, in the format of the suffix."""
+def pieces(x: Mesh | Tessellation, suffix: str) -> Iterator[bytes]:
+    """The bytes of a file with the mesh as the one prim of a stage, in the format of the suffix."""
     stage = Usd.Stage.CreateInMemory()
-    _define(stage, mesh)
-    suffix = os.path.splitext(os.fsdecode(path))[1].lower()
+    if isinstance(x, Mesh):
+        _define(stage, x)
+    else:
+        shape = polygons(x)
+        channels = {name: (*channel, "corners_plus1") for name, channel in x.channels.items()}
+        faces = shape.sizes, shape.indices
+        geom = _define(stage, Mesh(shape.points, faces, scheme="none", channels=channels))
+        if len(shape.normals):
+            normals = shape.normals[shape.normal_indices].astype(np.float32)
+            geom.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(normals))
+            geom.SetNormalsInterpolation(UsdGeom.Tokens.faceVarying)
     # USD takes the format from a name, and writes to no open file.
     with tempfile.TemporaryDirectory() as folder:
         whole = os.path.join(folder, f"mesh{suffix}")
@@ -359,16 +372,17 @@ def write(path: Path, mesh: Mesh) -> None:
             stage.GetRootLayer().Export(whole)
         except Tf.ErrorException as error:
             raise OSError(_plain(error.args[0])) from None
-        with open(whole, "rb") as source, replacing(path) as file:
-            shutil.copyfileobj(source, file)
+        with open(whole, "rb") as source:
+            content = source.read()
+    return iter([content])
 
 
-def _define(stage: Any, mesh: Mesh) -> None:
-    """The mesh as a prim; what USD cannot hold raises."""
+def _define(stage: Any, mesh: Mesh) -> Any:
+    """The mesh as a prim, which is returned; what USD cannot hold raises."""
     geom = UsdGeom.Mesh.Define(stage, PRIM)
     prim = geom.GetPrim()
     stage.SetDefaultPrim(prim)
-    points = _single(_float_points(mesh), "a coordinate")
+    points = _single(float_points(mesh), "a coordinate")
     geom.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
     geom.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([points.min(0), points.max(0)])))
     geom.CreateFaceVertexCountsAttr(_integers(mesh.sizes))
@@ -397,6 +411,7 @@ def _define(stage: Any, mesh: Mesh) -> None:
             f"channels: a USD mesh holds one interpolation for all its seams, got {modes}"
         )
     _choose(prim, "interpolation", *LINEAR, next(iter(modes.values()), None))
+    return geom
 
 
 def _choose(prim: Any, what: str, attribute: str, meanings: dict[str, str], value: Any) -> None:

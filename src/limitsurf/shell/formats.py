@@ -1,0 +1,416 @@
+"""Cages and tessellations from and to PyVista and trimesh, and the formats that these know."""
+
+from __future__ import annotations
+
+import logging
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf.mesh import Mesh, MeshError
+from limitsurf.shell import vtk_reader
+from limitsurf.shell.polygons import mesh_of, polygons
+
+if TYPE_CHECKING:
+    from limitsurf.query import Tessellation
+
+USD = (".usd", ".usda", ".usdc")
+PLAIN = (".obj", ".ply", ".off")
+VTK = (".vtp", ".vtu", ".vtk")
+TRIMESH = (".stl", ".glb", ".gltf", ".3mf", ".dae")
+READABLE = (*PLAIN, *USD, ".usdz", *VTK, *TRIMESH)
+WRITABLE = (*PLAIN, *USD, *VTK, *TRIMESH)
+# what else a format holds of a tessellation
+WITH_NORMALS = (".obj", ".ply", *USD, *VTK, ".glb", ".gltf", ".dae")
+WITH_UV = (".obj", ".ply", *USD, *VTK, ".glb", ".gltf", ".dae")
+
+_MEMORY = 4 << 30  # bytes that VTK may take up beside those in proportion to a file
+_POLYGONS = (5, 7, 9)  # VTK_TRIANGLE, VTK_POLYGON, VTK_QUAD
+# how a file begins, after white space, and what to say where it does not
+_BEGINNINGS = {
+    ".vtp": (rb"\s*<((?s:.){0,2000}<)?VTKFile\b", "XML with <VTKFile"),
+    ".vtu": (rb"\s*<((?s:.){0,2000}<)?VTKFile\b", "XML with <VTKFile"),
+    ".vtk": (rb"# vtk DataFile Version \d", "'# vtk DataFile Version'"),
+    # binary, or text that is whole: trimesh takes what there is of it
+    ".stl": (
+        rb"(?is:(?!\s*solid).{84}|.*\0|.*\bendsolid\b)",
+        "a header, or 'solid' and 'endsolid'",
+    ),
+    ".glb": (rb"glTF\x02\0\0\0", "'glTF', version 2"),
+    ".gltf": (rb"(\xef\xbb\xbf)?\s*\{", "JSON, '{'"),
+    ".3mf": (rb"PK\x03\x04", "a ZIP archive, 'PK'"),
+    ".dae": (rb"(\xef\xbb\xbf)?\s*<((?s:.){0,2000}<)?COLLADA\b", "XML with <COLLADA"),
+}
+
+
+def from_pyvista(dataset: Any, **tags: Any) -> Mesh:
+    """A cage of the polygons of a PyVista ``PolyData`` or ``UnstructuredGrid``.
+
+    Vertex cells and lines are ignored, and so are data arrays. Faces that only touch are joined
+    nowhere: merge their points first with ``dataset.clean()``.
+
+    Parameters
+    ----------
+    dataset : pyvista.PolyData or pyvista.UnstructuredGrid
+        Polygons of any size; a grid must have no other cells.
+    **tags
+        Creases, corners and all else that ``Mesh`` takes besides points and faces.
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    MeshError
+        Polygons that ``Mesh`` refuses.
+    TypeError
+        Another type of dataset.
+    ValueError
+        Triangle strips, or cells of a grid that are no polygons.
+    ImportError
+        PyVista is not installed.
+
+    Examples
+    --------
+    >>> import limitsurf as ls, pyvista
+    >>> ls.from_pyvista(pyvista.Cube().clean())
+    Mesh(8 vertices, 12 edges, 6 faces {4: 6}, interior valences {3: 8})
+    """
+    faces = _dataset_faces(dataset)
+    return Mesh(dataset.points, faces, **tags)
+
+
+def to_pyvista(x: Mesh | Tessellation) -> Any:
+    """A cage or a tessellation as a ``pyvista.PolyData``.
+
+    Parameters
+    ----------
+    x : Mesh or Tessellation
+        Of a cage the points and faces, without tags and channels; exact points are rounded to
+        float64. Of a tessellation the polygons, split into one normal for each point, which are
+        the active normals; "uv" or else "st" (k, 2) are the active texture coordinates.
+
+    Returns
+    -------
+    pyvista.PolyData
+
+    Raises
+    ------
+    ValueError
+        Points that are not of shape (n_vertices, 3), or a tessellation without polygons.
+    ImportError
+        PyVista is not installed.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> ls.to_pyvista(ls.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])).n_cells
+    1
+    """
+    return _dataset(polygons(x, uv=not isinstance(x, Mesh)))
+
+
+def from_trimesh(mesh: Any, *, merge: bool = False, **tags: Any) -> Mesh:
+    """A cage of the triangles of a ``trimesh.Trimesh``, or of all in a ``trimesh.Scene``.
+
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh or trimesh.Scene
+        The objects of a scene become one mesh, each where its transforms put it; their point
+        clouds and curves are ignored. Texture coordinates, where all objects have some, are the
+        channel "uv".
+    merge : bool
+        Whether points of equal coordinates become one, as they should where they are repeated
+        along seams; trimesh itself merges most of them unless it is told ``process=False``.
+    **tags
+        Creases, corners and all else that ``Mesh`` takes besides points and faces.
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    MeshError
+        Faces that ``Mesh`` refuses, such as none.
+    TypeError
+        Another type.
+    ImportError
+        trimesh is not installed.
+
+    Examples
+    --------
+    >>> import limitsurf as ls, trimesh
+    >>> ls.from_trimesh(trimesh.creation.icosahedron())
+    Mesh(12 vertices, 30 edges, 20 faces {3: 20}, interior valences {5: 12})
+    """
+    trimesh = _trimesh()
+    if isinstance(mesh, trimesh.Trimesh):
+        placed = [(mesh, np.eye(4))]
+    elif isinstance(mesh, trimesh.Scene):
+        nodes = [mesh.graph[node] for node in mesh.graph.nodes_geometry]
+        placed = [(mesh.geometry[name], np.asarray(matrix)) for matrix, name in nodes]
+        placed = [(part, matrix) for part, matrix in placed if isinstance(part, trimesh.Trimesh)]
+    else:
+        raise TypeError(f"need a trimesh.Trimesh or Scene, got {type(mesh).__name__}")
+    points, faces, textures = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], []
+    for part, matrix in placed:
+        triangles = np.asarray(part.faces) + sum(map(len, points))
+        if np.linalg.det(matrix[:3, :3]) < 0:
+            triangles = triangles[:, [0, 2, 1]]  # mirrored, and outwards again
+        vertices = np.asarray(part.vertices, dtype=np.float64)
+        if (matrix != np.eye(4)).any():
+            vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        uv = getattr(part.visual, "uv", None)
+        if uv is not None and np.shape(uv) == (len(vertices), 2):
+            textures.append(np.asarray(uv, dtype=np.float64))
+        points.append(vertices)
+        faces.append(triangles)
+    indices = np.concatenate(faces)
+    whole = len(textures) == len(placed) and len(placed)
+    return mesh_of(
+        np.concatenate(points),
+        np.full(len(indices), 3),
+        indices.ravel(),
+        np.concatenate(textures) if whole else None,
+        merge=merge,
+        **tags,
+    )
+
+
+def to_trimesh(x: Mesh | Tessellation) -> Any:
+    """A cage or a tessellation as a ``trimesh.Trimesh``, of triangles.
+
+    Polygons are cut as those of `Tessellation.triangles`. trimesh processes nothing: points stay as
+    they are and where they are.
+
+    Parameters
+    ----------
+    x : Mesh or Tessellation
+        Of a cage the points and faces, without tags and channels; exact points are rounded to
+        float64. A tessellation is split into one normal for each point, its ``vertex_normals``;
+        "uv" or else "st" (k, 2) are the ``uv`` of its ``TextureVisuals``.
+
+    Returns
+    -------
+    trimesh.Trimesh
+
+    Raises
+    ------
+    ValueError
+        Points that are not of shape (n_vertices, 3), or a tessellation without polygons.
+    ImportError
+        trimesh is not installed.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    >>> ls.to_trimesh(square).faces.tolist()
+    [[0, 1, 2], [0, 2, 3]]
+    >>> ls.to_trimesh(ls.tessellate(ls.LimitSurface(square), 2)).vertex_normals.shape
+    (9, 3)
+    """
+    return _triangles(polygons(x, uv=not isinstance(x, Mesh)))
+
+
+# --- PyVista
+
+
+def _pyvista() -> Any:
+    try:
+        import pyvista
+    except ImportError as error:
+        raise ImportError('PyVista is needed: pip install "limitsurf[plot]"') from error
+    return pyvista
+
+
+def _dataset_faces(dataset: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sizes and indices of the polygons of a dataset of PyVista."""
+    pyvista = _pyvista()
+    if isinstance(dataset, pyvista.PolyData):
+        if dataset.n_strips:
+            raise ValueError("the dataset has triangle strips, need polygons: call .triangulate()")
+        cells = dataset.GetPolys()
+    elif isinstance(dataset, pyvista.UnstructuredGrid):
+        others = np.flatnonzero(~np.isin(dataset.celltypes, _POLYGONS))
+        if len(others):
+            kind = pyvista.CellType(dataset.celltypes[others[0]]).name
+            raise ValueError(
+                f"cell {others[0]} is a {kind}, need polygons only: call .extract_surface()"
+            )
+        cells = dataset.GetCells()
+    else:
+        raise TypeError(
+            f"need a pyvista.PolyData or UnstructuredGrid, got {type(dataset).__name__}: "
+            "datasets of pyvista become PolyData by .extract_surface()"
+        )
+    offsets = np.asarray(pyvista.convert_array(cells.GetOffsetsArray()), dtype=np.int64)
+    indices = np.asarray(pyvista.convert_array(cells.GetConnectivityArray()), dtype=np.int64)
+    return np.diff(offsets), indices
+
+
+def _dataset(shape: Tessellation) -> Any:
+    """Polygons as a PolyData, split at creases and seams."""
+    shape = shape.split()
+    cells = np.insert(shape.indices, shape.offsets[:-1], shape.sizes)  # size, vertices, size, ...
+    dataset = _pyvista().PolyData(shape.points.copy(), cells)
+    if len(shape.normals):
+        dataset.point_data["Normals"] = shape.normals
+        dataset.point_data.active_normals_name = "Normals"
+    if "uv" in shape.channels:
+        # in single precision: of others VTK's writer of PLY files would end the process
+        dataset.point_data["uv"] = shape.channels["uv"][0].astype(np.float32)
+        dataset.GetPointData().SetActiveTCoords("uv")
+    return dataset
+
+
+@contextmanager
+def _complaints() -> Iterator[list[str]]:
+    """What VTK says meanwhile, instead of printing it."""
+    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
+
+    said: list[str] = []
+    window, before = vtkStringOutputWindow(), vtkOutputWindow.GetInstance()
+    verbosity = vtkLogger.GetCurrentVerbosityCutoff()
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+    vtkOutputWindow.SetInstance(window)
+    try:
+        yield said
+    finally:
+        vtkOutputWindow.SetInstance(before)
+        vtkLogger.SetStderrVerbosity(verbosity)
+        said += [line for line in window.GetOutput().splitlines() if "rror" in line]
+
+
+def read_vtk(name: str, suffix: str, data: bytes) -> Mesh:
+    """The cage of a file of VTK; active texture coordinates of points are the channel "uv"."""
+    _check_beginning(name, suffix, data)
+    if find_spec("vtkmodules") is None:
+        _pyvista()
+    command = [sys.executable, vtk_reader.__file__, suffix, str(_MEMORY + 64 * len(data))]
+    seconds = 60 + len(data) // 10**6
+    try:
+        done = subprocess.run(command, input=data, capture_output=True, timeout=seconds)
+    except subprocess.TimeoutExpired:
+        raise MeshError(f"{name}: broken: VTK has not read it in {seconds} s") from None
+    if done.returncode:
+        raise MeshError(f"{name}: truncated or broken: VTK fails to read it")
+    with np.load(BytesIO(done.stdout), allow_pickle=False) as found:
+        arrays = dict(found)
+    if "error" in arrays:
+        raise MeshError(f"{name}: {arrays['error']}")
+    return mesh_of(**arrays, merge="uv" in arrays)
+
+
+def vtk(shape: Tessellation, suffix: str) -> Iterator[bytes]:
+    """The bytes of a file of VTK."""
+    dataset: Any = _dataset(shape)
+    from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter, vtkXMLUnstructuredGridWriter
+
+    with _complaints() as said:
+        if suffix == ".vtk":
+            writer = vtkPolyDataWriter()
+            writer.SetFileTypeToBinary()
+        else:
+            writer = vtkXMLPolyDataWriter() if suffix == ".vtp" else vtkXMLUnstructuredGridWriter()
+            dataset = dataset if suffix == ".vtp" else dataset.cast_to_unstructured_grid()
+        writer.SetInputData(dataset)
+        writer.WriteToOutputStringOn()
+        writer.Write()
+        text = writer.GetOutputStdString() if suffix == ".vtk" else writer.GetOutputString()
+    if said or not text:
+        raise OSError(f"VTK cannot write it: {' '.join(said)}")
+    yield text.encode() if isinstance(text, str) else text
+
+
+# --- trimesh
+
+
+def _trimesh() -> Any:
+    try:
+        import trimesh
+    except ImportError as error:
+        raise ImportError('trimesh is needed: pip install "limitsurf[formats]"') from error
+    return trimesh
+
+
+def _triangles(shape: Tessellation) -> Any:
+    """Polygons as a Trimesh, split at creases and seams."""
+    trimesh = _trimesh()
+    shape = shape.split()
+    visual = None
+    if "uv" in shape.channels:
+        visual = trimesh.visual.TextureVisuals(uv=shape.channels["uv"][0])
+    return trimesh.Trimesh(
+        shape.points,
+        shape.indices[shape.triangles],
+        vertex_normals=shape.normals if len(shape.normals) else None,
+        visual=visual,
+        process=False,
+    )
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """What trimesh logs is left out: what is wrong it raises too."""
+    logger = logging.getLogger("trimesh")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
+def read_trimesh(name: str, suffix: str, data: bytes, folder: str | None) -> Mesh:
+    """The cage of a file that trimesh reads, its objects together, points joined."""
+    trimesh = _trimesh()
+    _check_beginning(name, suffix, data)
+    resolver = trimesh.resolvers.FilePathResolver(folder) if folder is not None else None
+    try:
+        with _quiet():
+            scene = trimesh.load_scene(
+                BytesIO(data), file_type=suffix[1:], resolver=resolver, process=False
+            )
+    except ImportError as error:
+        raise ImportError(f'{name}: {error}: pip install "limitsurf[formats]"') from error
+    except Exception as error:  # of whatever type: trimesh checks little of what it reads
+        reason = f"{type(error).__name__}: {error}"[:200]
+        raise MeshError(f"{name}: trimesh cannot read it, truncated or broken: {reason}") from None
+    return from_trimesh(scene, merge=True)
+
+
+def trimesh_bytes(shape: Tessellation, suffix: str) -> Iterator[bytes]:
+    """The bytes of a file that trimesh writes."""
+    mesh = _triangles(shape)
+    with _quiet():
+        try:
+            if suffix == ".gltf":
+                from trimesh.exchange.gltf import export_gltf
+
+                files = export_gltf(mesh.scene(), include_normals=True, embed_buffers=True)
+                found: Any = files["model.gltf"]
+            elif suffix == ".glb":
+                found = mesh.export(file_type="glb", include_normals=bool(len(shape.normals)))
+            else:
+                found = mesh.export(file_type=suffix[1:])
+        except ImportError as error:
+            raise ImportError(f'{suffix}: {error}: pip install "limitsurf[formats]"') from error
+    yield found.encode() if isinstance(found, str) else found
+
+
+def _check_beginning(name: str, suffix: str, data: bytes) -> None:
+    pattern, need = _BEGINNINGS[suffix]
+    if not re.match(pattern, data):
+        raise MeshError(f"{name}: need {need} at the start: this is no {suffix} file")

@@ -1,0 +1,238 @@
+"""Eigenfunctions of subdivision around a vertex, as limit surfaces of cages of their own.
+
+The two-ring of a vertex holds all control points of the faces around it, and one step of refinement
+makes the two-ring of half the size from it. An eigenvector of that step is a cage whose limit is an
+eigenfunction: exactly the same at half the parameters, times its eigenvalue.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf.mesh import Mesh
+from limitsurf.refine import refined
+from limitsurf.spectra import eigenbasis
+from limitsurf.surface import LimitSurface
+
+if TYPE_CHECKING:
+    from limitsurf.exact.scheme import Scheme
+
+Array: TypeAlias = NDArray[Any]
+
+_SAME = 1e-9  # eigenvalues this close are one
+
+
+@dataclass(frozen=True)
+class Mode:
+    """An eigenfunction around a smooth vertex.
+
+    Attributes
+    ----------
+    eigenvalue : float
+    frequency : int
+        Waves once around the vertex.
+    sine : bool
+        Whether it changes its sign when mirrored at the first edge.
+    paired : bool
+        Whether there is another of this eigenvalue and frequency, turned by a quarter of a wave.
+    values : (M,)
+        At the vertices of the fan.
+    """
+
+    eigenvalue: float
+    frequency: int
+    sine: bool
+    paired: bool
+    values: Array
+
+
+class Fan:
+    """The two-ring of a vertex: k sectors of 2 x 2 faces, the vertex at corner 0 of the inner ones.
+
+    Sector s lies between axes s and s + 1; its point (i, j) is i steps along the one and j along
+    the other. Limit face s is the inner face of sector s, with u along axis s.
+
+    Examples
+    --------
+    >>> from limitsurf.shell.modes import Fan
+    >>> fan = Fan("catmull-clark", "interior", 5)
+    >>> x, y = fan.characteristic_map().T
+    >>> surface = fan.surface(x)
+    >>> ratio = surface.evaluate(0, 0.25, 0.5) / surface.evaluate(0, 0.5, 1.0)
+    >>> print(f"{ratio:.6f}")
+    0.549988
+    """
+
+    def __init__(self, scheme: str | Scheme, kind: str, faces: int) -> None:
+        self.scheme, self.kind, self.faces = scheme, kind, faces
+        self.basis = eigenbasis(scheme, kind=kind, faces=faces)  # checks all three
+        is_open = kind in ("crease", "corner")
+        axes = faces + is_open
+        s = np.arange(faces)
+        number = np.zeros((faces, 3, 3), dtype=np.int64)
+        steps = np.arange(1, 3)
+        number[:, 1:, 0] = 1 + 2 * s[:, None] + steps - 1
+        number[:, 0, 1:] = 1 + 2 * ((s + 1) % axes)[:, None] + steps - 1
+        number[:, 1:, 1:] = 1 + 2 * axes + np.arange(4 * faces).reshape(faces, 2, 2)
+        self.number = number  # (k, 3, 3)
+        quads = [number[:, :-1, :-1], number[:, 1:, :-1], number[:, 1:, 1:], number[:, :-1, 1:]]
+        cells = np.stack(quads, axis=-1).reshape(faces, 4, 4)
+        # inner faces first: their numbers are those of the sectors
+        self._cells = np.concatenate([cells[:, 0], cells[:, 1:].reshape(-1, 4)])
+        self._tags: dict[str, Any] = {"boundary": "edge_only"}
+        if kind == "dart":
+            ray = [0, *number[0, 1:, 0].tolist()]
+            self._tags["creases"] = dict.fromkeys(pairwise(ray), math.inf)
+        if kind in ("corner", "cone"):
+            self._tags["corners"] = {0: math.inf}
+        self.size = int(number.max()) + 1
+
+    def surface(self, values: Array) -> LimitSurface:
+        """The limit surface of values (M, ...), on the inner faces."""
+        holes = range(self.faces, len(self._cells))
+        return LimitSurface(Mesh(values, self._cells, holes=holes, **self._tags), self.scheme)
+
+    def operator(self) -> Array:
+        """One step of refinement, (M, M)."""
+        cage = Mesh(np.zeros((self.size, 1)), self._cells, **self._tags)
+        fine, rows = refined(cage, scheme=self.scheme, operator=True)
+        child = np.asarray(fine.faces)[: 4 * self.faces].reshape(self.faces, 4, 4)
+        at = np.empty_like(self.number)  # fine vertices
+        corners = [[(0, 0), (1, 0), (1, 1), (0, 1)], [(2, 0), (2, 1), (1, 1), (1, 0)]]
+        corners += [[(2, 2), (1, 2), (1, 1), (2, 1)], [(0, 2), (0, 1), (1, 1), (1, 2)]]
+        for k, places in enumerate(corners):
+            for corner, (i, j) in enumerate(places):
+                at[:, i, j] = child[:, k, corner]
+        origin = np.empty(self.size, dtype=np.int64)
+        origin[self.number] = at
+        return np.asarray(rows.toarray()[origin])
+
+    def mirrored(self, values: Array) -> Array:
+        """Values (M,) reflected: at the first axis, or in open fans at the bisector."""
+        found = np.empty_like(values)
+        last = self.faces - 1
+        found[self.number[np.arange(last, -1, -1)]] = values[self.number.transpose(0, 2, 1)]
+        return found
+
+    def modes(self) -> list[Mode]:
+        """All eigenfunctions around a smooth vertex, by decreasing modulus of the eigenvalue.
+
+        Sectors are alike, so that each wave around the vertex has a block of its own.
+        """
+        assert self.kind == "interior"
+        N, step = self.faces, self.operator()
+        local = [self.number[:, i, j] for i in (1, 2) for j in (0, 1, 2)]
+        unknown = np.stack(local, axis=1)  # (N, 6), without the vertex
+        found = []
+        for f in range(N // 2 + 1):
+            angle = 2 * np.pi * f / N * np.arange(N)
+            waves = np.zeros((self.size, 6, 2))
+            for k in range(6):
+                waves[unknown[:, k], k] = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            all_waves = waves.reshape(self.size, 12)
+            if f == 0:
+                all_waves = np.concatenate([all_waves, np.eye(self.size)[:, :1]], axis=1)
+            swapped = self.mirrored(all_waves)
+            for sine, part in enumerate((all_waves + swapped, all_waves - swapped)):
+                left, sizes, _ = np.linalg.svd(part, full_matrices=False)
+                base = left[:, sizes > _SAME]  # (M, 3 or so), orthonormal
+                for eigenvalue, vector in _eigenvectors(base.T @ step @ base):
+                    values = base @ vector
+                    values /= values[np.argmax(np.abs(values).round(9))]
+                    found.append(Mode(eigenvalue, f, bool(sine), 0 < 2 * f < N, values))
+        return sorted(found, key=lambda m: (-round(abs(m.eigenvalue), 9), m.frequency, m.sine))
+
+    def order(self) -> float:
+        """The order at which refined vertices around the vertex approach their limits.
+
+        An eigenvector whose values are not those of its eigenfunction differs from them, after n
+        refinements, by the n-th power of its eigenvalue.
+        """
+        eigenvalues, vectors = np.linalg.eig(self.operator())
+        parts = np.concatenate([vectors.real, vectors.imag], axis=1)  # (M, 2 M)
+        face, ends = np.arange(self.faces)[:, None, None], np.array([0.0, 1.0])
+        limits = self.surface(parts).evaluate(face, ends[:, None], ends)  # (k, 2, 2, 2 M)
+        gaps = np.abs(parts[self.number[:, :2, :2]] - limits).max(axis=(0, 1, 2))
+        moves = np.maximum(*gaps.reshape(2, -1)) > 1e-6
+        return -math.log2(np.abs(eigenvalues[moves]).max())
+
+    def characteristic_map(self) -> Array:
+        """Control points (M, 2) of the characteristic map.
+
+        The first edge of a smooth vertex points along x, the crease of a dart too; an open sector
+        lies above the x axis, from right to left.
+
+        Raises
+        ------
+        ValueError
+            Where there is no tangent plane.
+        """
+        table = self.basis.float64
+        if not len(table.normal):
+            raise ValueError(
+                f"there is no tangent plane at {self.basis._place()}, so no characteristic map"
+            )
+        step = self.operator()
+        first, second = table.eigenvalues[0, table.normal].tolist()
+        if abs(first - second) > _SAME and np.isin(table.normal, table.chains).any():
+            raise ValueError(
+                f"the tangent plane at {self.basis._place()} comes from a Jordan chain, not from "
+                "two eigenfunctions: there is no characteristic map"
+            )
+        if abs(first - second) < _SAME:
+            space = _kernel(step - first * np.eye(self.size), 2)
+        else:
+            space = np.concatenate(
+                [_kernel(step - x * np.eye(self.size), 1) for x in (first, second)]
+            )
+        even = _largest(space + np.stack([self.mirrored(x) for x in space]))
+        odd = _largest(space - np.stack([self.mirrored(x) for x in space]))
+        x, y = (odd, even) if self.kind in ("crease", "corner") else (even, odd)
+        # counter-clockwise, and as wide along both axes as it would be in the plane
+        ring = self.number[:, 1, 0]
+        if self.kind == "interior":
+            turn = 2 * np.pi / self.faces
+            return np.stack([x / x[ring[0]], y / y[ring[1]] * math.sin(turn)], axis=1)
+        if self.kind == "corner" and self.faces == 1:  # the first quadrant
+            x, y = x / x[ring[0]], y / y[ring[0]]
+            x, y = y + x, y - x
+        inner = self.number[:, :2, :2]
+        x, y = x / np.abs(x[inner]).max(), y / np.abs(y[inner]).max()
+        return np.stack([x * np.sign(x[ring[0]]), y * np.sign(y[self.number[0, 1, 1]])], axis=1)
+
+
+def predicted_order(surface: LimitSurface) -> float:
+    """The order at which `limitsurf.validate` sees a surface approached, once it is settled: that
+    of the slowest of its vertices, at most 2."""
+    sectors = {(s.kind, s.faces) for s in surface.patches.sectors if s is not None}
+    scheme = surface.rules["scheme"]
+    return min([2.0, *(Fan(scheme, kind, faces).order() for kind, faces in sectors)])
+
+
+def _eigenvectors(matrix: Array) -> list[tuple[float, Array]]:
+    """Eigenvalues of a small matrix that has real ones, each with one of its eigenvectors."""
+    eigenvalues = np.sort(np.linalg.eigvals(matrix).real)
+    first = np.flatnonzero(np.diff(eigenvalues, prepend=-np.inf) > 1e-6)
+    found = []
+    for group in np.split(eigenvalues, first[1:]):
+        _, sizes, vectors = np.linalg.svd(matrix - group.mean() * np.eye(len(matrix)))
+        some = [k for k in range(-len(group), 0) if sizes[k] < _SAME]  # fewer if it is defective
+        found += [(float(group.mean()), vectors[k]) for k in some]
+    return found
+
+
+def _kernel(matrix: Array, size: int) -> Array:
+    """Vectors (size, M) that the matrix maps to 0."""
+    _, values, vectors = np.linalg.svd(matrix)
+    assert values[-size] < _SAME, "the subdivision matrix has another spectrum than its table"
+    return np.asarray(vectors[-size:])
+
+
+def _largest(vectors: Array) -> Array:
+    return np.asarray(vectors[np.argmax(np.linalg.norm(vectors, axis=1))])

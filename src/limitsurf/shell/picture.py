@@ -1,0 +1,237 @@
+"""A picture: what was drawn, as pixels, files, and pages that a reader can turn."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf.shell import paint, render
+from limitsurf.shell.files import replacing
+from limitsurf.shell.paint import Image
+from limitsurf.shell.scene import QUADS, Scene
+
+PAGE_QUADS = 30_000  # of a page, whose size they make up
+
+Path = str | os.PathLike[str]
+
+
+class Drawing(Protocol):
+    """What a picture is made of."""
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """Of the files that can be made of it, ``.png`` among them."""
+        ...
+
+    def prepare(self, suffix: str) -> None:
+        """Do what can fail of the work for such a file."""
+        ...
+
+    def pixels(self) -> Image:
+        """The picture, (height, width, 3)."""
+        ...
+
+    def content(self, suffix: str) -> bytes:
+        """What a file with this suffix, not .png, contains."""
+        ...
+
+    def window(self) -> Image:
+        """Show it in a window until that is closed; the last picture."""
+        ...
+
+
+class Picture:
+    """A picture of a surface or of a spectrum, as `plot` and its relatives return it.
+
+    It is drawn when it is first needed. In a notebook the last expression of a cell is shown.
+    ``np.asarray(picture)`` is its `image`.
+
+    Attributes
+    ----------
+    image : ndarray of uint8, shape (height, width, 3)
+        The pixels.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+    >>> cube = ls.Mesh([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], quads)
+    >>> picture = ls.plot(ls.LimitSurface(cube), off_screen=True, window_size=(320, 240))
+    >>> picture
+    <Picture of 320 x 240 pixels>
+    >>> picture.image.shape
+    (240, 320, 3)
+    """
+
+    def __init__(self, drawing: Drawing, size: tuple[int, int]) -> None:
+        self._drawing = drawing
+        self._image: Image | None = None
+        self._size = size
+
+    @property
+    def image(self) -> Image:
+        if self._image is None:
+            self._image = self._drawing.pixels()
+        return self._image
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        if copy is False and dtype not in (None, np.uint8):
+            raise ValueError(f"an array of {dtype} is a copy")
+        return np.array(self.image, dtype=dtype, copy=bool(copy or dtype))
+
+    def __repr__(self) -> str:
+        width, height = self._size
+        return f"<Picture of {width} x {height} pixels>"
+
+    def save(self, file: Path) -> None:
+        """Write the picture to a file, which appears whole or not at all.
+
+        Parameters
+        ----------
+        file : str or os.PathLike
+            ``.png``; of a surface or an eigenfunction also ``.html``, a page that any browser
+            shows, without a network, and in which the scene turns: some two megabytes, and more
+            from 30,000 limit faces on; of a diagram also ``.svg`` and ``.pdf``.
+
+        Raises
+        ------
+        ValueError
+            Another suffix.
+        ImportError
+            For a page, without trame-vtk (``pip install "limitsurf[plot]"``).
+        OSError
+            A file that cannot be written.
+        """
+        suffix = checked_suffix(file, self._drawing.suffixes)
+        content = paint.png(self.image) if suffix == ".png" else self._drawing.content(suffix)
+        with replacing(file) as target:
+            target.write(content)
+
+    def show(self) -> None:
+        """Open a window with the picture, to be turned with the mouse; until it is closed.
+
+        Raises
+        ------
+        OSError
+            Without a display.
+        """
+        render.check_display()
+        self._image = self._drawing.window()
+
+    def interactive(self, height: int = 480) -> Interactive:
+        """The scene for a notebook, to be turned with the mouse; nothing is loaded from elsewhere.
+
+        Parameters
+        ----------
+        height : int
+            Of the frame, in pixels of the page.
+
+        Raises
+        ------
+        ValueError
+            For a picture that is not of a scene in space.
+        ImportError
+            Without trame-vtk (``pip install "limitsurf[plot]"``).
+        """
+        if ".html" not in self._drawing.suffixes:
+            raise ValueError("this picture is flat, there is nothing to turn; show it as it is")
+        return Interactive(self._drawing.content(".html").decode(), height)
+
+    def _repr_png_(self) -> bytes:
+        return paint.png(self.image)
+
+
+class Interactive:
+    """A page in a frame, which notebooks show."""
+
+    def __init__(self, page: str, height: int) -> None:
+        self.page = page
+        self.height = height
+
+    def _repr_html_(self) -> str:
+        return render.frame(self.page, self.height)
+
+
+class SceneDrawing:
+    """A scene, of more quads for a picture than for a page; ``build(aspect, quads)`` makes it."""
+
+    suffixes = (".png", ".html")
+
+    def __init__(
+        self, build: Callable[[float, int], Scene], size: tuple[int, int], with_bar: bool
+    ) -> None:
+        self.build, self.size = build, size
+        # a colour bar has a strip of its own; in a page the scene stays in the middle
+        self._strip = with_bar * paint.strip(size[1])
+        self._scenes: dict[int, Scene] = {}
+
+    def prepare(self, suffix: str) -> None:
+        """Make the scene of such a file, or raise what is wrong with it."""
+        self._of(PAGE_QUADS if suffix == ".html" else QUADS)
+
+    def _of(self, quads: int) -> Scene:
+        if quads not in self._scenes:
+            width = self.size[0] - self._strip * (2 if quads == PAGE_QUADS else 1)
+            self._scenes[quads] = self.build(max(1, width) / self.size[1], quads)
+        return self._scenes[quads]
+
+    def pixels(self) -> Image:
+        """The picture, (height, width, 3)."""
+        width = max(1, self.size[0] - self._strip)
+        image = render.pixels(self._of(QUADS), width, self.size[1])
+        return paint.explained(image, self._of(QUADS))
+
+    def content(self, suffix: str) -> bytes:
+        """A page of HTML."""
+        return render.page(self._of(PAGE_QUADS), *self.size).encode()
+
+    def window(self) -> Image:
+        """Show it in a window until that is closed; the last picture."""
+        return render.window(self._of(QUADS), *self.size)
+
+
+def checked_suffix(file: Path, known: tuple[str, ...]) -> str:
+    """The suffix of a file to write, in lower case; ValueError if it is another."""
+    suffix = os.path.splitext(os.fspath(file))[1].lower()
+    if suffix not in known:
+        need = " or ".join(known)
+        raise ValueError(f"{os.fspath(file)}: this picture is written as {need}, got {suffix!r}")
+    return suffix
+
+
+def in_notebook() -> bool:
+    """Whether this is a kernel whose front end shows what a cell returns."""
+    ipython = sys.modules.get("IPython")
+    shell = None if ipython is None else ipython.get_ipython()
+    return hasattr(shell, "kernel")
+
+
+def check_target(file: Path | None, off_screen: bool | None, known: tuple[str, ...]) -> None:
+    """Complain, before any work, of another suffix, or of a window without a display."""
+    if file is not None:
+        checked_suffix(file, known)
+    if not _off_screen(file, off_screen):
+        render.check_display()
+
+
+def finished(
+    drawing: Drawing, size: tuple[int, int], file: Path | None, off_screen: bool | None
+) -> Picture:
+    """The picture, shown in a window and written to a file if that is wanted."""
+    shown = not _off_screen(file, off_screen)
+    drawing.prepare(".png" if file is None or shown else checked_suffix(file, drawing.suffixes))
+    picture = Picture(drawing, size)
+    if shown:
+        picture.show()
+    if file is not None:
+        picture.save(file)
+    return picture
+
+
+def _off_screen(file: Path | None, off_screen: bool | None) -> bool:
+    return (file is not None or in_notebook()) if off_screen is None else off_screen

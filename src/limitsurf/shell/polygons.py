@@ -1,0 +1,152 @@
+"""What files and other libraries hold of cages and tessellations: polygons, normals, "uv"."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf.mesh import Mesh
+
+if TYPE_CHECKING:
+    from limitsurf.query import Tessellation
+
+IntArray: TypeAlias = NDArray[np.int64]
+Path: TypeAlias = str | os.PathLike[str]
+
+
+def float_points(mesh: Mesh) -> NDArray[np.float64]:
+    """A copy of the points in space as float64, (n_vertices, 3).
+
+    Raises
+    ------
+    ValueError
+        Points of another shape, or too large.
+    """
+    if mesh.points.shape[1:] != (3,):
+        raise ValueError(f"got points of shape {mesh.points.shape}, need (n_vertices, 3)")
+    try:
+        points: NDArray[np.float64] = mesh.points.astype(np.float64)
+    except OverflowError as error:
+        raise ValueError(f"a coordinate is beyond float64: {error}") from None
+    return points
+
+
+def texture(x: Mesh | Tessellation) -> str | None:
+    """The channel that is texture coordinates: "uv", or else "st" as USD calls it, of (k, 2)."""
+    found = [n for n in ("uv", "st") if n in x.channels and x.channels[n][0].shape[1:] == (2,)]
+    return found[0] if found else None
+
+
+def polygons(x: Mesh | Tessellation, *, uv: bool = True) -> Tessellation:
+    """A cage or tessellation with finite normals, its texture coordinates the one channel "uv".
+
+    A cage has no normals, and every face is one place of its points.
+
+    Raises
+    ------
+    ValueError
+        Points that are not of shape (n_vertices, 3), or no polygon.
+    TypeError
+        What is neither a cage nor a tessellation.
+    """
+    from limitsurf.query import Tessellation
+
+    if isinstance(x, Mesh):
+        nowhere = np.zeros(x.n_vertices)
+        shape = float_points(x), x.sizes, x.indices, nowhere.astype(np.int64), nowhere, nowhere
+        normals = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
+    elif isinstance(x, Tessellation):
+        if not len(x.sizes):
+            raise ValueError("the tessellation has no polygon: no face has a limit")
+        shape = x.points, x.sizes, x.indices, x.face, x.u, x.v
+        normals = _finite_normals(x), x.normal_indices
+    else:
+        raise TypeError(f"need a Mesh or a Tessellation, got {type(x).__name__}")
+    name = texture(x) if uv else None
+    kept = {}
+    if name is not None:
+        values, rows, *_ = x.channels[name]
+        kept["uv"] = values.astype(np.float64), rows
+    return Tessellation(*shape, *normals, kept)
+
+
+def warn_of_loss(name: str, x: Mesh | Tessellation, *, uv: bool, tags: bool = False) -> None:
+    """Warn of all that a file of polygons, texture coordinates or tags cannot hold."""
+    kept = texture(x) if uv else None
+    lost = [f"channel {name!r}" for name in x.channels if name != kept]
+    if isinstance(x, Mesh) and not tags:
+        counts = {"creases": x.creases[0], "corners": x.corners[0], "holes": x.holes}
+        lost = [what for what, found in counts.items() if len(found)] + lost
+        choices = ("boundary", "creasing", "triangles")
+        lost += [choice for choice in choices if getattr(x, choice) is not None]
+    if lost:
+        suffix = os.path.splitext(name)[1]
+        text = f"{name}: a file of type {suffix} cannot hold everything, left out: "
+        warnings.warn(text + ", ".join(lost), stacklevel=3 if tags else 4)
+
+
+def merged(points: NDArray[Any]) -> tuple[IntArray, IntArray]:
+    """The first of all equal points (V, 3) in order, and the place in these of each point (V,)."""
+    order = np.lexsort(points.T)
+    ordered = points[order]
+    new = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
+    first = order[new]  # sorting keeps the order of equal ones
+    number = np.empty(len(points), dtype=np.int64)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    number[order] = rank[np.cumsum(new) - 1]
+    return np.sort(first), number
+
+
+def mesh_of(
+    points: NDArray[Any],
+    sizes: NDArray[Any],
+    indices: NDArray[Any],
+    uv: NDArray[Any] | None = None,
+    *,
+    merge: bool = False,
+    **tags: Any,
+) -> Mesh:
+    """A cage of polygons; `uv` (V, 2), by point, becomes the channel "uv".
+
+    With `merge`, points of equal coordinates become one, and triangles that have one of them twice
+    after that are dropped: formats that keep texture coordinates or normals by point repeat points
+    where these have a seam.
+    """
+    sizes, indices = np.asarray(sizes, np.int64), np.asarray(indices, np.int64)
+    rows = indices
+    if merge and len(points) and len(indices) and 0 <= indices.min() <= indices.max() < len(points):
+        first, number = merged(np.asarray(points))
+        if len(first) < len(points):
+            points, indices = points[first], number[indices]
+            if (sizes == 3).all():
+                a, b, c = indices.reshape(-1, 3).T
+                kept = np.repeat((a != b) & (b != c) & (c != a), 3)
+                sizes, indices, rows = sizes[kept[::3]], indices[kept], rows[kept]
+    if uv is not None:
+        tags["channels"] = {"uv": (uv, rows, "corners_plus1"), **tags.get("channels", {})}
+    return Mesh(points, (sizes, indices), **tags)
+
+
+def _finite_normals(x: Tessellation) -> NDArray[np.float64]:
+    """Normals, with those of the polygons around, by area, where there is none."""
+    missing = np.asarray(np.isnan(x.normals).any(axis=1))
+    if not missing.any():
+        return x.normals
+    triangles = x.triangles
+    concerned = missing[x.normal_indices[triangles]]
+    triangles = triangles[concerned.any(axis=1)]
+    a, b, c = x.points[x.indices[triangles]].transpose(1, 0, 2)
+    normals = np.where(missing[:, None], 0.0, x.normals)
+    sums = np.zeros_like(normals)
+    np.add.at(sums, x.normal_indices[triangles], np.cross(b - a, c - a)[:, None])
+    length = np.linalg.norm(sums[missing], axis=1, keepdims=True)
+    # nothing is known of a point amid polygons without area
+    normals[missing] = np.where(
+        length > 0, sums[missing] / np.where(length > 0, length, 1), [0, 0, 1]
+    )
+    return normals

@@ -1,0 +1,279 @@
+"""What all commands share: how they fail, how they name cages and meshes, and how they report."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import wraps
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+import limitsurf as ls
+from limitsurf.mesh import BOUNDARY, CREASING, TRIANGLES
+from limitsurf.shell import files, terminal
+
+if TYPE_CHECKING:
+    from limitsurf.mesh import Mesh
+    from limitsurf.query import Tessellation
+    from limitsurf.surface import LimitSurface
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+# What a user can cause; anything else is a defect of the program and shows its traceback.
+ERRORS = (ValueError, OSError, IndexError, ImportError, MemoryError, NotImplementedError)
+PATH = click.Path(readable=False)  # whether it can be read is seen when it is
+DASHED = "limitsurf.dashed"  # of a context: files with names that begin with -
+RULE = "By default as the cage says."
+TEXT = (".obj", ".off", ".usda")  # suffixes of formats that a terminal can show
+
+
+class Program(click.Group):
+    """Errors in one line with exit code 2; 130 after Ctrl-C, 1 when the reader goes away."""
+
+    def main(self, *args: Any, **extra: Any) -> Any:
+        options = {**extra, "prog_name": "limitsurf", "standalone_mode": False}
+        try:
+            with terminal.orderly(), terminal.warnings_in_one_line():
+                code = super().main(*args, **options)
+        except (click.Abort, KeyboardInterrupt):
+            code = 130
+        except (click.ClickException, *ERRORS) as error:
+            click.echo(f"limitsurf: error: {terminal.sentence(error)}{_advice(error)}", err=True)
+            code = 2
+        if not extra.get("standalone_mode", True):
+            return code
+        raise SystemExit(code)
+
+    def invoke(self, context: click.Context) -> Any:
+        try:
+            return super().invoke(context)
+        except KeyboardInterrupt:
+            raise click.Abort from None  # quietly, where click would start a line
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        return list(self.commands)  # not by the alphabet, but as one meets them
+
+    def resolve_command(
+        self, context: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        name = args[0]
+        if name not in self.commands and not name.startswith("-"):
+            from difflib import get_close_matches
+
+            advice = "limitsurf --help lists all"
+            if near := get_close_matches(name.lower(), self.commands, n=1):
+                advice = f"did you mean {near[0]}?"
+            elif os.path.exists(name) or os.path.splitext(name)[1]:
+                advice = f"a command comes before a cage, as in: limitsurf info {name}"
+            context.fail(f"there is no command {name!r}: {advice}")
+        dashed = [word for word in args if word.startswith("-") and os.path.exists(word)]
+        context.meta[DASHED] = dashed
+        return super().resolve_command(context, args)
+
+
+def _advice(error: BaseException) -> str:
+    """What more to say of an option that is none, if it is the name of a file."""
+    if isinstance(error, click.NoSuchOption) and error.ctx is not None:
+        for name in error.ctx.meta.get(DASHED, ()):
+            return f" For the file of this name, say ./{name}"
+    return ""
+
+
+@dataclass(frozen=True)
+class Cage:
+    """Where a cage is read from, and the rules it is subdivided by."""
+
+    path: str
+    suffix: str | None
+    prim: str | None
+    rules: Mapping[str, Any]  # for `LimitSurface` and `refined`
+
+    def read(self) -> Mesh:
+        with ExitStack() as stack:
+            stack.enter_context(terminal.working("reading the cage"))
+            if self.path == "-":
+                file = terminal.standard_input().buffer
+                return ls.read(file, suffix=self.suffix or ".obj", prim=self.prim)
+            if self.suffix is None:
+                self._check_suffix()
+                return ls.read(self.path, prim=self.prim)
+            file = stack.enter_context(open(self.path, "rb"))
+            return ls.read(file, suffix=self.suffix, prim=self.prim)
+
+    def _check_suffix(self) -> None:
+        """Say more than `ls.read` can, of a name that does not tell the format."""
+        from limitsurf.shell.formats import READABLE
+
+        suffix = os.path.splitext(self.path)[1].lower()
+        if suffix in READABLE or not os.path.exists(self.path):
+            return
+        if os.path.isdir(self.path):
+            raise IsADirectoryError(errno.EISDIR, "Is a directory", self.path)
+        known = " ".join(READABLE)
+        raise click.UsageError(
+            f"{self.path}: unknown suffix {suffix!r}; name the format with --from, one of {known}"
+        )
+
+    def surface(self, channels: Sequence[str] = ()) -> LimitSurface:
+        mesh = self.read()
+        for name in channels:
+            if name not in mesh.channels:
+                known = ", ".join(map(repr, mesh.channels)) or "none"
+                raise click.UsageError(f"the cage has no channel {name!r}; it has {known}")
+        with terminal.working("building the surface"):
+            return ls.LimitSurface(mesh, **self.rules)
+
+
+def _normal_suffix(_: click.Context, __: click.Parameter, given: str | None) -> str | None:
+    """A suffix as file names have it, from "ply", ".ply" or "PLY"."""
+    return None if given is None else f".{given.lower().removeprefix('.')}"
+
+
+def _readable(_: click.Context, __: click.Parameter, begun: str) -> list[str]:
+    from limitsurf.shell.formats import READABLE
+
+    return [suffix for suffix in READABLE if suffix.startswith(begun)]
+
+
+def _writable(_: click.Context, __: click.Parameter, begun: str) -> list[str]:
+    from limitsurf.shell.formats import WRITABLE
+
+    return [suffix for suffix in WRITABLE if suffix.startswith(begun)]
+
+
+from_option = click.option(
+    "--from",
+    "from_",
+    metavar="SUFFIX",
+    callback=_normal_suffix,
+    shell_complete=_readable,
+    help="The format of the cage, whatever its name; for - it is obj by default.",
+)
+to_option = click.option(
+    "--to",
+    metavar="SUFFIX",
+    callback=_normal_suffix,
+    shell_complete=_writable,
+    help="The format to write, whatever the name; for - it is obj by default.",
+)
+prim_option = click.option(
+    "--prim", metavar="PATH", help="Of a USD file, only the meshes at or below this prim."
+)
+output_option = click.option(
+    "-o",
+    "--output",
+    type=PATH,
+    default="-",
+    metavar="FILE",
+    help="What to write, in the format of its suffix; - is the standard output, the default.",
+)
+json_option = click.option("--json", "as_json", is_flag=True, help="Say it as one JSON object.")
+
+
+def reads_cage(command: Command) -> Command:
+    """Arguments and options that say which cage; the command gets a `Cage` of them."""
+
+    @wraps(command)
+    def with_cage(
+        cage: str,
+        from_: str | None,
+        prim: str | None,
+        scheme: str | None,
+        boundary: str | None,
+        creasing: str | None,
+        triangles: str | None,
+        **others: Any,
+    ) -> Any:
+        names = ("scheme", "boundary", "creasing", "triangles")
+        rules = dict(zip(names, (scheme, boundary, creasing, triangles), strict=True))
+        return command(cage=Cage(cage, from_, prim, rules), **others)
+
+    decorated: Any = with_cage
+    for name, values, text in (
+        ("triangles", TRIANGLES, "Edges of triangles are like others, or smoother."),
+        ("creasing", CREASING, "How sharpness falls along semi-sharp creases."),
+        ("boundary", BOUNDARY, "What a boundary does."),
+    ):
+        choice = click.Choice([value for value in values if value is not None])
+        decorated = click.option(f"--{name}", type=choice, help=f"{text} {RULE}")(decorated)
+    for option in (
+        click.option("--scheme", metavar="NAME", help=f"Of subdivision. {RULE}"),
+        prim_option,
+        from_option,
+        click.argument("cage", type=PATH),
+    ):
+        decorated = option(decorated)
+    return decorated  # type: ignore[no-any-return]
+
+
+def mesh_suffix(output: str, to: str | None, as_json: bool) -> str:
+    """The format of a mesh that is to be written; what could not be is refused at once."""
+    from limitsurf.shell.formats import WRITABLE
+
+    suffix = to or (".obj" if output == "-" else os.path.splitext(output)[1].lower())
+    if output != "-":
+        files.check_target(output)
+    if suffix not in WRITABLE:
+        known = " ".join(WRITABLE)
+        raise click.UsageError(
+            f"{output}: unknown suffix {suffix!r}; name the format with --to, one of {known}"
+        )
+    if output != "-":
+        return suffix
+    if as_json:
+        raise click.UsageError(
+            "--json takes the standard output: name a file for the mesh, -o FILE"
+        )
+    if suffix not in TEXT and sys.stdout is not None and sys.stdout.isatty():
+        raise click.UsageError(f"{suffix} is no text for a terminal: name a file or a pipe")
+    return suffix
+
+
+def write_mesh(
+    output: str, to: str | None, mesh: Mesh | Tessellation, as_json: bool, **facts: Any
+) -> None:
+    """Write a mesh, and report that but for the standard output."""
+    if output == "-":
+        with terminal.standard_output() as out:
+            ls.write(out.buffer, mesh, suffix=to or ".obj")
+        return
+    try:
+        with terminal.working("writing"):
+            if to is None:
+                ls.write(output, mesh)
+            else:
+                with files.replacing(output) as file:
+                    ls.write(file, mesh, suffix=to)
+    except OSError as error:
+        if error.errno is None and output not in str(error):  # of a library
+            raise OSError(f"{output}: {error}") from None
+        raise
+    report(output, as_json, **facts)
+
+
+def report(output: str | None, as_json: bool, **facts: Any) -> None:
+    """What was written where, as one object or as one line."""
+    if as_json:
+        terminal.say_json({"output": output, **facts})
+    elif output is not None:
+        counts = ", ".join(
+            f"{value} {name}" for name, value in facts.items() if name in ("vertices", "faces")
+        )
+        terminal.say(f"{click.format_filename(output)}{': ' if counts else ''}{counts}")
+
+
+def refuse_beyond_memory(number: int, each: int, what: str) -> None:
+    """Refuse so many things, of so many bytes each, if the machine has not as much memory."""
+    if not hasattr(os, "sysconf") or "SC_PHYS_PAGES" not in os.sysconf_names:
+        return
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if memory > 0 and number * each > memory:
+        raise MemoryError(
+            f"{number:.3g} {what} take some {number * each / 2**30:.3g} GiB, "
+            f"and this machine has {memory / 2**30:.3g}"
+        )

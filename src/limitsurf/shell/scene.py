@@ -1,0 +1,433 @@
+"""What a picture of a limit surface shows: places, colours, lines, dots, and the camera.
+
+The surface is drawn from values of itself: a grid of exact positions and normals on each limit
+face. All is moved and scaled so that the cage just fits the unit box; scalars keep the user's
+units.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from limitsurf.surface import LimitSurface
+
+Array: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.int64]
+RGB: TypeAlias = tuple[float, float, float]
+Color: TypeAlias = str | RGB
+Scalars: TypeAlias = str | Callable[..., ArrayLike] | ArrayLike
+
+COLOR = "#e8805f"
+GROUND, SKY, INK = "#dde5ec", "#ffffff", "#263442"
+PAPER = "#f1f4f7"  # the ground of a page
+MISSING = "#b8bcc0"  # where a scalar is NaN
+QUADS = 200_000  # drawn in all, unless told otherwise
+VIEW = (-0.35, -1.0, 0.6)  # where the camera stands, for z up
+VIEWS = {  # the same by name
+    "front": (0.0, -1.0, 0.0),
+    "back": (0.0, 1.0, 0.0),
+    "left": (-1.0, 0.0, 0.0),
+    "right": (1.0, 0.0, 0.0),
+    "top": (0.0, 0.0, 1.0),
+    "bottom": (0.0, 0.0, -1.0),
+    "iso": (-1.0, -1.0, 1.0),
+}
+VIEW_ANGLE = 30.0  # degrees, of the picture's height
+MARGIN = 0.06  # of the picture, on each side
+DOT = 13.0  # diameter of a dot, in thousandths of the picture's height
+CREASE = 3.0  # thickness of creases, in the same
+LIFT = 0.0015  # of curves off the surface, in units of the cage
+NEEDLES = 400  # normals in all, unless there are more limit faces
+NORMAL = "#0f4c96"
+CROWD = 10_000  # limit faces; of more, cage and curves would hide the surface
+FEW = 1_000  # limit faces; of more, dots are smaller
+VALENCES = {  # the largest of each class: its name and colour
+    2: ("valence 2", "#17becf"),
+    3: ("valence 3", "#1f6fc4"),
+    5: ("valence 5", "#f5b82e"),
+    6: ("valence 6", "#2e9e5b"),
+    7: ("valence 7", "#e377c2"),
+    8: ("valence 8", "#7d3fb0"),
+    16: ("valence 9 to 16", "#c2185b"),
+    math.inf: ("valence 17 and more", "#111111"),
+}
+
+CURVATURES = {  # what can be drawn of `LimitSurface.curvature`: its name, its power of 1 / length
+    "mean": ("mean curvature", 1),
+    "gaussian": ("Gaussian curvature", 2),
+    "k1": ("principal curvature $k_1$", 1),
+    "k2": ("principal curvature $k_2$", 1),
+}
+DIVERGING, SEQUENTIAL = "coolwarm", "viridis"  # even steps to the eye, safe for colour blindness
+OUTLIERS = 2.0  # percent of the values, at each end, that a range of colours leaves out
+FLATNESS = 1e-6  # curvature in units of the unit box that counts as none
+STRIPES = 12  # from end to end of the zebra's environment
+ZEBRA = ("#20262c", "#f4f4f2")
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Straight lines of one look."""
+
+    ends: Array  # (k, 2, 3)
+    color: Color
+    width: float  # thousandths of the picture's height
+    normals: Array | None = None  # (k, 2, 3) of the surface, if they lie on it
+
+
+@dataclass(frozen=True)
+class Dots:
+    """Dots of one look, explained in the legend."""
+
+    places: Array  # (k, 3)
+    color: str
+    name: str
+
+
+@dataclass(frozen=True)
+class Field:
+    """A scalar that the surface is coloured by."""
+
+    values: Array  # (p,), NaN where there is none
+    limits: tuple[float, float]
+    cmap: Any  # name of a Matplotlib colour map, or one
+    label: str | None  # of the colour bar; None for none
+    beyond: tuple[bool, bool] = (False, False)  # whether values lie below and above the limits
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is drawn, in units of the cage: its largest extent is 1."""
+
+    points: Array  # (p, 3)
+    normals: Array  # (p, 3)
+    quads: IntArray  # (q, 4)
+    color: RGB
+    field: Field | None
+    lines: list[Lines]
+    dots: list[Dots]
+    dot: float  # their diameter, thousandths of the picture's height
+    axes: Array  # (3, 3), rows right, up, towards the viewer
+    eye: Array  # (3,)
+    distance: float  # from the eye to the middle of the scene
+    ground: tuple[str, str]  # colours behind it, at the bottom and at the top
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What `limitsurf.plot` was asked to draw, and where those words are explained."""
+
+    n: int | None = None
+    cage: bool | None = None
+    curves: bool | None = None
+    poles: bool | None = None
+    normals: bool = False
+    isolines: int = 0
+    scalars: Scalars | None = None
+    limits: tuple[float, float] | None = None
+    cmap: Any = None
+    label: str | None = None
+    bar: bool = True
+    channel: str | None = None
+    color: RGB = (0.91, 0.5, 0.37)
+    up: str = "z"
+    view: str | Sequence[float] | None = None
+    ground: tuple[str, str] | None = None
+
+
+def build(surface: LimitSurface, wishes: Wishes, aspect: float, quads: int) -> Scene:
+    """The scene of a surface, of about so many quads unless ``wishes.n`` says how many."""
+    drawn = surface.of_channel(wishes.channel)
+    mesh = drawn.mesh
+    places, _ = unit_points(mesh)
+    drawn = drawn.with_points(places)
+    faces = len(drawn.limit_faces)
+    n = wishes.n
+    if n is None:
+        n = int(np.clip(math.sqrt(quads / faces), 1, 32))
+        part = wishes.isolines + 1
+        n = -(-n // part) * part  # so that the curves follow the grid
+    at = np.linspace(0.0, 1.0, n + 1)
+    query = (np.arange(faces)[:, None, None], at[:, None], at)
+    position = drawn.evaluate(*query)  # (faces, n + 1, n + 1, 3)
+    normal = filled(drawn.normal, query)
+    normal[np.isnan(normal).any(axis=-1)] = (0.0, 0.0, 1.0)
+    number = np.arange(faces * (n + 1) ** 2).reshape(faces, n + 1, n + 1)
+    cells = np.stack(
+        [number[:, :-1, :-1], number[:, 1:, :-1], number[:, 1:, 1:], number[:, :-1, 1:]], axis=-1
+    ).reshape(-1, 4)
+    points = position.reshape(-1, 3)
+    cells = cells[np.isfinite(points[cells]).all(axis=(1, 2))]
+    if not len(cells):
+        raise ValueError("nothing to draw: no limit face has a surface")
+
+    # What would hide the surface, or its colours, is drawn only if it is asked for.
+    plain = faces <= CROWD and wishes.scalars is None
+    lines = []
+    color = wishes.color
+    dark = (0.42 * color[0], 0.42 * color[1], 0.42 * color[2])
+    if wishes.scalars is not None:
+        dark = (0.15, 0.17, 0.2)
+    if wishes.isolines:
+        between = np.arange(1, wishes.isolines + 1) / (wishes.isolines + 1)
+        lines.append(_isolines(drawn, between, at, dark, 0.6))
+    if wishes.curves or (wishes.curves is None and (plain or wishes.isolines)):
+        width = 1.4 if wishes.isolines else 0.9
+        lines.append(_isolines(drawn, np.array([0.0, 1.0]), at, dark, width))
+    if wishes.normals:
+        every = int(np.clip(math.sqrt(NEEDLES / faces), 1, 6))
+        inside = (np.arange(every) + 0.5) / every
+        places_of = (np.arange(faces)[:, None, None], inside[:, None], inside)
+        foot, length = drawn.evaluate(*places_of), 0.6 / every / math.sqrt(faces)
+        tip = foot + np.clip(length, 0.01, 0.1) * drawn.normal(*places_of)
+        lines.append(Lines(np.stack([foot, tip], axis=-2).reshape(-1, 2, 3), NORMAL, 1.6))
+    if wishes.cage or (wishes.cage is None and plain):
+        lines.append(Lines(places[mesh.edges], INK, 1.0))
+        lines.append(Lines(places[mesh.creases[0][mesh.creases[1] > 0]], INK, CREASE))
+    lines = [k for k in map(_drawable, lines) if len(k.ends)]
+    poles = wishes.poles or (wishes.poles is None and wishes.scalars is None)
+    dots = extraordinary(drawn) if poles else []
+
+    seen = [points[cells].reshape(-1, 3), *(k.ends.reshape(-1, 3) for k in lines)]
+    axes, eye, distance = camera(np.concatenate(seen), wishes.up, wishes.view, aspect)
+    field = None
+    if wishes.scalars is not None:
+        if isinstance(wishes.scalars, str) and wishes.scalars == "zebra":
+            field = _zebra(points, normal.reshape(-1, 3), axes, eye)
+        else:
+            field = _field(surface, wishes, query, _areas(points, cells))
+    dot = DOT * min(1.0, (FEW / faces) ** 0.25)
+    return Scene(
+        points=points,
+        normals=normal.reshape(-1, 3),
+        quads=cells,
+        color=color,
+        field=field,
+        lines=lines,
+        dots=dots,
+        dot=dot,
+        axes=axes,
+        eye=eye,
+        distance=distance,
+        ground=wishes.ground or (GROUND, SKY),
+    )
+
+
+def unit_points(mesh: Any) -> tuple[Array, float]:
+    """The cage's points, (n_vertices, 3), moved and scaled to the unit box, and the box's size.
+
+    A graphics card counts in 24 bits: a small cage far from the origin would come out in steps,
+    and a large one overflow.
+    """
+    points = np.asarray(mesh.points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] not in (2, 3):
+        raise ValueError(f"points of shape (n_vertices, 2 or 3) can be drawn, got {points.shape}")
+    used = np.unique(mesh.indices)
+    largest = max(np.abs(points[used]).max(), np.finfo(np.float64).tiny)
+    places = points[used] / largest
+    low, high = places.min(axis=0), places.max(axis=0)
+    extent = float(np.max(high - low)) or 1.0
+    scaled = np.zeros((len(points), 3))
+    scaled[used, : points.shape[1]] = (places - (low + high) / 2) / extent
+    with np.errstate(over="ignore"):
+        return scaled, float(extent * largest)
+
+
+def filled(function: Callable[..., Array], query: tuple[IntArray, Array, Array]) -> Array:
+    """Values of a function of (face, u, v), with that of a nearby place where one is not finite."""
+    values = np.array(function(*query))  # (...), or (..., d)
+    face, u, v = np.broadcast_arrays(*query)
+    for inward in (0.02, 0.5):
+        bad = ~np.isfinite(values)
+        missing = bad.any(axis=-1) if values.ndim > face.ndim else bad
+        u, v = u + inward * (0.5 - u), v + inward * (0.5 - v)
+        values[missing] = function(face[missing], u[missing], v[missing])
+    return values
+
+
+def _isolines(surface: LimitSurface, where: Array, along: Array, color: RGB, width: float) -> Lines:
+    """Curves u = where and v = where of all limit faces, between exact points."""
+    face = np.arange(len(surface.limit_faces))[:, None, None]
+    ends: list[Array] = []
+    normals: list[Array] = []
+    for query in (
+        (face, where[:, None], along),
+        (face, along, where[:, None]),
+    ):  # (faces, w, n + 1)
+        for found, to in (
+            (surface.evaluate(*query), ends),
+            (filled(surface.normal, query), normals),
+        ):
+            to.append(np.stack([found[:, :, :-1], found[:, :, 1:]], axis=-2).reshape(-1, 2, 3))
+    return Lines(np.concatenate(ends), color, width, np.nan_to_num(np.concatenate(normals)))
+
+
+def _drawable(lines: Lines) -> Lines:
+    """Those of the lines that have two ends."""
+    good = np.isfinite(lines.ends).all(axis=(1, 2))
+    normals = None if lines.normals is None else lines.normals[good]
+    return replace(lines, ends=lines.ends[good], normals=normals)
+
+
+def extraordinary(surface: LimitSurface) -> list[Dots]:
+    """Limits of the interior vertices of valence other than 4, and centres of faces with other
+    than four corners, which are such vertices of the refined cage."""
+    mesh, first = surface.mesh, surface.limit_faces.first
+    inside = ~(mesh.boundary_vertex | mesh.nonmanifold_vertex)
+    valence = np.where(inside, mesh.vertex_faces, 4)
+    corner = np.flatnonzero(valence[mesh.indices] != 4)
+    vertex, face = mesh.indices[corner], mesh.corner_face[corner]
+    place = corner - mesh.offsets[face]  # of the vertex in its face
+    quad = mesh.sizes[face] == 4
+    polygon = np.flatnonzero(mesh.sizes != 4)
+    centre = np.ones(len(polygon))
+    at = surface.evaluate(
+        np.concatenate([first[face] + np.where(quad, 0, place), first[polygon]]),
+        np.concatenate([quad & np.isin(place, (1, 2)), centre]),
+        np.concatenate([quad & np.isin(place, (2, 3)), centre]),
+    )  # (k, 3)
+    # One face with a limit is enough, and all of them agree.
+    finite = np.flatnonzero(np.isfinite(at).all(axis=1))
+    names = np.concatenate([vertex, mesh.n_vertices + polygon])[finite]
+    chosen = finite[np.unique(names, return_index=True)[1]]
+    group = np.searchsorted(
+        np.array(list(VALENCES)), np.concatenate([valence[vertex], mesh.sizes[polygon]])[chosen]
+    )
+    return [
+        Dots(at[chosen[group == i]], color, name)
+        for i, (name, color) in enumerate(VALENCES.values())
+        if (group == i).any()
+    ]
+
+
+def camera(
+    points: Array, up: str, view: str | Sequence[float] | None, aspect: float
+) -> tuple[Array, Array, float]:
+    """The axes of a camera that sees all points as large as they fit, its place, its distance."""
+    upward = "xyz".index(up)
+    above = np.eye(3)[upward]
+    extent = np.ptp(points, axis=0)
+    if view is None and extent.min() < 1e-2 * extent.max():  # flat: seen straight from its front
+        flat = int(extent.argmin())
+        back = np.eye(3)[flat]
+        above = np.eye(3)[upward if upward != flat else (flat + 2) % 3]
+    elif view is None or isinstance(view, str):
+        back = np.roll(VIEW if view is None else VIEWS[view], upward - 2)
+    else:
+        back = np.asarray(view, dtype=np.float64)
+    right = np.cross(above, back)
+    if np.linalg.norm(right) < 1e-6 * np.linalg.norm(back):  # straight from above or below
+        above = np.roll(VIEWS["back"], upward - 2)
+        right = np.cross(above, back)
+    axes = np.stack([right, np.cross(back, right), back])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    local = points @ axes.T  # (k, 3)
+    slope = math.tan(math.radians(VIEW_ANGLE / 2)) * (1 - 2 * MARGIN) * np.array([aspect, 1.0])
+    # |x - centre| <= slope * (distance - z) for all points: the least distance and its centre.
+    high = (local[:, :2] + local[:, 2:] * slope).max(axis=0)
+    low = (local[:, :2] - local[:, 2:] * slope).min(axis=0)
+    depth = max(*((high - low) / (2 * slope)), local[:, 2].max() + 0.01)
+    middle = (local[:, 2].min() + local[:, 2].max()) / 2
+    eye = np.array([*(high + low) / 2, depth])
+    return axes, eye @ axes, depth - middle
+
+
+def _field(
+    surface: LimitSurface,
+    wishes: Wishes,
+    query: tuple[IntArray, Array, Array],
+    areas: Array,
+) -> Field:
+    """A scalar at the places of a query, each with its part of the area that is drawn, (p,)."""
+    scalars = wishes.scalars
+    floor, name = 0.0, "value"
+    if isinstance(scalars, str):
+        name, power = CURVATURES[scalars]
+        places, extent = unit_points(surface.mesh)
+        unit = surface.with_points(places)
+
+        def curvature(*at: Any) -> Array:
+            found: Array = getattr(unit.curvature(*at), scalars)
+            # At a vertex of valence 3 it tends to 0, but so late that nothing near is like it.
+            corner = np.isin(at[1], (0, 1)) & np.isin(at[2], (0, 1))
+            return np.where(corner & (found == 0), np.nan, found)
+
+        with np.errstate(over="ignore", under="ignore", divide="ignore"):
+            values = filled(curvature, query)
+            values, floor = values / extent**power, FLATNESS / extent**power
+    elif callable(scalars):
+        face, u, v = (x.ravel() for x in np.broadcast_arrays(*query))
+        values = np.array(scalars(face, u, v), dtype=np.float64)
+        if values.shape != face.shape:
+            raise ValueError(
+                f"the function of (face, u, v) must return as many values as it gets, "
+                f"{face.shape}, got {values.shape}"
+            )
+    else:
+        control = np.asarray(scalars, dtype=np.float64)
+        if control.shape != (surface.mesh.n_vertices,):
+            raise ValueError(
+                f"scalars of the cage's vertices have shape ({surface.mesh.n_vertices},), "
+                f"got {control.shape}"
+            )
+        values = surface.with_points(control).evaluate(*query)
+    values = np.where(np.isfinite(values), values, np.nan).ravel()
+    there = np.flatnonzero((areas > 0) & ~np.isnan(values))
+    if not len(there):
+        raise ValueError("no scalar to draw is finite")
+    finite, weights = values[there], areas[there]
+    low, high = _robust_range(finite, weights)
+    # Signed ones get colours about 0, of the same range on both sides.
+    signed = isinstance(scalars, str) or (
+        low < 0 < high and min(-low, high) > 0.1 * max(-low, high)
+    )
+    if wishes.limits is not None:
+        low, high = map(float, wishes.limits)
+    elif signed and (isinstance(scalars, str) or wishes.cmap is None):
+        high = max(-low, high, floor) or 1.0
+        low = -high
+    elif high - low <= 1e-12 * max(-low, high):  # a constant
+        low, high = low - (abs(low) / 2 or 1.0), high + (abs(high) / 2 or 1.0)
+    return Field(
+        values,
+        (low, high),
+        wishes.cmap or (DIVERGING if signed else SEQUENTIAL),
+        (name if wishes.label is None else wishes.label) if wishes.bar else None,
+        (bool(finite.min() < low), bool(finite.max() > high)),
+    )
+
+
+def _areas(points: Array, quads: IntArray) -> Array:
+    """The area of the quads around each point, (p,), never 0 where there are any."""
+    a, b, c, d = (points[quads[:, k]] for k in range(4))
+    area = np.linalg.norm(np.cross(c - a, d - b), axis=1) + np.finfo(float).tiny
+    return np.bincount(quads.ravel(), np.repeat(area, 4), len(points)).astype(np.float64)
+
+
+def _robust_range(values: Array, areas: Array) -> tuple[float, float]:
+    """Lower and upper percentile of the area."""
+    order = np.argsort(values)
+    part = np.cumsum(areas[order])
+    low, high = np.searchsorted(part, part[-1] * np.array([OUTLIERS, 100 - OUTLIERS]) / 100)
+    return float(values[order[low]]), float(values[order[min(high, len(order) - 1)]])
+
+
+def _zebra(points: Array, normals: Array, axes: Array, eye: Array) -> Field:
+    """Where the surface mirrors bright and dark strips around it, to the eye of the picture.
+
+    The value is the height at which the reflected ray leaves a sphere around the scene, above a
+    tilted plane. It is smooth where the normal is; a texture makes stripes of it.
+    """
+    sight = points - eye
+    sight /= np.linalg.norm(sight, axis=1, keepdims=True)
+    mirrored = sight - 2 * np.sum(sight * normals, axis=1, keepdims=True) * normals
+    across = np.array([0.35, 0.9, 0.25]) @ axes
+    values = mirrored @ (across / np.linalg.norm(across))
+    return Field(values, (-1.0, 1.0), "zebra", None)

@@ -1,0 +1,814 @@
+"""Cages and tessellations through the files of others, and what is broken, at every suffix."""
+
+import builtins
+import io
+import os
+import random
+import re
+import resource
+import struct
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zoo
+
+import limitsurf as ls
+from limitsurf.shell import formats
+
+POLYGONS = [".obj", ".ply", ".off", ".usd", ".usda", ".usdc", ".vtp", ".vtu", ".vtk"]
+TRIANGLES = [".stl", ".glb", ".gltf", ".3mf", ".dae"]
+SINGLE = {".stl", ".glb", ".gltf", ".dae", ".usd", ".usda", ".usdc"}
+MIXED = ls.Mesh(*zoo.carved(zoo.prism(9), 7, 12))
+# few lines of text, of which most are needed
+CUBE = ls.Mesh(*zoo.cube())
+
+
+def with_uv(mesh, seed=0):
+    """Every corner has a value of its own, in single precision, but a few share one."""
+    g = np.random.default_rng(seed)
+    values = g.random((mesh.n_corners, 2)).astype(np.float32).astype(float)
+    rows = np.arange(mesh.n_corners)
+    rows[3::7] = rows[2::7][: len(rows[3::7])]
+    return ls.Mesh(
+        mesh.points,
+        (mesh.sizes, mesh.indices),
+        channels={"uv": (values, rows, "corners_plus1")},
+    )
+
+
+SEAMS = with_uv(CUBE)
+CREASED = ls.Mesh(
+    *zoo.cube(),
+    creases=dict.fromkeys([(4, 5), (5, 7), (6, 7), (4, 6)], np.inf),
+    channels=SEAMS.channels,
+)
+PIECES = ls.tessellate(ls.LimitSurface(CREASED), 3, channels=["uv"])
+
+
+def uv_of_corners(mesh):
+    values, rows, _ = mesh.channels["uv"]
+    return values[rows]
+
+
+def tolerance(suffix):
+    return 1e-6 if suffix in SINGLE else 1e-7 if suffix == ".3mf" else 0
+
+
+def test_every_suffix_is_documented():
+    assert set(POLYGONS) | set(TRIANGLES) == set(formats.WRITABLE)
+    assert set(formats.READABLE) == {*formats.WRITABLE, ".usdz"}
+    for suffixes, call in (formats.READABLE, ls.read), (formats.WRITABLE, ls.write):
+        listed = re.findall(r"(?m)^    ``(\..*?)``  ", call.__doc__)
+        assert sorted(" ".join(listed).split()) == sorted(suffixes)
+
+
+# --- Round trips
+
+
+@pytest.mark.parametrize("suffix", POLYGONS)
+@pytest.mark.parametrize("mesh", [CUBE, MIXED, ls.Mesh(*zoo.grid(3, 4))], ids=["cube", "mixed", ""])
+def test_polygons_come_back(tmp_path, suffix, mesh):
+    path = tmp_path / f"cage{suffix}"
+    ls.write(path, mesh)
+    again = ls.read(path)
+    assert np.array_equal(again.sizes, mesh.sizes)
+    assert np.array_equal(again.indices, mesh.indices)
+    assert np.abs(again.points - mesh.points).max() <= tolerance(suffix)
+    assert not again.channels
+    assert os.listdir(tmp_path) == [path.name]
+
+
+@pytest.mark.parametrize("suffix", [s for s in POLYGONS if s in formats.WITH_UV])
+@pytest.mark.parametrize("mesh", [SEAMS, with_uv(MIXED)], ids=["cube", "mixed"])
+def test_seams_come_back(tmp_path, suffix, mesh):
+    path = tmp_path / f"cage{suffix}"
+    ls.write(path, mesh)
+    again = ls.read(path)
+    assert np.array_equal(again.indices, mesh.indices)
+    assert again.n_vertices == mesh.n_vertices
+    assert np.array_equal(uv_of_corners(again), uv_of_corners(mesh))
+    assert again.channels["uv"][2] == "corners_plus1"
+
+
+@pytest.mark.parametrize("suffix", TRIANGLES)
+@pytest.mark.parametrize("mesh", [SEAMS, with_uv(MIXED)], ids=["cube", "mixed"])
+@pytest.mark.filterwarnings("ignore:.*cannot hold everything.*channel 'uv'")
+def test_triangles_come_back(tmp_path, suffix, mesh):
+    path = tmp_path / f"cage{suffix}"
+    ls.write(path, mesh)
+    again = ls.read(path)
+    assert again.n_vertices == mesh.n_vertices
+    triangles = ls.to_trimesh(ls.Mesh(mesh.points, (mesh.sizes, mesh.indices))).faces
+    points = mesh.points[triangles.ravel()]
+    assert np.abs(again.points[again.indices] - points).max() <= tolerance(suffix)
+    assert ("uv" in again.channels) == (suffix in formats.WITH_UV)
+    if again.channels:
+        found = np.concatenate([again.points[again.indices], uv_of_corners(again)], axis=1)
+        wanted = np.concatenate([mesh.points[mesh.indices], uv_of_corners(mesh)], axis=1)
+        gap = np.abs(found[:, None] - wanted).max(axis=2)
+        assert gap.min(axis=1).max() < 1e-5
+        assert gap.min(axis=0).max() < 1e-5
+
+
+@pytest.mark.parametrize("suffix", [*POLYGONS, *TRIANGLES])
+@pytest.mark.filterwarnings("ignore:.*cannot hold everything.*channel 'uv'")
+def test_tessellations_come_back(tmp_path, suffix):
+    path = tmp_path / f"pieces{suffix}"
+    ls.write(path, PIECES)
+    again = ls.read(path)
+    assert again.n_vertices == len(PIECES.points)
+    corners = PIECES.indices if suffix in POLYGONS else PIECES.indices[PIECES.triangles.ravel()]
+    gap = np.abs(again.points[again.indices] - PIECES.points[corners]).max()
+    assert gap <= max(tolerance(suffix), 1e-7 * (suffix == ".3mf"))
+    if suffix in formats.WITH_UV:
+        values, rows = PIECES.channels["uv"]
+        rows = rows if suffix in POLYGONS else rows[PIECES.triangles.ravel()]
+        assert np.abs(uv_of_corners(again) - values[rows]).max() < 1e-6
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".vtp", ".vtu", ".vtk", ".obj", ".stl"])
+@pytest.mark.filterwarnings("ignore:.*cannot hold everything.*channel 'uv'")
+def test_pyvista_reads_them(tmp_path, suffix):
+    import pyvista
+
+    path = tmp_path / f"pieces{suffix}"
+    ls.write(path, PIECES)
+    found = pyvista.read(path)
+    if suffix == ".stl":
+        assert found.n_cells == len(PIECES.triangles)
+        return
+    assert found.n_cells == len(PIECES.sizes)
+    split = PIECES.split()
+    normals = np.asarray(found.point_data[{".ply": "Normals"}.get(suffix, "Normals")])
+    texture = pyvista.convert_array(found.GetPointData().GetTCoords())
+    if suffix == ".obj":
+        # VTK splits by itself
+        assert found.n_points >= len(split.points)
+    else:
+        assert np.abs(found.points - split.points).max() < 1e-6
+        assert np.abs(normals - split.normals).max() < 1e-6
+        assert np.abs(texture - split.channels["uv"][0]).max() < 1e-6
+    assert np.allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".off", ".stl", ".glb", ".gltf", ".3mf", ".obj"])
+@pytest.mark.filterwarnings("ignore:.*cannot hold everything.*channel 'uv'")
+def test_trimesh_reads_them(tmp_path, suffix):
+    import trimesh
+
+    path = tmp_path / f"pieces{suffix}"
+    ls.write(path, PIECES)
+    found = trimesh.load_mesh(path, process=False)
+    split = PIECES.split()
+    assert len(found.faces) == len(PIECES.triangles)
+    if suffix in (".glb", ".gltf", ".ply"):
+        assert np.abs(found.vertices - split.points).max() < 1e-6
+        assert np.abs(found.visual.uv - split.channels["uv"][0]).max() < 1e-6
+    if suffix in (".glb", ".gltf"):
+        # what load_mesh computes afresh
+        (found,) = trimesh.load_scene(path, process=False).geometry.values()
+        assert np.abs(found.vertex_normals - split.normals).max() < 1e-5
+
+
+def test_text_of_a_tessellation(tmp_path):
+    path = tmp_path / "pieces.obj"
+    ls.write(path, PIECES)
+    lines = [line.split() for line in path.read_text().splitlines() if line]
+    by_word = {word: [x[1:] for x in lines if x[0] == word] for word in ("v", "vt", "vn", "f")}
+    assert np.array_equal(np.array(by_word["v"], dtype=float), PIECES.points)
+    assert np.array_equal(np.array(by_word["vn"], dtype=float), PIECES.normals)
+    values, rows = PIECES.channels["uv"]
+    assert np.array_equal(np.array(by_word["vt"], dtype=float), values)
+    corners = np.array([c.split("/") for f in by_word["f"] for c in f], dtype=int) - 1
+    assert np.array_equal(corners.T, [PIECES.indices, rows, PIECES.normal_indices])
+    assert [len(f) for f in by_word["f"]] == PIECES.sizes.tolist()
+    plain = ls.tessellate(ls.LimitSurface(CUBE), 1)
+    ls.write(path, plain)
+    assert re.search(r"(?m)^f \d+//\d+ \d+//\d+ \d+//\d+ \d+//\d+$", path.read_text())
+    ls.write(path, ls.tessellate(ls.LimitSurface(CUBE), 1, normals=False))
+    assert re.search(r"(?m)^f \d+ \d+ \d+ \d+$", path.read_text())
+    assert "vn" not in path.read_text()
+
+
+def test_missing_normals_are_those_around(tmp_path):
+    points, faces, tags = zoo.TAGGED["dart_2"]()
+    found = ls.tessellate(ls.LimitSurface(ls.Mesh(points, faces, **tags)), 3)
+    missing = np.isnan(found.normals).any(axis=1)
+    assert missing.any()
+    path = tmp_path / "dart.obj"
+    ls.write(path, found)
+    written = re.findall(r"(?m)^vn (\S+) (\S+) (\S+)$", path.read_text())
+    normals = np.array(written, dtype=float)
+    assert np.array_equal(normals[~missing], found.normals[~missing])
+    assert np.allclose(np.linalg.norm(normals, axis=1), 1)
+    triangles = found.indices[found.triangles]
+    a, b, c = found.points[triangles].transpose(1, 0, 2)
+    at = missing[found.normal_indices[found.triangles]]
+    (row,) = np.flatnonzero(missing)
+    around = np.cross(b - a, c - a)[at.any(axis=1)].sum(axis=0)
+    assert np.allclose(normals[row], around / np.linalg.norm(around))
+    assert np.isnan(found.normals[row]).all()
+
+
+def test_normals_of_a_usd_file(tmp_path):
+    from pxr import Usd, UsdGeom
+
+    path = tmp_path / "pieces.usda"
+    ls.write(path, PIECES)
+    stage = Usd.Stage.Open(str(path))
+    geom = UsdGeom.Mesh(stage.GetPrimAtPath("/mesh"))
+    assert geom.GetNormalsInterpolation() == "faceVarying"
+    assert geom.GetSubdivisionSchemeAttr().Get() == "none"
+    wanted = PIECES.normals[PIECES.normal_indices]
+    assert np.abs(np.array(geom.GetNormalsAttr().Get()) - wanted).max() < 1e-6
+
+
+@pytest.mark.parametrize("suffix", formats.WRITABLE)
+@pytest.mark.filterwarnings("ignore:.*cannot hold everything.*channel 'uv'")
+def test_pipes(tmp_path, suffix):
+    stream = io.BytesIO()
+    ls.write(stream, PIECES, suffix=suffix.upper())
+    assert not stream.closed
+    stream.seek(0)
+    again = ls.read(stream, suffix=suffix)
+    ls.write(tmp_path / f"pieces{suffix}", PIECES)
+    assert again == ls.read(tmp_path / f"pieces{suffix}")
+
+
+def test_names_of_pipes(tmp_path):
+    with open(os.devnull, "rb") as nothing:
+        for given, name in (io.BytesIO(b"ply"), "<stdin>"), (nothing, os.devnull):
+            with pytest.raises(ls.MeshError, match=f"^{name}: "):
+                ls.read(given, suffix=".ply")
+    with pytest.raises(ValueError, match=r"<stdin>: unknown suffix '', need one of .obj, "):
+        ls.read(io.BytesIO(b""))
+    with pytest.raises(ValueError, match=r"<stdout>: unknown suffix '.x', need one of .obj, "):
+        ls.write(io.BytesIO(), CUBE, suffix=".x")
+    with pytest.raises(TypeError, match="need a path or an open binary file, got int"):
+        ls.read(3)
+    ls.write(tmp_path / "cube.dat", CUBE, suffix=".off")
+    assert ls.read(tmp_path / "cube.dat", suffix=".off") == CUBE
+
+
+# --- What is lost
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".off", ".stl", ".vtp", ".glb"])
+def test_what_is_left_out_is_named(tmp_path, suffix):
+    channels = {"colour": SEAMS.channels["uv"]}
+    mesh = ls.Mesh(
+        *zoo.cube(), creases={(0, 1): 2}, holes=[1], boundary="edge_only", channels=channels
+    )
+    path = tmp_path / f"cage{suffix}"
+    with pytest.warns(UserWarning, match="cannot hold everything") as caught:
+        ls.write(path, mesh)
+    assert caught[0].filename == __file__
+    text = f"{path}: a file of type {suffix} cannot hold everything, left out: "
+    assert str(caught[0].message) == f"{text}creases, holes, channel 'colour', boundary"
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".vtp", ".glb"])
+def test_texture_coordinates_of_usd(tmp_path, suffix):
+    mesh = ls.Mesh(*zoo.cube(), channels={"st": SEAMS.channels["uv"]})
+    ls.write(tmp_path / f"st{suffix}", mesh)
+    ls.write(tmp_path / f"uv{suffix}", SEAMS)
+    assert ls.read(tmp_path / f"st{suffix}") == ls.read(tmp_path / f"uv{suffix}")
+
+
+def test_too_large(tmp_path):
+    mesh = CUBE.with_points(CUBE.points * 1e200)
+    for suffix in (".stl", ".glb", ".3mf"):
+        with pytest.raises(ValueError, match=rf"x\{suffix}: a coordinate is beyond float32"):
+            ls.write(tmp_path / f"x{suffix}", mesh)
+    for suffix in (".ply", ".off", ".vtp", ".vtk"):
+        ls.write(tmp_path / f"y{suffix}", mesh)
+        assert ls.read(tmp_path / f"y{suffix}") == mesh
+    assert len(os.listdir(tmp_path)) == 4
+
+
+@pytest.mark.parametrize("suffix", formats.WRITABLE)
+def test_what_cannot_be_written(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    flat = ls.Mesh(zoo.cube()[0][:, :2], zoo.cube()[1])
+    nothing = ls.tessellate(ls.LimitSurface(ls.Mesh(*zoo.grid(1, 1), holes=[0])), 2)
+    with pytest.raises(ValueError, match=rf"x\{suffix}: got points of shape \(8, 2\), need"):
+        ls.write(path, flat)
+    with pytest.raises(ValueError, match=rf"x\{suffix}: the tessellation has no polygon"):
+        ls.write(path, nothing)
+    with pytest.raises(TypeError, match="need a Mesh or a Tessellation, got list"):
+        ls.write(path, [1, 2])
+    assert os.listdir(tmp_path) == []
+
+
+# --- Broken files
+
+
+def samples(folder):
+    """Bytes of good files by name, in all the ways that each format has."""
+    import pyvista
+
+    found = {}
+    for suffix in formats.READABLE:
+        if suffix in formats.WRITABLE and suffix not in formats.USD:
+            for name, x in ("quads", CUBE), ("seams", SEAMS), ("pieces", PIECES):
+                path = Path(folder, f"{name}{suffix}")
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    ls.write(path, x)
+                found[path.name] = path.read_bytes()
+    dataset = pyvista.PolyData(CUBE.points, np.insert(CUBE.faces, 0, 4, axis=1).ravel())
+    for suffix in (".ply", ".stl", ".vtp", ".vtk"):
+        path = Path(folder, f"text{suffix}")
+        dataset.save(path, binary=False)
+        found[path.name] = path.read_bytes()
+    dataset.cast_to_unstructured_grid().save(Path(folder, "raw.vtu"))
+    found["raw.vtu"] = Path(folder, "raw.vtu").read_bytes()
+    return found
+
+
+def broken(data, seed):
+    """Bytes with some changed, cut off, left out or put in."""
+    g = random.Random(seed)
+    data, change = bytearray(data), seed % 4
+    at = g.randrange(len(data))
+    if change == 0:
+        del data[at:]
+    elif change == 1:
+        for _ in range(g.randrange(1, 10)):
+            data[g.randrange(len(data))] = g.randrange(256)
+    elif change == 2:
+        for _ in range(g.randrange(1, 4)):
+            data[g.randrange(min(len(data), 900))] = g.choice(b'0123456789-. \n<>"=e')
+    else:
+        data[at : at + g.randrange(50)] = data[: g.randrange(100)]
+    return bytes(data)
+
+
+def read_broken(folder, first, last):
+    """Read broken files of all kinds: cages, or MeshErrors that name the file; else the error."""
+    for name, data in samples(folder).items():
+        path = Path(folder, f"broken{Path(name).suffix}")
+        # the readers of VTK are started anew for each
+        seeds = range(first, first + 3 if path.suffix in formats.VTK else last)
+        for seed in seeds:
+            path.write_bytes(broken(data, seed))
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", message=".* is unknown and ignored")
+                try:
+                    ls.read(path)
+                except Exception as error:
+                    if not isinstance(error, ls.MeshError) or str(path) not in str(error):
+                        raise AssertionError(name, seed) from error
+
+
+def test_broken_files_end_nothing(tmp_path):
+    """In a process of its own: a reader that fails would end this one."""
+    code = "import sys, test_formats; test_formats.read_broken(sys.argv[1], 0, 40)"
+    tests = Path(__file__).parent
+    command = [sys.executable, "-W", "error", "-c", code, str(tmp_path)]
+    done = subprocess.run(command, cwd=tests, capture_output=True, text=True, timeout=600)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    "suffix", [s for s in formats.READABLE if s not in (*formats.USD, ".usdz")]
+)
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"\0" * 500, np.random.default_rng(0).bytes(500), b"# hello\n" * 9, b"{}", b"<a/>"],
+)
+def test_noise(tmp_path, suffix, content):
+    path = tmp_path / f"noise{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(ls.MeshError, match=re.escape(str(path))):
+        ls.read(path)
+    if content == b"" and suffix != ".obj":
+        with pytest.raises(ls.MeshError, match=r"noise.*: the file is empty$"):
+            ls.read(path)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".off", ".stl", ".vtp", ".vtu", ".vtk", *TRIANGLES[1:]])
+def test_truncated_files(tmp_path, suffix):
+    good, path = tmp_path / f"good{suffix}", tmp_path / f"cut{suffix}"
+    ls.write(good, CUBE)
+    data = good.read_bytes()
+    for part in (0.02, 0.3, 0.6, 0.95):
+        path.write_bytes(data[: int(part * len(data))])
+        with pytest.raises(ls.MeshError, match=re.escape(str(path))):
+            ls.read(path)
+
+
+@pytest.mark.parametrize("suffix", formats.READABLE)
+def test_no_file(tmp_path, suffix):
+    path = tmp_path / f"none{suffix}"
+    with pytest.raises(FileNotFoundError, match=re.escape(str(path))):
+        ls.read(path)
+    path.mkdir()
+    with pytest.raises(IsADirectoryError, match=re.escape(str(path))):
+        ls.read(path)
+    if suffix in formats.WRITABLE:
+        with pytest.raises(IsADirectoryError, match=re.escape(str(path))):
+            ls.write(path, CUBE)
+        missing = tmp_path / "no" / f"folder{suffix}"
+        with pytest.raises(FileNotFoundError, match=re.escape(str(missing))):
+            ls.write(missing, CUBE)
+
+
+@pytest.fixture
+def nobody():
+    """Somebody without permission, even if the tests are run by root."""
+    before = os.geteuid()
+    if before == 0:
+        os.seteuid(65534)
+    yield
+    if before == 0:
+        os.seteuid(0)
+
+
+@pytest.mark.parametrize("suffix", formats.WRITABLE)
+def test_no_permission(tmp_path, request, suffix):
+    path = tmp_path / f"x{suffix}"
+    ls.write(path, CUBE)
+    path.chmod(0)
+    tmp_path.chmod(0o500)
+    request.getfixturevalue("nobody")
+    with pytest.raises(PermissionError, match=re.escape(str(path))):
+        ls.read(path)
+    with pytest.raises(PermissionError, match=re.escape(str(path))):
+        ls.write(path, CUBE)
+
+
+@pytest.mark.parametrize("suffix", formats.WRITABLE)
+@pytest.mark.filterwarnings("ignore:.*cannot hold everything.*channel 'uv'")
+def test_a_full_disk(tmp_path, suffix):
+    """No file may grow beyond 1000 bytes: nothing is left behind, and what was there stays."""
+    path = tmp_path / f"x{suffix}"
+    path.write_text("old")
+    ls.write(io.BytesIO(), PIECES, suffix=suffix)  # loads whatever is loaded on first use
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        with pytest.raises(OSError, match=re.escape(str(path))):
+            ls.write(path, PIECES)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert os.listdir(tmp_path) == [path.name]
+    assert path.read_text() == "old"
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no such device")
+@pytest.mark.parametrize("suffix", formats.WRITABLE)
+@pytest.mark.filterwarnings("ignore:.*cannot hold everything.*channel 'uv'")
+def test_a_full_device(suffix):
+    with pytest.raises(OSError, match="No space left on device: '/dev/full'"):
+        ls.write("/dev/full", PIECES, suffix=suffix)
+    with (
+        pytest.raises(OSError, match="No space left on device: '/dev/full'"),
+        open("/dev/full", "wb", buffering=0) as file,
+    ):
+        ls.write(file, PIECES, suffix=suffix)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "module", "extra"),
+    [
+        (".vtp", "pyvista", "plot"),
+        (".glb", "trimesh", "formats"),
+        (".3mf", "networkx", "formats"),
+        (".dae", "collada", "formats"),
+    ],
+)
+def test_a_library_that_is_missing(tmp_path, suffix, module, extra):
+    path = tmp_path / f"x{suffix}"
+    ls.write(path, CUBE)
+    code = f"""
+import builtins, sys, importlib.util
+original, find = builtins.__import__, importlib.util.find_spec
+def missing(name, *arguments):
+    if name.partition('.')[0] in ({module!r}, 'vtkmodules'):
+        raise ModuleNotFoundError('No module named ' + name)
+    return original(name, *arguments)
+builtins.__import__ = missing
+importlib.util.find_spec = lambda name: None if name == 'vtkmodules' else find(name)
+import limitsurf as ls
+cube = ls.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+target, source = {str(tmp_path / f"y{suffix}")!r}, {str(path)!r}
+for call in (ls.write, target, cube), (ls.read, source):
+    try:
+        call[0](*call[1:])
+    except ImportError as error:
+        print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stderr == ""
+    assert done.stdout.count(f'pip install "limitsurf[{extra}]"') == 2, done.stdout
+    assert os.listdir(tmp_path) == [path.name]
+
+
+# --- PLY
+
+HEADER = """ply
+format ascii 1.0
+comment made by hand
+obj_info nothing
+element vertex 4
+property float x
+property float y
+property uchar red
+property float z
+element face 2
+property uchar flags
+property list uchar int vertex_index
+property list uchar float texcoord
+element edge 1
+property int vertex1
+property int vertex2
+end_header
+"""
+ROWS = "0 0 255 0\n1 0 255 0\n1 1 255 0\n0 1 0 0.5\n7 3 0 1 2 2 0.5 0.5\n7 4 0 1 2 3 0\n0 1\n"
+
+
+def binary(order):
+    word = {"<": "little", ">": "big"}[order]
+    head = HEADER.replace("ascii", f"binary_{word}_endian").encode()
+    vertices = [struct.pack(order + "ffBf", *row) for row in [(0, 0, 9, 0), (1, 0, 9, 0)]]
+    vertices += [struct.pack(order + "ffBf", *row) for row in [(1, 1, 9, 0), (0, 1, 9, 0.5)]]
+    faces = struct.pack(order + "BB3iB2f", 7, 3, 0, 1, 2, 2, 0.5, 0.5)
+    faces += struct.pack(order + "BB4iB", 7, 4, 0, 1, 2, 3, 0)
+    return head + b"".join(vertices) + faces + struct.pack(order + "ii", 0, 1)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        (HEADER + ROWS).encode(),
+        (HEADER + ROWS).replace("\n", "\r\n").encode(),
+        binary("<"),
+        binary(">"),
+    ],
+)
+def test_ways_to_write_ply(tmp_path, data):
+    path = tmp_path / "x.ply"
+    path.write_bytes(data)
+    mesh = ls.read(path)
+    assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5]]
+    assert [face.tolist() for face in mesh.faces] == [[0, 1, 2], [0, 1, 2, 3]]
+
+
+def test_ply_of_many_faces_of_all_sizes(tmp_path):
+    g = np.random.default_rng(0)
+    sizes = g.integers(3, 300, 4000)
+    mesh = ls.Mesh(g.random((500, 3)), (sizes, g.integers(0, 500, sizes.sum())))
+    path = tmp_path / "x.ply"
+    ls.write(path, mesh)
+    assert ls.read(path) == mesh
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"plyx\n", "need 'ply' on the first line, this is no PLY file"),
+        (b"ply\nformat ascii 1.0\n", "need a header that ends with 'end_header'"),
+        (b"ply\nend_header\n", "need one of the formats binary_little_endian, "),
+        (HEADER.replace("ascii 1.0", "ascii 2.0") + ROWS, "line 2: got 'format ascii 2.0', need"),
+        (HEADER.replace("float x", "number x") + ROWS, "line 6: got 'property number x', need"),
+        (HEADER.replace("face 2", "face -2") + ROWS, "line 10: got 'element face -2', need"),
+        (HEADER.replace("float z", "float w") + ROWS, "need elements 'vertex' with the proper"),
+        (HEADER.replace("vertex_index", "corners") + ROWS, "need elements 'face' with a list"),
+        (HEADER + ROWS[:-20], "the file ends amid its 2 elements 'face': it is truncated"),
+        (HEADER + ROWS.replace("0 1 2 3", "0 1 2 x"), "after the header: "),
+        (HEADER + ROWS.replace("0 1 2 3", "0 1 2 4"), "face 1: vertex index 4 is out of range"),
+        (HEADER + ROWS.replace("0 1 2 3", "0 1 2 .5"), "face 1: vertex index -1 is negative"),
+        (HEADER + ROWS.replace("1 1 255", "nan 1 255"), "vertex 2: coordinate nan is not finite"),
+        (HEADER + ROWS.replace("7 4 0", "7 -4 0"), "the file ends amid its 2 elements 'face'"),
+        (HEADER.replace("face 2", "face 999999999999") + ROWS, "the file ends amid its 9999"),
+        (HEADER.replace("vertex 4", "vertex 0") + ROWS, "the file ends amid its"),
+        (binary("<")[:-9], "the file ends amid its 2 elements 'face': it is truncated"),
+        (binary("<")[:-1], "the file ends amid its 1 elements 'edge': it is truncated"),
+    ],
+)
+def test_broken_ply(tmp_path, data, message):
+    path = tmp_path / "x.ply"
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    with pytest.raises(ls.MeshError) as caught:
+        ls.read(path)
+    assert str(caught.value).startswith(f"{path}: {message}")
+
+
+# --- OFF
+
+OFF = "0 0 0\n1 0 0 # a comment\n1 1 0 255 0 0\n\n0 1 0\n3 0 1 2\n4 0 1 2 3  0.5 0.5 0.5 1\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "OFF\n4 2 5\n" + OFF,
+        "OFF 4 2 5\n" + OFF,
+        "# first\n\nOFF # x\n\n4 2\n" + OFF,
+        "COFF\r\n4 2 0\r\n" + OFF.replace("\n", "\r\n"),
+        "STCNOFF\n4 2 0\n" + OFF + "anything\n",
+    ],
+)
+def test_ways_to_write_off(tmp_path, text):
+    path = tmp_path / "x.off"
+    path.write_bytes(text.encode())
+    mesh = ls.read(path)
+    assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    assert [face.tolist() for face in mesh.faces] == [[0, 1, 2], [0, 1, 2, 3]]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("4OFF\n1 1 1\n", ": need 'OFF' on the first line, in text"),
+        ("OFF BINARY\n1 1 1\n", ": need the numbers of vertices and faces after 'OFF'"),
+        ("OFF\n", ": need the numbers of vertices and faces after 'OFF'"),
+        ("OFF 4\n", ": need the numbers of vertices and faces after 'OFF'"),
+        ("OFF\n4 x\n", ", line 2: got 'x', need the numbers of vertices and faces"),
+        ("OFF\n5 2 0\n" + OFF, ": need 5 lines of vertices and 2 of faces, got 6: the file is tr"),
+        ("OFF\n4 2\n" + OFF.replace("0 1 0", "0 1"), ", line 7: got 2 numbers, need three coord"),
+        ("OFF\n4 2\n" + OFF.replace("0 1 0", "0 1 z"), ", line 7: got 'z', need a finite number"),
+        ("OFF\n4 2\n" + OFF.replace("4 0 1", "9 0 1"), ", line 9: got a face of size 9, need the"),
+        ("OFF\n4 2\n" + OFF.replace("3 0 1", "2 0 1"), ", line 8: got a face of size 2, need the"),
+        ("OFF\n4 2\n" + OFF.replace("3 0 1", "3 0 .5"), ", line 8: got '.5', need a vertex"),
+        ("OFF\n4 2\n" + OFF.replace("3 0 1", "3 0 4"), ": face 0: vertex index 4 is out of range"),
+        ("OFF\n-4 2\n" + OFF, ": need -4 lines of vertices"),
+    ],
+)
+def test_broken_off(tmp_path, text, message):
+    path = tmp_path / "x.off"
+    path.write_text(text)
+    with pytest.raises(ls.MeshError) as caught:
+        ls.read(path)
+    assert str(caught.value).startswith(f"{path}{message}")
+
+
+# --- STL
+
+
+def test_points_of_stl_are_joined(tmp_path):
+    path = tmp_path / "x.stl"
+    ls.write(path, ls.Mesh(*zoo.tetrahedron()))
+    assert path.stat().st_size == 84 + 4 * 50
+    mesh = ls.read(path)
+    assert (mesh.n_vertices, mesh.n_edges, mesh.n_faces) == (4, 6, 4)
+    facet = "facet normal 0 0 1\n outer loop\n{}endloop\nendfacet\n"
+    corners = ["  vertex 0 0 0\n  vertex 1 0 0\n  vertex 0 1.0e0 0\n"]
+    corners += ["  vertex 1 0 0\n  VERTEX 1 1 0\n  vertex 0 1 -0\n"]
+    corners += ["  vertex 1 0 0\n  vertex 1 0 0\n  vertex 0 1 0\n"]  # no area
+    path.write_text("solid a\n" + "".join(map(facet.format, corners)) + "endsolid a\n")
+    mesh = ls.read(path)
+    assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
+    assert mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2]]
+    path.write_text(path.read_text().replace("1.0e0", "one"))
+    with pytest.raises(ls.MeshError, match=r"x\.stl: trimesh cannot read it"):
+        ls.read(path)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"solid a\nendsolid a\n",
+        b"solid a\n outer loop\n vertex 0 0 0\n",
+        b"solid a\n outer loop\n vertex 0 0 0\n vertex 1 0 0\n vertex 0 1 0\n endloop\n",
+        bytes(84),
+        bytes(80) + b"\2\0\0\0" + bytes(50),
+        b"solid",
+        b"x" * 200,
+    ],
+)
+def test_broken_stl(tmp_path, data):
+    path = tmp_path / "x.stl"
+    path.write_bytes(data)
+    with pytest.raises(ls.MeshError, match=rf"^{re.escape(str(path))}: "):
+        ls.read(path)
+
+
+# --- VTK
+
+
+def test_what_vtk_files_may_hold(tmp_path):
+    import pyvista
+
+    path = tmp_path / "x.vtu"
+    pyvista.ImageData(dimensions=(2, 2, 2)).cast_to_unstructured_grid().save(path)
+    with pytest.raises(ls.MeshError, match=r"x\.vtu: need cells of types triangle, polygon, quad"):
+        ls.read(path)
+    path = tmp_path / "x.vtk"
+    pyvista.ImageData(dimensions=(2, 2, 2)).save(path)
+    with pytest.raises(ls.MeshError, match=r"x\.vtk: need PolyData or UnstructuredGrid, got "):
+        ls.read(path)
+    pyvista.PolyData(np.eye(4)[:, :3], strips=[4, 0, 1, 2, 3]).save(path)
+    with pytest.raises(ls.MeshError, match=r"x\.vtk: need polygons, got triangle strips"):
+        ls.read(path)
+    pyvista.PolyData(np.eye(3)).save(path)
+    with pytest.raises(ls.MeshError, match=r"x\.vtk: need at least one polygon, got none"):
+        ls.read(path)
+
+
+def test_pyvista_of_a_tessellation():
+    split = PIECES.split()
+    found = ls.to_pyvista(PIECES)
+    assert (found.n_points, found.n_cells) == (len(split.points), len(split.sizes))
+    assert np.array_equal(found.points, split.points)
+    assert np.array_equal(found.active_normals, split.normals)
+    assert np.allclose(found.active_texture_coordinates, split.channels["uv"][0])
+    bare = ls.to_pyvista(ls.tessellate(ls.LimitSurface(CUBE), 2, normals=False))
+    assert list(bare.point_data) == []
+    with pytest.raises(TypeError, match="got str"):
+        ls.to_pyvista("x")
+
+
+# --- trimesh
+
+
+def test_trimesh_keeps_everything():
+    import trimesh
+
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
+    uv = np.arange(12).reshape(6, 2) / 12
+    visual = trimesh.visual.TextureVisuals(uv=uv)
+    given = trimesh.Trimesh(points, [[0, 1, 2], [3, 4, 5]], visual=visual, process=False)
+    mesh = ls.from_trimesh(given, boundary="edge_only", creases={(0, 1): 2})
+    assert mesh.boundary == "edge_only"
+    assert np.array_equal(mesh.points, points)
+    assert mesh.faces.tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert np.array_equal(uv_of_corners(mesh), uv)
+    joined = ls.from_trimesh(given, merge=True)
+    assert joined.faces.tolist() == [[0, 1, 2], [1, 3, 2]]
+    assert np.array_equal(uv_of_corners(joined), uv)
+    assert not ls.from_trimesh(trimesh.creation.box()).channels
+    with pytest.raises(TypeError, match=r"need a trimesh\.Trimesh or Scene, got list"):
+        ls.from_trimesh([])
+    with pytest.raises(ls.MeshError, match="at least one"):
+        ls.from_trimesh(trimesh.Scene())
+
+
+def test_scenes_become_one_mesh(tmp_path):
+    import trimesh
+
+    scene, box = trimesh.Scene(), trimesh.creation.box()
+    scene.add_geometry(box, node_name="a", transform=np.diag([1.0, 1, 1, 1]))
+    moved = trimesh.transformations.translation_matrix([5, 0, 0]) @ np.diag([-2.0, 2, 2, 1])
+    scene.graph.update("b", matrix=moved, geometry=next(iter(scene.geometry)))
+    scene.add_geometry(trimesh.PointCloud(np.eye(3)))
+    path = tmp_path / "scene.glb"
+    scene.export(path)
+    for mesh in ls.from_trimesh(scene, merge=True), ls.read(path):
+        assert (mesh.n_vertices, mesh.n_faces) == (16, 24)
+        assert not mesh.nonmanifold_edge.any()
+        assert not mesh.boundary_edge.any()
+        triangles = mesh.points[mesh.faces]
+        volume = np.linalg.det(triangles).sum() / 6
+        assert np.isclose(volume, 1 + 8)
+        assert np.isclose(mesh.points.max(), 6)
+
+
+def test_trimesh_of_a_tessellation():
+    split = PIECES.split()
+    found = ls.to_trimesh(PIECES)
+    assert np.array_equal(found.vertices, split.points)
+    assert np.array_equal(found.faces, split.indices[split.triangles])
+    assert np.allclose(found.vertex_normals, split.normals, atol=1e-12)
+    assert np.array_equal(found.visual.uv, split.channels["uv"][0])
+    cage = ls.to_trimesh(MIXED)
+    assert np.array_equal(cage.vertices, MIXED.points)
+    assert len(cage.faces) == (MIXED.sizes - 2).sum()
+    again = ls.from_trimesh(ls.to_trimesh(ls.Mesh(*zoo.tetrahedron())))
+    assert again == ls.Mesh(*zoo.tetrahedron())
+
+
+def test_buffers_beside_a_gltf_file(tmp_path):
+    import trimesh
+
+    path = tmp_path / "model.gltf"
+    files = trimesh.creation.icosahedron().scene().export(file_type="gltf")
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    assert len(files) > 1
+    assert ls.read(path).n_vertices == 12
+    with pytest.raises(ls.MeshError, match="<stdin>: trimesh cannot read it"):
+        ls.read(io.BytesIO(path.read_bytes()), suffix=".gltf")
+    ls.write(tmp_path / "y.gltf", CUBE)
+    assert sum(name.startswith("y") for name in os.listdir(tmp_path)) == 1
+
+
+def test_without_trimesh(monkeypatch):
+    original = builtins.__import__
+
+    def missing(name, *arguments, **keywords):
+        if name == "trimesh":
+            raise ImportError(name)
+        return original(name, *arguments, **keywords)
+
+    monkeypatch.setattr(builtins, "__import__", missing)
+    monkeypatch.delitem(sys.modules, "trimesh", raising=False)
+    with pytest.raises(ImportError, match=r'pip install "limitsurf\[formats\]"'):
+        ls.to_trimesh(CUBE)
+    with pytest.raises(ImportError, match=r'pip install "limitsurf\[formats\]"'):
+        ls.from_trimesh(None)

@@ -1,0 +1,230 @@
+"""The documentation site: it builds offline, links resolve, scenes draw in a browser."""
+
+import functools
+import http.server
+import io
+import os
+import shutil
+import subprocess
+import sys
+import threading
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SITE = ROOT / "notebooks" / "site"
+# what a page loads by itself, by element and attribute; anchors are followed by the reader alone
+LOADED = {
+    ("audio", "src"),
+    ("embed", "src"),
+    ("iframe", "src"),
+    ("img", "src"),
+    ("img", "srcset"),
+    ("link", "href"),
+    ("object", "data"),
+    ("script", "src"),
+    ("source", "src"),
+    ("video", "src"),
+}
+RELATED = {"genindex", "index", "next", "prev", "search"}  # links in the head of a page
+BROWSERS = ["chromium", "chromium-browser", "google-chrome"]
+
+
+class Page(HTMLParser):
+    """What a page refers to, and the places in it that can be referred to."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.path = path
+        self.loaded, self.links, self.places, self.scenes = [], [], {""}, []
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attributes):
+        values = dict(attributes)
+        self.places |= {values[key] for key in ("id", "name") if values.get(key)}
+        for key, value in values.items():
+            if (tag, key) in LOADED and values.get("rel") not in (
+                "index",
+                "next",
+                "prev",
+                "search",
+            ):
+                self.loaded.append(value)
+            elif key == "href":
+                self.links.append(value)
+        if tag == "iframe" and "src" in values:
+            self.scenes.append(values["src"])
+
+
+def build(target):
+    """Build the site by the documented command; what it complains of."""
+    command = ["-m", "sphinx", "-W", "-q", "-d", target / "trees", SITE, target / "html"]
+    done = subprocess.run(
+        [sys.executable, *command],
+        cwd=ROOT,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env=os.environ | {"NO_COLOR": "1", "PYTHONIOENCODING": "utf-8"},
+    )
+    assert done.returncode == 0, done.stdout
+    return target / "html"
+
+
+def check_links(pages):
+    """Nothing is loaded from the network, and everything referred to exists."""
+    by_path = {page.path: page for page in pages}
+    for page in pages:
+        for target in page.loaded:
+            assert not urlsplit(target).netloc, f"{page.path} loads {target}"
+        for target in page.loaded + page.links:
+            parts = urlsplit(target)
+            if parts.scheme or parts.netloc:
+                assert parts.scheme in ("data", "http", "https", "mailto"), f"{page.path}: {target}"
+                continue
+            path = (page.path.parent / unquote(parts.path)).resolve() if parts.path else page.path
+            assert path.exists(), f"{page.path}: there is no {target}"
+            if parts.fragment and path in by_path:
+                found = unquote(parts.fragment) in by_path[path].places
+                assert found, f"{page.path}: no such place: {target}"
+    for style in pages[0].path.parent.rglob("*.css"):
+        text = style.read_text(encoding="utf-8")
+        for call in ("@import", "url(http", "url('http", 'url("http', "url(//"):
+            assert call not in text, f"{style} has {call}"
+
+
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    """Serves files, and remembers what it did not find."""
+
+    def __init__(self, *args, missing, **options):
+        self.missing = missing
+        super().__init__(*args, **options)
+
+    def log_message(self, *args):
+        pass
+
+    def send_error(self, code, *args, **options):
+        self.missing.append(f"{code}: {self.path}")
+        super().send_error(code, *args, **options)
+
+
+@pytest.fixture
+def browser(tmp_path):
+    """Headless Chromium with software OpenGL, or None where there is none."""
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    driver = shutil.which("chromedriver")
+    if program is None or driver is None:
+        yield None
+        return
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for option in (
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--disable-dev-shm-usage",
+        "--window-size=1200,900",
+        "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
+        f"--user-data-dir={tmp_path / 'profile'}",
+    ):
+        options.add_argument(option)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    chromium = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    chromium.set_page_load_timeout(120)
+    yield chromium
+    chromium.quit()
+
+
+def complaints(browser):
+    """Errors that pages wrote to the console since the last call."""
+    return [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+
+
+def drawn(element):
+    """Whether an element shows something: the spread of its pixels, in shades of 0 to 255."""
+    from PIL import Image
+
+    pixels = np.asarray(Image.open(io.BytesIO(element.screenshot_as_png)).convert("RGB"))
+    return float(pixels.reshape(-1, 3).std(axis=0).max())
+
+
+def check_page(browser, address):
+    """A page loads without complaint, shows all of its pictures and draws its scenes."""
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    browser.get(address)
+    for frame in browser.find_elements(By.TAG_NAME, "iframe"):
+        browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", frame)
+        there = functools.partial(lambda frame, _: drawn(frame) > 10, frame)
+        WebDriverWait(browser, 60).until(there, f"{address} has an empty frame")
+    broken = browser.execute_script(
+        "return [...document.images].filter(i => i.loading != 'lazy')"
+        ".filter(i => !i.complete || !i.naturalWidth).map(i => i.src)"
+    )
+    assert not broken, f"{address} does not show {broken}"
+    wide = browser.execute_script(
+        "return document.documentElement.scrollWidth - document.documentElement.clientWidth"
+    )
+    assert wide <= 1, f"{address} is {wide} pixels too wide"
+    said = complaints(browser)
+    assert not said, f"{address} says {said}"
+
+
+def check_scene(browser, address):
+    """A scene draws itself, and turns when it is dragged."""
+    from selenium.webdriver import ActionChains
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    browser.get(address)
+    wait = WebDriverWait(browser, 60)
+    canvas = wait.until(lambda _: browser.find_elements(By.TAG_NAME, "canvas"))[0]
+    wait.until(lambda _: drawn(canvas) > 10, f"{address} draws nothing")
+    before = canvas.screenshot_as_png
+    drag = ActionChains(browser).move_to_element(canvas).click_and_hold()
+    for _ in range(5):
+        drag.move_by_offset(30, 10).pause(0.1)
+    drag.release().perform()
+    wait.until(lambda _: canvas.screenshot_as_png != before, f"{address} does not turn")
+    assert drawn(canvas) > 10
+    said = complaints(browser)
+    assert not said, f"{address} says {said}"
+
+
+# One test, so that the site is built once.
+def test_site(tmp_path, browser):
+    folder = build(tmp_path)
+    pages = [Page(path) for path in sorted(folder.rglob("*.html")) if "_static" not in path.parts]
+    scenes = {page.path.parent / scene for page in pages for scene in page.scenes}
+    documents = [page for page in pages if page.path not in scenes and page.links]
+    assert len(documents) > 30
+    assert scenes
+    check_links(documents)
+    if browser is None:
+        pytest.skip("the site builds; no chromium and chromedriver to look at it")
+    missing = []
+    handler = functools.partial(Quiet, directory=folder, missing=missing)
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        root = f"http://127.0.0.1:{server.server_port}"
+        try:
+            for page in documents:
+                check_page(browser, f"{root}/{page.path.relative_to(folder).as_posix()}")
+            for scene in sorted(scenes):
+                check_scene(browser, f"{root}/{scene.relative_to(folder).as_posix()}")
+        finally:
+            server.shutdown()
+    assert not missing
