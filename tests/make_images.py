@@ -1,6 +1,7 @@
 """Makes the reference pictures in tests/images, one of each kind, with which test_plot.py compares.
 
-They are a quarter as large as the pictures themselves, which makes small files.
+They are a quarter as large as the pictures themselves, which makes small files. The picture in the
+README is made here too.
 
 Run it after pictures have changed on purpose, look at what it wrote, and commit that::
 
@@ -17,6 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from unittest.mock import patch
 
+import make_demo_cage
 import numpy as np
 import zoo
 from numpy.typing import NDArray
@@ -26,6 +28,7 @@ import limitsurf as ls
 from limitsurf.shell import render
 
 FOLDER = Path(__file__).parent / "images"
+README = Path(__file__).parents[1] / "notebooks" / "site" / "images" / "readme.jpg"
 SIZE = {"window_size": (640, 480), "off_screen": True}
 WORST = 0.02  # part of the boxes
 
@@ -100,6 +103,7 @@ FLAT = ["characteristic_map", "crease_map", "convergence"]
 # The same scenes without OpenGL.
 PAINTED = ["cage", "isolines", "curvature", "zebra"]
 PAINTED_ALIKE = 5
+OF_README = 15  # many thin lines
 
 
 def painted(draw: Callable[..., ls.Picture]) -> NDArray[np.uint8]:
@@ -107,6 +111,18 @@ def painted(draw: Callable[..., ls.Picture]) -> NDArray[np.uint8]:
     with patch.object(render, "opengl", lambda: False), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return draw().image
+
+
+def of_readme() -> NDArray[np.uint8]:
+    """The bundled octopus in its cage, its mean curvature, and reflections on it."""
+    surface = ls.LimitSurface(ls.read(make_demo_cage.FILE))
+    panels: list[Options] = [
+        {},
+        {"scalars": "mean", "window_size": (760, 600)},
+        {"scalars": "zebra"},
+    ]
+    size: Options = {"window_size": (620, 600), "off_screen": True}
+    return np.concatenate([ls.plot(surface, **{**size, **k}).image for k in panels], axis=1)
 
 
 def difference(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
@@ -142,6 +158,11 @@ def main() -> None:
             small = Image.fromarray(np.rint(shrunk(image, 120)).astype(np.uint8))
             small.save(path, format="PNG", optimize=True)
             print(path)
+    image = of_readme()
+    if not README.exists() or difference(image, np.asarray(Image.open(README))) > OF_README:
+        README.parent.mkdir(exist_ok=True)
+        Image.fromarray(image).save(README, quality=88, optimize=True)
+        print(README)
 
 
 if __name__ == "__main__":

@@ -34,6 +34,10 @@ INSTALL = re.compile(
 )
 ACTIVATE = re.compile(r"source \.venv/bin/activate")
 BENCHMARK = re.compile(r"\.venv/bin/(pip install -q [\w-]+|python (tests/bench/\w+\.py) .*)")
+DOCUMENT = re.compile(
+    r'\.venv/bin/pip install -q -e "\.\[docs\]" && '
+    r"\.venv/bin/python -m sphinx -W -q notebooks/site build/site"
+)
 CHECKED = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
@@ -77,7 +81,7 @@ def run_shell(text, where):
 def check_form(text):
     """Whether all commands of a block install something, or measure with a program in the clone."""
     for command in filter(None, text.splitlines()):
-        if not any(form.fullmatch(command) for form in (INSTALL, ACTIVATE, BENCHMARK)):
+        if not any(form.fullmatch(command) for form in (INSTALL, ACTIVATE, BENCHMARK, DOCUMENT)):
             return False
         for name in shlex.split(command):
             if name.startswith("tests/"):

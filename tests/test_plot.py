@@ -314,6 +314,13 @@ def test_reference_pictures(name):
         assert make_images.difference(draw(**variant).image, expected) > tolerance, variant
 
 
+def test_the_picture_of_the_readme_is_what_is_drawn():
+    if not render.opengl():
+        pytest.skip("there is no OpenGL")
+    expected = np.asarray(Image.open(make_images.README))
+    assert make_images.difference(make_images.of_readme(), expected) < make_images.OF_README
+
+
 @pytest.mark.parametrize("name", make_images.PAINTED)
 def test_painted_reference_pictures(name):
     draw, _, _ = make_images.PICTURES[name]
