@@ -29,8 +29,8 @@ RUN = {"python", "sh", "console"}
 # Languages that are not code, and directives of the site.
 SHOWN = {"", "text", "bibtex"}
 INSTALL = re.compile(
-    r'python3 -m venv \.venv && \.venv/bin/pip install -q( -e)? "\.\[\w+(,\w+)*\]"'
-    r"( && \.venv/bin/(limitsurf \w+|python -m pytest))?"
+    r'(python3 -m venv \.venv && )?\.venv/bin/pip install -q( -e)? "\.\[\w+(,\w+)*\]"'
+    r"( && \.venv/bin/(limitsurf \w+|python -m (pytest|sphinx -W -q notebooks/site build/site)))?"
 )
 ACTIVATE = re.compile(r"source \.venv/bin/activate")
 BENCHMARK = re.compile(r"\.venv/bin/(pip install -q [\w-]+|python (tests/bench/\w+\.py) .*)")

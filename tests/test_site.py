@@ -194,11 +194,15 @@ def check_scene(browser, address):
     canvas = wait.until(lambda _: browser.find_elements(By.TAG_NAME, "canvas"))[0]
     wait.until(lambda _: drawn(canvas) > 10, f"{address} draws nothing")
     before = canvas.screenshot_as_png
-    drag = ActionChains(browser).move_to_element(canvas).click_and_hold()
-    for _ in range(5):
-        drag.move_by_offset(30, 10).pause(0.1)
-    drag.release().perform()
-    wait.until(lambda _: canvas.screenshot_as_png != before, f"{address} does not turn")
+
+    def turned(_):
+        drag = ActionChains(browser).move_to_element(canvas).click_and_hold()
+        for _ in range(5):
+            drag.move_by_offset(30, 10).pause(0.1)
+        drag.release().perform()
+        return canvas.screenshot_as_png != before
+
+    wait.until(turned, f"{address} does not turn")
     assert drawn(canvas) > 10
     said = complaints(browser)
     assert not said, f"{address} says {said}"

@@ -9,6 +9,7 @@ built before is run again when its own text has changed, or with the option ``-E
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from typing import Any
 import jupytext
 import latex2mathml.converter
 from docutils import nodes
+from jupyter_client.connect import ConnectionFileMixin
 from nbformat import NotebookNode
 
 import limitsurf
@@ -26,6 +28,9 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 COPIED = HERE / "_copied"
 DOCUMENTS = ("notebooks", "derivations")
+
+if os.name == "posix":  # kernels listen on sockets of this user, not on ports: they warn of those
+    ConnectionFileMixin.transport.default_value = "ipc"
 
 project = "limitsurf"
 author = "the limitsurf authors"
