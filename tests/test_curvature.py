@@ -84,6 +84,22 @@ def test_exact_derivatives_give_it(name):
             )
 
 
+@pytest.mark.parametrize("height", [1e-6, 1e-11, 1e-14, 1e-100])
+@pytest.mark.parametrize("valence", [3, 5, 9])
+def test_a_flat_cage_keeps_what_bends_it(valence, height):
+    points, faces = zoo.flower(valence)
+    points = zoo.random_points(len(points), valence) + 3 * np.asarray(points) / zoo.UNIT
+    points[:, 2] *= height
+    surface = ls.LimitSurface(ls.Mesh(points, faces))
+    precise = surface.with_points(exact(surface.points))
+    for face in (0, 4):
+        for u, v in PLACES:
+            found = surface.curvature(face, u, v)
+            k1, k2, _, sine = exact_curvature(precise, face, u, v)
+            bound = 1e-12 * max(abs(k1), abs(k2)) / sine
+            assert [found.k1, found.k2] == pytest.approx([k1, k2], rel=0, abs=bound), (u, v)
+
+
 def test_a_torus_of_many_points():
     """Splines of cages on a torus tend to one of nearby radii R and r."""
     m, n = 96, 64

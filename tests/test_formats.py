@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import warnings
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -697,11 +698,14 @@ def test_what_vtk_files_may_hold(tmp_path):
 
     path = tmp_path / "x.vtu"
     pyvista.ImageData(dimensions=(2, 2, 2)).cast_to_unstructured_grid().save(path)
-    with pytest.raises(ls.MeshError, match=r"x\.vtu: need cells of types triangle, polygon, quad"):
+    text = (
+        r"x\.vtu: need cells of types triangle, polygon, quad only, got some of type voxel: of .*"
+    )
+    with pytest.raises(ls.MeshError, match=text + r"dataset\.extract_surface\(\) is the skin"):
         ls.read(path)
     path = tmp_path / "x.vtk"
     pyvista.ImageData(dimensions=(2, 2, 2)).save(path)
-    with pytest.raises(ls.MeshError, match=r"x\.vtk: need PolyData or UnstructuredGrid, got "):
+    with pytest.raises(ls.MeshError, match=r"x\.vtk: need polygons, got Structured"):
         ls.read(path)
     pyvista.PolyData(np.eye(4)[:, :3], strips=[4, 0, 1, 2, 3]).save(path)
     with pytest.raises(ls.MeshError, match=r"x\.vtk: need polygons, got triangle strips"):
@@ -722,6 +726,158 @@ def test_pyvista_of_a_tessellation():
     assert list(bare.point_data) == []
     with pytest.raises(TypeError, match="got str"):
         ls.to_pyvista("x")
+
+
+# --- What else the libraries read
+
+SHAPE = """Shape { geometry IndexedFaceSet {
+  coord Coordinate { point [ 0 0 0, 1 0 0, 1 1 0, 0 1 0 ] }
+  coordIndex [ 0 1 2 3 -1 ]
+} }
+"""
+MOVED = f"Transform {{ translation 5 0 0 children [ {SHAPE} ] }}\n"
+XAML = """<Viewport3D xmlns="http://schemas.microsoft.com/winfx/2006/xaml/presentation">
+<ModelVisual3D><ModelVisual3D.Content><GeometryModel3D><GeometryModel3D.Geometry>
+<MeshGeometry3D Positions="0,0,0 1,0,0 1,1,0 0,1,0" TriangleIndices="0 1 2 0 2 3"
+ Normals="0,0,1 0,0,1 0,0,1 0,0,1"/>
+</GeometryModel3D.Geometry></GeometryModel3D></ModelVisual3D.Content></ModelVisual3D>
+</Viewport3D>"""
+
+
+def test_scenes_of_vrml(tmp_path):
+    path = tmp_path / "x.WRL"
+    path.write_text("#VRML V2.0 utf8\n" + SHAPE + MOVED)
+    mesh = ls.read(path)
+    assert mesh.faces.tolist() == [[0, 1, 2, 3], [4, 5, 6, 7]]
+    assert np.array_equal(mesh.points[4:], mesh.points[:4] + np.array([5, 0, 0]))
+    path.rename(tmp_path / "plain")
+    assert ls.read(str(tmp_path / "plain"), suffix=".wrl") == mesh
+    for part in (70, 200, 240, -3):
+        path.write_text(("#VRML V2.0 utf8\n" + SHAPE + MOVED)[:part])
+        with pytest.raises(ls.MeshError, match=r"x\.WRL: truncated or broken: VTK "):
+            ls.read(path)
+    path.write_text("#VRML V2.0 utf8\n" + MOVED.replace("translation 5 0 0", "scale -1 1 1"))
+    with pytest.raises(ls.MeshError, match=r"x\.WRL: an object is mirrored"):
+        ls.read(path)
+
+
+def test_scenes_of_3ds(tmp_path):
+    def chunk(number, content):
+        return struct.pack("<HI", number, len(content) + 6) + content
+
+    path = tmp_path / "x.3ds"
+    points, triangles = np.eye(4, 3, -1), [(0, 2, 1, 7), (0, 1, 3, 7), (1, 2, 3, 7), (2, 0, 3, 7)]
+    content = chunk(0x4110, struct.pack("<H12f", 4, *points.ravel()))
+    content += chunk(0x4120, struct.pack("<H16H", 4, *np.ravel(triangles)))
+    content = chunk(0x3D3D, chunk(0x4000, b"name\0" + chunk(0x4100, content)))
+    data = chunk(0x4D4D, chunk(2, struct.pack("<I", 3)) + content)
+    path.write_bytes(data)
+    mesh = ls.read(path)
+    assert (mesh.n_vertices, mesh.n_edges, mesh.n_faces) == (4, 6, 4)
+    assert np.isclose(np.linalg.det(mesh.points[mesh.faces]).sum(), 1)
+    for part in (1, 50, len(data) - 20):
+        path.write_bytes(data[:part])
+        with pytest.raises(ls.MeshError, match=r"x\.3ds: truncated"):
+            ls.read(path)
+
+
+def test_files_of_facets(tmp_path):
+    path = tmp_path / "x.g"
+    text = "1 4 1 4\n1 1\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n1 2 3 -4\n"
+    path.write_text(text)
+    assert ls.read(path).faces.tolist() == [[0, 1, 2, 3]]
+    path.write_text(text[:20])
+    with pytest.raises(ls.MeshError, match=r"x\.g: PyVista cannot read it, truncated or broken: "):
+        ls.read(path)
+
+
+def test_blocks_become_one_mesh(tmp_path):
+    import pyvista
+    from vtkmodules.vtkIOHDF import vtkHDFWriter
+
+    cube, flat = pyvista.Cube().clean(), np.meshgrid([0.0, 1, 2], [0.0, 1, 2], [0.0])
+    cube.clear_data()
+    moved, grid = cube.translate([3, 0, 0]), pyvista.StructuredGrid(*flat)
+    path = tmp_path / "x.vtm"
+    pyvista.MultiBlock([cube, None, pyvista.MultiBlock([moved, grid])]).save(path)
+    mesh = ls.read(path)
+    assert (mesh.n_vertices, mesh.n_faces) == (8 + 8 + 9, 6 + 6 + 4)
+    assert np.array_equal(mesh.points[8:16], mesh.points[:8] + np.array([3, 0, 0]))
+    assert not mesh.channels
+    (tmp_path / "x" / "x_0.vtp").unlink()
+    with pytest.raises(ls.MeshError, match=r"x\.vtm: .*truncated or broken"):
+        ls.read(path)
+    writer, path = vtkHDFWriter(), tmp_path / "x.vtkhdf"
+    writer.SetInputData(cube)
+    writer.SetFileName(str(path))
+    writer.Write()
+    assert ls.read(path) == ls.from_pyvista(cube)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(ls.MeshError, match=r"x\.vtkhdf: .*truncated or broken"):
+        ls.read(path)
+
+
+def test_images_and_volumes_are_no_cages(tmp_path):
+    import pyvista
+    from PIL import Image
+
+    path = tmp_path / "x.png"
+    Image.new("RGB", (4, 4)).save(path)
+    with pytest.raises(ls.MeshError, match=r"x\.png: need polygons, got ImageData$"):
+        ls.read(path)
+    path = tmp_path / "x.vts"
+    pyvista.StructuredGrid(*np.meshgrid([0.0, 1], [0.0, 1], [0.0, 1])).save(path)
+    with pytest.raises(ls.MeshError, match=r"x\.vts: need cells .* type hexahedron: .* the skin"):
+        ls.read(path)
+
+
+@pytest.mark.parametrize("suffix", [".xaml", ".zae"])
+def test_what_else_trimesh_reads(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    if suffix == ".xaml":
+        path.write_text(XAML)
+        assert ls.read(path).faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+    else:
+        ls.write(tmp_path / "x.dae", CUBE)
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.write(tmp_path / "x.dae", "x.dae")
+        assert ls.read(path) == ls.read(tmp_path / "x.dae")
+    with open(path, "rb") as file:
+        assert ls.read(file, suffix=suffix) == ls.read(path)
+    for content in path.read_bytes()[:-200], b"\0" * 99:
+        path.write_bytes(content)
+        with pytest.raises(ls.MeshError, match=rf"x\{suffix}: trimesh cannot read it, truncated"):
+            ls.read(path)
+
+
+@pytest.mark.parametrize("suffix", [".wrl", ".facet", ".vtkhdf", ".case", ".xaml", ".zae", ".png"])
+@pytest.mark.parametrize("content", [b"", b"\0" * 500, b"# hello\n" * 9])
+def test_noise_in_other_formats(tmp_path, capfd, suffix, content):
+    path = tmp_path / f"noise{suffix}"
+    with pytest.raises(FileNotFoundError, match=re.escape(str(path))):
+        ls.read(path)
+    path.write_bytes(content)
+    with pytest.raises(ls.MeshError, match=f"^{re.escape(str(path))}: "):
+        ls.read(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_needs_a_path(tmp_path):
+    text = r": files of type \.wrl are read from a path, not from a pipe"
+    with pytest.raises(ValueError, match="<stdin>" + text):
+        ls.read(io.BytesIO(b"#VRML V2.0 utf8\n" + SHAPE.encode()), suffix=".wrl")
+
+
+@pytest.mark.parametrize(
+    ("suffix", "module"),
+    [(".wrl", "pyvista.core.utilities.reader"), (".xaml", "trimesh.exchange.load")],
+)
+def test_other_formats_without_their_library(tmp_path, monkeypatch, suffix, module):
+    path = tmp_path / f"x{suffix}"
+    path.write_text(XAML)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ValueError, match=rf"x\{suffix}: unknown suffix .* PyVista reads$"):
+        ls.read(path)
 
 
 # --- trimesh

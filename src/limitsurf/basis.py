@@ -408,18 +408,22 @@ def _frames(table: EigenTable, points: Array) -> tuple[Array, Array, Array]:
     """
     axes, leads = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3), dtype=np.int64)
     local, patch = np.zeros_like(points), np.arange(len(points))
+    # coordinates are as precise as the largest of their own: flat cages keep what bends them
+    noise = NOISE * np.abs(points).max(axis=1, keepdims=True)  # (P, 1, 3)
     for x in range(3):
         if x < 2:  # a unit vector along the first coefficient that is not in the axes before
-            rest = points
+            rest, error = points, x * noise
             for axis in [*axes[:, :x].swapaxes(0, 1)] * 2:  # twice, for the sake of rounding
-                rest = rest - (rest @ axis[:, :, None]) * axis[:, None]
-            seen = np.abs(rest).max(axis=2) > (NOISE if x else 0)
+                axis = axis[:, None]  # (P, 1, 3)
+                rest = rest - (rest * axis).sum(axis=2, keepdims=True) * axis
+                error = noise + (noise * np.abs(axis)).sum(axis=2, keepdims=True) * np.abs(axis)
+            seen = (np.abs(rest) > error).any(axis=2)  # (P, K - 1)
             axes[:, x] = kernels.unit(rest[patch, seen.argmax(axis=1)], np.zeros((len(points), 1)))
+            along = (points * axes[:, x, None]).sum(axis=2)
         else:
             axes[:, x] = np.cross(axes[:, 0], axes[:, 1])
-        along = (points @ axes[:, x, :, None])[:, :, 0]  # (P, K - 1)
-        if x == 2:
-            seen = np.abs(along) > NOISE
+            along = (points * axes[:, x, None]).sum(axis=2)
+            seen = np.abs(along) > (noise * np.abs(axes[:, x, None])).sum(axis=2)
         first = 1 + seen.argmax(axis=1)
         first -= np.isin(first - 1, table.pairs)  # complex pairs go together
         leads[:, x] = np.where(seen.any(axis=1), first, 0)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
+import os
 import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
@@ -49,6 +50,21 @@ _BEGINNINGS = {
     ".3mf": (rb"PK\x03\x04", "a ZIP archive, 'PK'"),
     ".dae": (rb"(\xef\xbb\xbf)?\s*<((?s:.){0,2000}<)?COLLADA\b", "XML with <COLLADA"),
 }
+
+
+def library(suffix: str) -> str | None:
+    """The library that reads a format outside of `READABLE`, if it is installed."""
+    with suppress(ImportError):
+        from trimesh.exchange.load import mesh_formats
+
+        if suffix in {f".{name}" for name in mesh_formats()} - {".xyz"}:  # points alone
+            return "trimesh"
+    with suppress(ImportError):
+        from pyvista.core.utilities.reader import CLASS_READERS
+
+        if suffix in CLASS_READERS:
+            return "pyvista"
+    return None
 
 
 def from_pyvista(dataset: Any, **tags: Any) -> Mesh:
@@ -297,19 +313,34 @@ def read_vtk(name: str, suffix: str, data: bytes) -> Mesh:
     _check_beginning(name, suffix, data)
     if find_spec("vtkmodules") is None:
         _pyvista()
-    command = [sys.executable, vtk_reader.__file__, suffix, str(_MEMORY + 64 * len(data))]
-    seconds = 60 + len(data) // 10**6
+    return _read_apart(name, len(data), [suffix], data)
+
+
+def read_pyvista(name: str, suffix: str) -> Mesh:
+    """The cage of a file of another format that PyVista reads, from its path."""
+    return _read_apart(name, os.path.getsize(name), [suffix, os.path.abspath(name)], b"")
+
+
+def _read_apart(name: str, length: int, place: list[str], data: bytes) -> Mesh:
+    """A cage from `vtk_reader`, in a process of its own."""
+    suffix, *path = place
+    command = [sys.executable, "-P", vtk_reader.__file__, suffix, str(_MEMORY + 64 * length), *path]
+    seconds = 60 + length // 10**6
     try:
         done = subprocess.run(command, input=data, capture_output=True, timeout=seconds)
     except subprocess.TimeoutExpired:
         raise MeshError(f"{name}: broken: VTK has not read it in {seconds} s") from None
     if done.returncode:
         raise MeshError(f"{name}: truncated or broken: VTK fails to read it")
+    if said := re.search(rb"(?m)^Error near line.*", done.stderr):
+        # of a VRML file VTK prints this, and goes on with what there is
+        raise MeshError(f"{name}: truncated or broken: VTK says {said[0].decode('latin-1')}")
     with np.load(BytesIO(done.stdout), allow_pickle=False) as found:
         arrays = dict(found)
     if "error" in arrays:
         raise MeshError(f"{name}: {arrays['error']}")
-    return mesh_of(**arrays, merge="uv" in arrays)
+    # of scenes VTK repeats the points at edges of boxes, of 3DS files at all edges
+    return mesh_of(**arrays, merge="uv" in arrays or suffix in vtk_reader.SCENES)
 
 
 def vtk(shape: Tessellation, suffix: str) -> Iterator[bytes]:
@@ -411,6 +442,6 @@ def trimesh_bytes(shape: Tessellation, suffix: str) -> Iterator[bytes]:
 
 
 def _check_beginning(name: str, suffix: str, data: bytes) -> None:
-    pattern, need = _BEGINNINGS[suffix]
+    pattern, need = _BEGINNINGS.get(suffix, (b"", ""))
     if not re.match(pattern, data):
         raise MeshError(f"{name}: need {need} at the start: this is no {suffix} file")

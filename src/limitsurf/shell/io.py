@@ -48,16 +48,22 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
     ``.vtp .vtu .vtk``          polygons, "uv" (texture coordinates of points)         ``[plot]``
     ``.glb .gltf .dae``         triangles, "uv", transforms                            ``[formats]``
     ``.3mf``                    triangles, transforms                                  ``[formats]``
+    any other of trimesh        triangles, "uv", transforms                            ``[formats]``
+    any other of PyVista        polygons, "uv"                                         ``[plot]``
     ==========================  =====================================================  ==========
 
-    "Needs" is the extra to install, as in ``pip install "limitsurf[plot]"``; `to_pyvista` and
-    `from_trimesh` take what these libraries have read from other formats. All objects of a file
-    become one mesh. Files of VTK are read in a process of its own, which a broken one may end.
+    "Needs" is the extra to install, as in ``pip install "limitsurf[plot]"``; `from_pyvista` and
+    `from_trimesh` take what these libraries have read. All objects of a file become one mesh. The
+    last two rows are what the installed libraries read besides, such as ``.xaml`` and ``.zae``, or
+    ``.wrl``, ``.3ds``, ``.vtkhdf``, ``.vts`` and ``.case``; those of PyVista need a path, since
+    they may have others beside them, and images and volumes are refused. VTK places the objects of
+    a scene (``.wrl``, ``.3ds``) by translation, rotation and scale: shear is lost. Files of VTK and
+    PyVista are read in a process of their own, which a broken one may end.
 
-    Where a format repeats points along the seams of normals and texture coordinates (STL, glTF,
-    3MF, DAE; PLY and those of VTK if there are texture coordinates), points of exactly equal
-    coordinates are joined, and triangles dropped that have one of them twice then. Elsewhere points
-    stay as they are in the file.
+    Where a format repeats points along the seams of normals and texture coordinates (scenes and all
+    of trimesh; PLY and those of VTK and PyVista if there are texture coordinates), points of
+    exactly equal coordinates are joined, and triangles dropped that have one of them twice then.
+    Elsewhere points stay as they are in the file.
 
     **OBJ.** Positions ``v`` (three coordinates; a weight or a colour after them is ignored), faces
     ``f`` of any size with positive or negative indices, and OpenSubdiv's tags ``t`` (crease,
@@ -107,7 +113,8 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
         what was expected; all that ``Mesh`` refuses; a USD file without a mesh, or with meshes
         whose choices differ.
     ValueError
-        An unknown suffix; a prim that does not exist, or one of a file that is not USD.
+        An unknown suffix; a prim that does not exist, or one of a file that is not USD; a format
+        that needs a path, from what is open.
     OSError
         A file that cannot be read.
     ImportError
@@ -129,16 +136,24 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
     ...     ls.read(path)
     Mesh(4 vertices, 4 edges, 1 face {4: 1}, 4 boundary vertices, 1 corner)
     """
-    name, kind = _named(file, suffix, "<stdin>", formats.READABLE)
+    name, kind = _named(file, suffix, "<stdin>")
+    library = None if kind in formats.READABLE else formats.library(kind)
+    if kind not in formats.READABLE and library is None:
+        known = ", ".join(formats.READABLE)
+        raise ValueError(
+            f"{name}: unknown suffix {kind!r}, need one of {known}, "
+            "or another that the installed trimesh or PyVista reads"
+        )
     is_usd = kind in (*formats.USD, ".usdz")
     if prim is not None and not is_usd:
         raise ValueError(f"{name}: got prim {prim!r}, but only a USD file has some")
+    by_path = is_usd or library == "pyvista"
     folder: str | None = None
     if isinstance(file, (str, bytes, os.PathLike)):
         # of a glTF file the buffers may be files of their own
         folder = os.path.dirname(os.path.abspath(name))
         with open(name, "rb") as opened:
-            data = b"" if is_usd else opened.read()
+            data = opened.read(1 if by_path else -1)
     else:
         data = file.read()
         if is_usd:
@@ -152,7 +167,11 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
         return _usd().read(name, prim, name)  # type: ignore[no-any-return]
     if not data and kind != ".obj":
         raise MeshError(f"{name}: the file is empty")
+    if library == "pyvista" and (folder is None or not os.path.isfile(name)):
+        raise ValueError(f"{name}: files of type {kind} are read from a path, not from a pipe")
     try:
+        if library == "pyvista":
+            return formats.read_pyvista(name, kind)
         if kind in _PARSERS:
             return _PARSERS[kind](name, data)
         if kind in formats.VTK:
@@ -235,7 +254,10 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     ...     ls.read(pathlib.Path(folder, "triangle.obj")) == triangle
     True
     """
-    name, kind = _named(file, suffix, "<stdout>", formats.WRITABLE)
+    name, kind = _named(file, suffix, "<stdout>")
+    if kind not in formats.WRITABLE:
+        known = ", ".join(formats.WRITABLE)
+        raise ValueError(f"{name}: unknown suffix {kind!r}, need one of {known}")
     try:
         if kind == ".obj":
             pieces: Any = obj.statements(x)
@@ -288,9 +310,7 @@ def _usd() -> Any:
     return usd
 
 
-def _named(
-    file: Path | IO[bytes], suffix: str | None, unnamed: str, known: tuple[str, ...]
-) -> tuple[str, str]:
+def _named(file: Path | IO[bytes], suffix: str | None, unnamed: str) -> tuple[str, str]:
     """The name of a file, for messages, and its suffix."""
     if isinstance(file, (str, bytes, os.PathLike)):
         name = os.fsdecode(file)
@@ -300,6 +320,4 @@ def _named(
     else:
         raise TypeError(f"need a path or an open binary file, got {type(file).__name__}")
     kind = os.path.splitext(name)[1] if suffix is None else suffix
-    if kind.lower() not in known:
-        raise ValueError(f"{name}: unknown suffix {kind!r}, need one of {', '.join(known)}")
     return name, kind.lower()

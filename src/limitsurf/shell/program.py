@@ -101,16 +101,14 @@ class Cage:
                 return ls.read(file, suffix=self.suffix or ".obj", prim=self.prim)
             if self.suffix is None:
                 self._check_suffix()
-                return ls.read(self.path, prim=self.prim)
-            file = stack.enter_context(open(self.path, "rb"))
-            return ls.read(file, suffix=self.suffix, prim=self.prim)
+            return ls.read(self.path, suffix=self.suffix, prim=self.prim)
 
     def _check_suffix(self) -> None:
         """Say more than `ls.read` can, of a name that does not tell the format."""
-        from limitsurf.shell.formats import READABLE
+        from limitsurf.shell.formats import READABLE, library
 
         suffix = os.path.splitext(self.path)[1].lower()
-        if suffix in READABLE or not os.path.exists(self.path):
+        if suffix in READABLE or not os.path.exists(self.path) or library(suffix):
             return
         if os.path.isdir(self.path):
             raise IsADirectoryError(errno.EISDIR, "Is a directory", self.path)
