@@ -63,7 +63,11 @@ def in_one_process(script, commands, **options):
     """Run a script that finds `commands` (lists of arguments) as JSON in its argument."""
     texts = [[str(a) for a in arguments] for arguments in commands]
     done = subprocess.run(
-        [sys.executable, "-c", script, json.dumps(texts)], capture_output=True, text=True, **options
+        [sys.executable, "-c", script, json.dumps(texts)],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        **options,
     )
     assert done.returncode == 0, done.stderr
     return done

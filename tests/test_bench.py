@@ -10,7 +10,8 @@ BENCH = Path(__file__).parent / "bench"
 
 def run(script: str, words: str) -> str:
     command = [sys.executable, BENCH / script, *words.split()]
-    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, timeout=600)
+    return done.stdout
 
 
 def test_every_job_runs_and_is_reported(tmp_path: Path) -> None:

@@ -11,7 +11,9 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -441,6 +443,17 @@ def test_termination_is_orderly(number, code, cage, untouched, monkeypatch):
     assert signal.getsignal(end) == before
 
 
+@contextmanager
+def killed_when_late(process):
+    """End a process that is not done with in time, and with it the wait for what it does."""
+    timer = threading.Timer(600, process.kill)
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_while_the_input_is_awaited(number, code, untouched):
@@ -453,8 +466,9 @@ def test_a_signal_while_the_input_is_awaited(number, code, untouched):
         stderr=subprocess.PIPE,
     ) as process:
         # a pipe holds 64 kB: once more is taken, the program reads
-        process.stdin.write(b"# a comment\n" * 20_000)
-        process.stdin.flush()
+        with killed_when_late(process):
+            process.stdin.write(b"# a comment\n" * 20_000)
+            process.stdin.flush()
         process.send_signal(number)
         output, stderr = process.communicate(timeout=60)
     assert (process.returncode, output, stderr) == (code, b"", b"")
@@ -513,6 +527,7 @@ def test_unusual_streams(line, code, expected, cage):
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
+        timeout=600,
     )
     assert done.returncode == code
     if expected is None:
@@ -537,14 +552,9 @@ def on_terminal(words, environment, **streams):
     ) as process:
         os.close(theirs)
         text = b""
-        while True:
-            try:
-                part = os.read(ours, 1 << 16)
-            except OSError:  # how a terminal ends
-                break
-            if not part:
-                break
-            text += part
+        with killed_when_late(process), suppress(OSError):  # how a terminal ends
+            while part := os.read(ours, 1 << 16):
+                text += part
         process.wait(timeout=60)
     os.close(ours)
     return text.decode(), process.returncode

@@ -71,6 +71,7 @@ def run_shell(text, where):
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,
+            timeout=600,
         )
         assert done.returncode == 0, f"{command}\nended with {done.returncode}:\n{done.stdout}"
         if expected:

@@ -9,6 +9,7 @@ import resource
 import struct
 import subprocess
 import sys
+import tracemalloc
 import warnings
 import zipfile
 from pathlib import Path
@@ -18,7 +19,7 @@ import pytest
 import zoo
 
 import limitsurf as ls
-from limitsurf.shell import formats
+from limitsurf.shell import formats, plain
 
 POLYGONS = [".obj", ".ply", ".off", ".usd", ".usda", ".usdc", ".vtp", ".vtu", ".vtk"]
 TRIANGLES = [".stl", ".glb", ".gltf", ".3mf", ".dae"]
@@ -213,6 +214,20 @@ def test_missing_normals_are_those_around(tmp_path):
     around = np.cross(b - a, c - a)[at.any(axis=1)].sum(axis=0)
     assert np.allclose(normals[row], around / np.linalg.norm(around))
     assert np.isnan(found.normals[row]).all()
+
+
+@pytest.mark.parametrize("scale", [1e160, 1e-200])
+def test_missing_normals_of_any_size(scale):
+    points, faces, tags = zoo.TAGGED["dart_2"]()
+    scale = 2.0 ** np.round(np.log2(scale))
+    surfaces = [ls.LimitSurface(ls.Mesh(points * s, faces, **tags)) for s in (1, scale)]
+    usual, found = (ls.tessellate(surface, 3) for surface in surfaces)
+    assert np.isnan(found.normals).any()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.array_equal(found.triangles, usual.triangles)
+        normals = ls.to_trimesh(found).vertex_normals
+    assert np.allclose(normals, ls.to_trimesh(usual).vertex_normals, atol=1e-12)
 
 
 def test_normals_of_a_usd_file(tmp_path):
@@ -489,10 +504,10 @@ def test_a_library_that_is_missing(tmp_path, suffix, module, extra):
     code = f"""
 import builtins, sys, importlib.util
 original, find = builtins.__import__, importlib.util.find_spec
-def missing(name, *arguments):
+def missing(name, *arguments, **more):
     if name.partition('.')[0] in ({module!r}, 'vtkmodules'):
         raise ModuleNotFoundError('No module named ' + name)
-    return original(name, *arguments)
+    return original(name, *arguments, **more)
 builtins.__import__ = missing
 importlib.util.find_spec = lambda name: None if name == 'vtkmodules' else find(name)
 import limitsurf as ls
@@ -567,6 +582,44 @@ def test_ply_of_many_faces_of_all_sizes(tmp_path):
     path = tmp_path / "x.ply"
     ls.write(path, mesh)
     assert ls.read(path) == mesh
+
+
+@pytest.mark.parametrize("block", [1, 7, 13, 14, 100, 1 << 12])
+@pytest.mark.parametrize("text", [False, True])
+def test_ply_of_many_blocks(tmp_path, monkeypatch, block, text):
+    g = np.random.default_rng(block)
+    sizes = g.integers(3, 9, 300)
+    mesh = ls.Mesh(g.random((50, 3)), (sizes, g.integers(0, 50, sizes.sum())))
+    path = tmp_path / "x.ply"
+    ls.write(path, mesh)
+    if text:
+        lines = path.read_bytes().partition(b"end_header\n")[0].decode().splitlines()
+        lines[1] = "format ascii 1.0"
+        lines += ["end_header", *(" ".join(map(repr, point)) for point in mesh.points.tolist())]
+        lines += [" ".join(map(str, [len(face), *face.tolist()])) for face in mesh.faces]
+        path.write_text("\n".join(lines))
+    monkeypatch.setattr(plain, "_BLOCK", block)
+    assert ls.read(path) == mesh
+    data = path.read_bytes()
+    for length in len(data) - 3, len(data) - 2000:
+        path.write_bytes(data[:length])
+        with pytest.raises(ls.MeshError, match="ends amid its 300 elements 'face': it is trunc"):
+            ls.read(path)
+
+
+def test_memory_of_a_ply_file(tmp_path):
+    g = np.random.default_rng(0)
+    sizes = g.integers(3, 5, 100_000)
+    path = tmp_path / "x.ply"
+    ls.write(path, ls.Mesh(g.random((500, 3)), (sizes, g.integers(0, 500, sizes.sum()))))
+    data = path.read_bytes()
+    tracemalloc.start()
+    try:
+        plain._Ply("x.ply", data)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 14 * len(data)
 
 
 @pytest.mark.parametrize(
@@ -848,6 +901,59 @@ def test_what_else_trimesh_reads(tmp_path, suffix):
         path.write_bytes(content)
         with pytest.raises(ls.MeshError, match=rf"x\{suffix}: trimesh cannot read it, truncated"):
             ls.read(path)
+
+
+def archive_of(size, method):
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", method) as archive, archive.open("x.dae", "w") as member:
+        for _ in range(size >> 20):
+            member.write(bytes(1 << 20))
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("suffix", [".3mf", ".zae", ".3dxml"])
+def test_archives_that_would_fill_the_memory(tmp_path, monkeypatch, suffix):
+    path = tmp_path / f"x{suffix}"
+    size = 1 << 28
+    data = archive_of(size, zipfile.ZIP_DEFLATED)
+    path.write_bytes(data)
+    monkeypatch.setattr(formats, "_UNPACKED", 1 << 20)
+    limit = 64 * len(data) + (1 << 20)
+    need = (
+        f"^{re.escape(str(path))}: an archive of {len(data)} bytes that holds {size}, need {limit}"
+    )
+    with pytest.raises(ls.MeshError, match=need):
+        ls.read(path)
+    # one that tells less than it holds
+    path.write_bytes(data.replace(struct.pack("<I", size), struct.pack("<I", 1000)))
+    tracemalloc.start()
+    try:
+        with pytest.raises(
+            ls.MeshError, match=rf"x\{suffix}: trimesh cannot .* broken: BadZipFile"
+        ):
+            ls.read(path)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 1 << 24
+    path.write_bytes(archive_of(1 << 20, zipfile.ZIP_LZMA))
+    with pytest.raises(
+        ls.MeshError, match=rf"x\{suffix}: got 'x\.dae' compressed by method 14, need"
+    ):
+        ls.read(path)
+
+
+def test_memory_that_does_not_suffice_is_no_broken_file(tmp_path, monkeypatch):
+    import trimesh
+
+    def exhausted(*_, **__):
+        raise MemoryError
+
+    path = tmp_path / "x.stl"
+    ls.write(path, CUBE)
+    monkeypatch.setattr(trimesh, "load_scene", exhausted)
+    with pytest.raises(MemoryError):
+        ls.read(path)
 
 
 @pytest.mark.parametrize("suffix", [".wrl", ".facet", ".vtkhdf", ".case", ".xaml", ".zae", ".png"])

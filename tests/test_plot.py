@@ -1,13 +1,14 @@
 """Pictures: both painters, odd cages, files."""
 
 import re
-import shutil
 import subprocess
 import sys
 import types
+import warnings
 from contextlib import nullcontext
 from fractions import Fraction
 
+import browser
 import make_demo_cage
 import make_images
 import numpy as np
@@ -241,10 +242,21 @@ def test_the_camera_sees_everything(up):
 def test_bad_calls(tmp_path):
     surface = ls.LimitSurface(cube())
     for options, match in [
-        ({"n": 0}, "n must be"),
+        ({"n": 0}, "n must be an integer >= 1, got 0"),
+        ({"n": 2.5}, "n must be an integer >= 1, got 2.5"),
+        ({"n": "3"}, "n must be an integer >= 1, got '3'"),
+        ({"n": True}, "n must be an integer >= 1, got True"),
         ({"up": "w"}, "up must be"),
-        ({"window_size": (0, 9)}, "window_size"),
-        ({"color": "no such color"}, "no such color"),
+        ({"window_size": (0, 9)}, r"window_size\[0\] must be an integer >= 1, got 0"),
+        ({"window_size": (9, 200.5)}, r"window_size\[1\] must be an integer >= 1, got 200.5"),
+        ({"window_size": 5}, "window_size must be two integers, .*, got 5"),
+        ({"window_size": (1, 2, 3)}, "window_size must be two integers"),
+        ({"color": "no such color"}, "color must be .*, got 'no such color'"),
+        ({"color": 5}, "color must be .*, got 5"),
+        ({"limits": (0, 1)}, "limits needs scalars that have a colour bar, got None"),
+        ({"cmap": "viridis"}, "cmap needs scalars"),
+        ({"label": "a"}, "label needs scalars"),
+        ({"label": "a", "scalars": "zebra"}, "label needs scalars that .*, got 'zebra'"),
         ({"file": "a.jpg"}, "a.jpg"),
     ]:
         with pytest.raises(ValueError, match=match):
@@ -280,6 +292,39 @@ def test_a_crash_of_the_trial_means_no_opengl(monkeypatch):
     render.opengl.cache_clear()
     assert not render.opengl()
     render.opengl.cache_clear()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere OpenGL is taken for granted")
+def test_a_trial_without_end_means_no_opengl(monkeypatch):
+    monkeypatch.setattr(render, "TRIAL", 1e-3)
+    render.opengl.cache_clear()
+    assert not render.opengl()
+    render.opengl.cache_clear()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere OpenGL is taken for granted")
+def test_the_trial_runs_nothing_of_the_working_directory(monkeypatch, tmp_path):
+    able = render.opengl()
+    (tmp_path / "vtkmodules").mkdir()
+    (tmp_path / "vtkmodules" / "__init__.py").write_text("open('was_here', 'w')\n")
+    monkeypatch.chdir(tmp_path)
+    render.opengl.cache_clear()
+    assert render.opengl() == able
+    assert [path.name for path in tmp_path.iterdir()] == ["vtkmodules"]
+
+
+def test_the_warning_names_the_line_that_asked_for_pixels(monkeypatch, tmp_path):
+    monkeypatch.setattr(render, "opengl", lambda: False)
+    small = {"window_size": SIZE, "n": 1, "off_screen": True}
+    picture = ls.plot(ls.LimitSurface(cube()), **small)
+    for ask in (
+        lambda: ls.plot(ls.LimitSurface(cube()), tmp_path / "a.png", **small),
+        lambda: np.asarray(picture),
+        lambda: ls.plot_eigenfunctions(valence=3, which=1, window_size=SIZE, off_screen=True).image,
+    ):
+        with pytest.warns(UserWarning, match=PAINTED) as record:
+            ask()
+        assert [warning.filename for warning in record] == [__file__]
 
 
 def test_a_window(monkeypatch):
@@ -360,6 +405,25 @@ def test_curvature_is_in_units_of_the_points():
         assert np.isfinite(field.values).all()
 
 
+@pytest.mark.parametrize("factor", [1e-200, 1e-154, 1e-150, 1e150, 1e160, 1e300])
+def test_curvature_at_the_ends_of_float64(factor, draw):
+    """Gaussian curvature there is 0, infinite, or nearly so."""
+    surface = dented().with_points(dented().points * factor)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        low, high = scene_of(surface, scalars="mean").field.limits
+        assert -low == high == pytest.approx(0.8 / factor, rel=0.5)
+        if factor == 1e-200:
+            with pytest.raises(ValueError, match="no scalar to draw is finite"):
+                ls.plot(surface, scalars="gaussian", n=2, off_screen=True)
+            return
+        field = scene_of(surface, scalars="gaussian").field
+        assert -field.limits[0] == field.limits[1] > 0
+        assert np.isfinite(field.limits[1] - field.limits[0])
+        assert (field.parts[np.isfinite(field.values)] <= 1).all()
+        draw(surface, scalars="gaussian", n=2)
+
+
 def test_the_range_of_colours_leaves_out_outliers():
     surface = surface_of(*zoo.grid(10, 10))
 
@@ -419,14 +483,22 @@ def test_bad_scalars():
         ({"scalars": "means"}, "'means'"),
         ({"scalars": np.zeros(7)}, r"\(8,\), got \(7,\)"),
         ({"scalars": lambda face, u, v: 1.0}, "as many values"),
+        ({"scalars": lambda face, u, v: np.zeros((2, len(u)))}, r"as many .*, got \(2, "),
+        ({"scalars": lambda face, u, v: "red"}, r"\(face, u, v\) returns must be real .*'red'"),
+        ({"scalars": lambda face, u, v: 1j * u}, "must be real numbers"),
+        ({"scalars": ["1"] * 8}, "scalars must be real numbers"),
         ({"scalars": "mean", "limits": (1, 0)}, "limits"),
         ({"scalars": "mean", "limits": (0, np.nan)}, "limits"),
+        ({"scalars": "mean", "limits": "ab"}, "limits must be real numbers, got 'ab'"),
         ({"scalars": "mean", "cmap": "no such map"}, "no such map"),
+        ({"scalars": "mean", "cmap": [1]}, r"cmap .*, got \[1\]"),
+        ({"scalars": "mean", "label": 5}, "label must be text, got 5"),
         ({"isolines": -1}, "isolines"),
         ({"isolines": 1.5}, "isolines"),
         ({"view": "above"}, "'above'"),
         ({"view": (0, 0, 0)}, "view"),
         ({"view": (0, 1)}, "view"),
+        ({"view": ("a", "b", "c")}, "view must be real numbers"),
     ]:
         with pytest.raises(ValueError, match=match):
             ls.plot(surface, off_screen=True, **options)
@@ -537,14 +609,14 @@ def test_a_page_needs_nothing_else(page):
 
 
 def test_a_page_in_a_browser(page, tmp_path):
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("there is no Chromium")
+    found = browser.find()
+    if found is None:
+        pytest.skip("there is no Chromium with its driver")
     shot = tmp_path / "shot.png"
     switches = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--window-size=800,600"]
     switches += ["--enable-unsafe-swiftshader", "--virtual-time-budget=20000"]
     switches += [f"--user-data-dir={tmp_path / 'profile'}", "--proxy-server=127.0.0.1:9"]
-    command = [browser, *switches, f"--screenshot={shot}", page.as_uri()]
+    command = [found[0], *switches, f"--screenshot={shot}", page.as_uri()]
     subprocess.run(command, capture_output=True, check=True, timeout=120)
     image = np.asarray(Image.open(shot).convert("RGB")).astype(int)
     ground = tuple(bytes.fromhex(scenes.PAPER[1:]))
@@ -648,15 +720,37 @@ def test_vertices_without_a_characteristic_map():
             ls.plot_characteristic_map(kind=kind, faces=faces, off_screen=True)
 
 
+def test_schemes_without_eigenfunctions():
+    """No built-in scheme has such matrices; one of a user's can."""
+    fan = Fan("catmull-clark", "interior", 5)
+    with pytest.raises(ValueError, match="catmull-clark has complex eigenvalues at interior val"):
+        fan._eigenvectors(np.array([[0.5, -0.1], [0.1, 0.5]]))
+    with pytest.raises(ValueError, match=r"no basis of eigenvectors .*: in one block 1 of 2"):
+        fan._eigenvectors(np.array([[0.5, 1.0], [0.0, 0.5]]))
+    with pytest.raises(ValueError, match=r"fewer than 2 eigenfunctions of eigenvalue 0\.9 at"):
+        fan._kernel(fan.operator(), 0.9, 2)
+    with pytest.raises(ValueError, match="modes are those of a smooth vertex, not of a crease of"):
+        Fan("catmull-clark", "crease", 3).modes()
+
+
 def test_bad_calls_of_the_spectrum():
     for options in ({}, {"valence": 3, "kind": "dart"}, {"kind": "dart"}, {"faces": 3}):
         with pytest.raises(ValueError, match="either valence, or kind and faces"):
             ls.plot_characteristic_map(off_screen=True, **options)
     for valence in (2, 2.5, "5", True):
-        with pytest.raises(ValueError, match="valence is an integer"):
+        with pytest.raises(ValueError, match="valence must be an integer >= 3"):
             ls.plot_characteristic_map(valence=valence, off_screen=True)
-        with pytest.raises(ValueError, match="valence is an integer"):
+        with pytest.raises(ValueError, match="valence must be an integer >= 3"):
             ls.plot_eigenfunctions(valence=valence, off_screen=True)
+    for faces in (0, 2.5, "2", True):
+        with pytest.raises(ValueError, match="faces must be an integer >= 1"):
+            ls.plot_characteristic_map(kind="crease", faces=faces, off_screen=True)
+    for name in ("rings", "isolines"):
+        with pytest.raises(ValueError, match=f"{name} must be an integer >= 0, got -1"):
+            ls.plot_characteristic_map(valence=5, off_screen=True, **{name: -1})
+    for which in (1.5, "a", True):
+        with pytest.raises(ValueError, match="which must be an integer, got"):
+            ls.plot_eigenfunctions(valence=5, which=which, off_screen=True)
     with pytest.raises(IndexError, match="31 eigenfunctions"):
         ls.plot_eigenfunctions(valence=5, which=31, off_screen=True)
     with pytest.raises(ValueError, match="unknown scheme"):
@@ -685,6 +779,25 @@ def test_predicted_orders():
         (zoo.grid(3, 3), 2),
     ]:
         assert predicted_order(surface_of(*make)) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["interior", "cone"])
+def test_orders_by_waves_are_those_of_the_whole_matrix(kind):
+    for faces in (3, 4, 6, 7):
+        fan = Fan("catmull-clark", kind, faces)
+        eigenvalues, vectors = np.linalg.eig(fan.operator())
+        parts = np.concatenate([vectors.real, vectors.imag], axis=1)
+        face, ends = np.arange(faces)[:, None, None], np.array([0.0, 1.0])
+        limits = fan.surface(parts).evaluate(face, ends[:, None], ends)
+        gaps = np.abs(parts[fan.number[:, :2, :2]] - limits).max(axis=(0, 1, 2))
+        slowest = np.abs(eigenvalues[gaps.reshape(2, -1).max(axis=0) > 1e-6]).max()
+        assert fan.order() == pytest.approx(-np.log2(slowest), abs=1e-9)
+
+
+def test_the_order_at_a_pole_of_many_faces():
+    fan = Fan("catmull-clark", "interior", 200)
+    first = fan.basis.float64.eigenvalues[0, fan.basis.float64.normal[0]]
+    assert fan.order() == pytest.approx(-np.log2(first), abs=1e-9)
 
 
 @pytest.mark.parametrize("valence", [3, 5, 9])

@@ -4,34 +4,37 @@ import functools
 import http.server
 import io
 import os
+import re
 import shutil
 import subprocess
 import sys
 import threading
+from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+import browser
 import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-SITE = ROOT / "notebooks" / "site"
 # what a page loads by itself, by element and attribute; anchors are followed by the reader alone
 LOADED = {
     ("audio", "src"),
     ("embed", "src"),
     ("iframe", "src"),
     ("img", "src"),
-    ("img", "srcset"),
     ("link", "href"),
     ("object", "data"),
     ("script", "src"),
     ("source", "src"),
+    ("video", "poster"),
     ("video", "src"),
 }
-RELATED = {"genindex", "index", "next", "prev", "search"}  # links in the head of a page
-BROWSERS = ["chromium", "chromium-browser", "google-chrome"]
+RELATED = {"index", "next", "prev", "search"}  # links in the head of a page that load nothing
+# one picture of several that a `srcset` offers
+CANDIDATE = re.compile(r"([^\s,]\S*[^\s,])(?:\s[^,]*)?(?:,|$)")
 
 
 class Page(HTMLParser):
@@ -47,12 +50,9 @@ class Page(HTMLParser):
         values = dict(attributes)
         self.places |= {values[key] for key in ("id", "name") if values.get(key)}
         for key, value in values.items():
-            if (tag, key) in LOADED and values.get("rel") not in (
-                "index",
-                "next",
-                "prev",
-                "search",
-            ):
+            if key == "srcset":
+                self.loaded += CANDIDATE.findall(value)
+            elif (tag, key) in LOADED and values.get("rel") not in RELATED:
                 self.loaded.append(value)
             elif key == "href":
                 self.links.append(value)
@@ -60,19 +60,36 @@ class Page(HTMLParser):
             self.scenes.append(values["src"])
 
 
+def sources():
+    """All files that the site is made of, without those that building it makes."""
+    for folder in ("notebooks", "derivations"):
+        for path in (ROOT / folder).rglob("*"):
+            made = {"_copied", "__pycache__", ".ipynb_checkpoints"}
+            if path.is_file() and not made & set(path.relative_to(ROOT).parts):
+                yield path
+
+
 def build(target):
-    """Build the site by the documented command; what it complains of."""
-    command = ["-m", "sphinx", "-W", "-q", "-d", target / "trees", SITE, target / "html"]
+    """The folder of the site, built by the documented command from a copy of its sources.
+
+    A build writes among them, which would disturb others, by hand or by another run of the tests.
+    """
+    for path in sources():
+        copy = target / path.relative_to(ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, copy)
+    command = ["-m", "sphinx", "-W", "-q", "notebooks/site", "build/site"]
     done = subprocess.run(
         [sys.executable, *command],
-        cwd=ROOT,
+        cwd=target,
         text=True,
+        timeout=1500,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         env=os.environ | {"NO_COLOR": "1", "PYTHONIOENCODING": "utf-8"},
     )
     assert done.returncode == 0, done.stdout
-    return target / "html"
+    return target / "build" / "site"
 
 
 def check_links(pages):
@@ -112,14 +129,9 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
         super().send_error(code, *args, **options)
 
 
-@pytest.fixture
-def browser(tmp_path):
-    """Headless Chromium with software OpenGL, or None where there is none."""
-    program = next(filter(None, map(shutil.which, BROWSERS)), None)
-    driver = shutil.which("chromedriver")
-    if program is None or driver is None:
-        yield None
-        return
+@contextmanager
+def opened(program, driver, profile):
+    """Headless Chromium with software OpenGL."""
     from selenium import webdriver
 
     options = webdriver.ChromeOptions()
@@ -137,19 +149,21 @@ def browser(tmp_path):
         "--disable-dev-shm-usage",
         "--window-size=1200,900",
         "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-        f"--user-data-dir={tmp_path / 'profile'}",
+        f"--user-data-dir={profile}",
     ):
         options.add_argument(option)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     chromium = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    chromium.set_page_load_timeout(120)
-    yield chromium
-    chromium.quit()
+    try:
+        chromium.set_page_load_timeout(120)
+        yield chromium
+    finally:
+        chromium.quit()
 
 
-def complaints(browser):
+def complaints(chromium):
     """Errors that pages wrote to the console since the last call."""
-    return [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+    return [entry["message"] for entry in chromium.get_log("browser") if entry["level"] == "SEVERE"]
 
 
 def drawn(element):
@@ -160,43 +174,43 @@ def drawn(element):
     return float(pixels.reshape(-1, 3).std(axis=0).max())
 
 
-def check_page(browser, address):
+def check_page(chromium, address):
     """A page loads without complaint, shows all of its pictures and draws its scenes."""
     from selenium.webdriver.common.by import By
     from selenium.webdriver.support.ui import WebDriverWait
 
-    browser.get(address)
-    for frame in browser.find_elements(By.TAG_NAME, "iframe"):
-        browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", frame)
+    chromium.get(address)
+    for frame in chromium.find_elements(By.TAG_NAME, "iframe"):
+        chromium.execute_script("arguments[0].scrollIntoView({block: 'center'})", frame)
         there = functools.partial(lambda frame, _: drawn(frame) > 10, frame)
-        WebDriverWait(browser, 60).until(there, f"{address} has an empty frame")
-    broken = browser.execute_script(
+        WebDriverWait(chromium, 60).until(there, f"{address} has an empty frame")
+    broken = chromium.execute_script(
         "return [...document.images].filter(i => i.loading != 'lazy')"
         ".filter(i => !i.complete || !i.naturalWidth).map(i => i.src)"
     )
     assert not broken, f"{address} does not show {broken}"
-    wide = browser.execute_script(
+    wide = chromium.execute_script(
         "return document.documentElement.scrollWidth - document.documentElement.clientWidth"
     )
     assert wide <= 1, f"{address} is {wide} pixels too wide"
-    said = complaints(browser)
+    said = complaints(chromium)
     assert not said, f"{address} says {said}"
 
 
-def check_scene(browser, address):
+def check_scene(chromium, address):
     """A scene draws itself, and turns when it is dragged."""
     from selenium.webdriver import ActionChains
     from selenium.webdriver.common.by import By
     from selenium.webdriver.support.ui import WebDriverWait
 
-    browser.get(address)
-    wait = WebDriverWait(browser, 60)
-    canvas = wait.until(lambda _: browser.find_elements(By.TAG_NAME, "canvas"))[0]
+    chromium.get(address)
+    wait = WebDriverWait(chromium, 60)
+    canvas = wait.until(lambda _: chromium.find_elements(By.TAG_NAME, "canvas"))[0]
     wait.until(lambda _: drawn(canvas) > 10, f"{address} draws nothing")
     before = canvas.screenshot_as_png
 
     def turned(_):
-        drag = ActionChains(browser).move_to_element(canvas).click_and_hold()
+        drag = ActionChains(chromium).move_to_element(canvas).click_and_hold()
         for _ in range(5):
             drag.move_by_offset(30, 10).pause(0.1)
         drag.release().perform()
@@ -204,21 +218,12 @@ def check_scene(browser, address):
 
     wait.until(turned, f"{address} does not turn")
     assert drawn(canvas) > 10
-    said = complaints(browser)
+    said = complaints(chromium)
     assert not said, f"{address} says {said}"
 
 
-# One test, so that the site is built once.
-def test_site(tmp_path, browser):
-    folder = build(tmp_path)
-    pages = [Page(path) for path in sorted(folder.rglob("*.html")) if "_static" not in path.parts]
-    scenes = {page.path.parent / scene for page in pages for scene in page.scenes}
-    documents = [page for page in pages if page.path not in scenes and page.links]
-    assert len(documents) > 30
-    assert scenes
-    check_links(documents)
-    if browser is None:
-        pytest.skip("the site builds; no chromium and chromedriver to look at it")
+def look_at(folder, documents, scenes, chromium):
+    """Every page and scene of a folder in a browser, as it is served."""
     missing = []
     handler = functools.partial(Quiet, directory=folder, missing=missing)
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
@@ -226,9 +231,40 @@ def test_site(tmp_path, browser):
         root = f"http://127.0.0.1:{server.server_port}"
         try:
             for page in documents:
-                check_page(browser, f"{root}/{page.path.relative_to(folder).as_posix()}")
+                check_page(chromium, f"{root}/{page.path.relative_to(folder).as_posix()}")
             for scene in sorted(scenes):
-                check_scene(browser, f"{root}/{scene.relative_to(folder).as_posix()}")
+                check_scene(chromium, f"{root}/{scene.relative_to(folder).as_posix()}")
         finally:
             server.shutdown()
     assert not missing
+
+
+# One test, so that the site is built once; where there is no browser, the next one says so.
+def test_site(tmp_path):
+    folder = build(tmp_path)
+    pages = [Page(path) for path in sorted(folder.rglob("*.html")) if "_static" not in path.parts]
+    scenes = {page.path.parent / scene for page in pages for scene in page.scenes}
+    documents = [page for page in pages if page.path not in scenes and page.links]
+    assert len(documents) > 30
+    assert scenes
+    check_links(documents)
+    if (found := browser.find()) is not None:
+        with opened(*found, tmp_path / "profile") as chromium:
+            look_at(folder, documents, scenes, chromium)
+
+
+def test_the_site_is_looked_at_in_a_browser():
+    if browser.find() is None:
+        pytest.skip("no chromium and chromedriver: the site is built and its links are checked")
+
+
+def test_what_a_page_loads(tmp_path):
+    path = tmp_path / "page.html"
+    path.write_text(
+        '<link rel="next" href="b.html"><link rel="stylesheet" href="a.css"><a href="c.html">'
+        '<img src="a.png" srcset="a.png, b.png 2x,data:image/png;base64,AA== 3x">',
+        encoding="utf-8",
+    )
+    page = Page(path)
+    assert page.loaded == ["a.css", "a.png", "a.png", "b.png", "data:image/png;base64,AA=="]
+    assert page.links == ["b.html", "c.html"]

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 import limitsurf as ls
+from limitsurf import _kernels
 
 CAGES = {
     **{name: (lambda make=make: (*make(), {})) for name, make in zoo.ZOO.items()},
@@ -220,8 +221,11 @@ def test_opposite_faces_have_opposite_normals():
 def test_without_normals():
     found = ls.tessellate(ls.LimitSurface(cage("cube")), 2, normals=False)
     assert (found.normals.shape, found.normal_indices.shape) == ((0, 3), (0,))
-    assert found.split().points is not None
-    assert np.array_equal(found.split().indices, found.indices)
+    assert_equal(found.points, ls.tessellate(ls.LimitSurface(cage("cube")), 2).points, 1e-15)
+    split = found.split()  # nothing that a point could have two of
+    assert (split.normals.shape, split.normal_indices.shape) == ((0, 3), (0,))
+    assert np.array_equal(split.points, found.points)
+    assert np.array_equal(split.indices, found.indices)
 
 
 @pytest.mark.parametrize("mode", ["none", "corners_plus1", "all"])
@@ -324,13 +328,36 @@ def test_holes_are_left_out():
     assert np.isfinite(found.points).all()
 
 
-def test_compiled_alike():
-    surface = ls.LimitSurface(ls.Mesh(*zoo.carved(zoo.torus(3, 4), 8)))
-    found = ls.tessellate(surface, 40)
-    assert len(found.points) > 1e4
-    few = ls.tessellate(surface, 8)
-    distance, _ = cKDTree(found.points).query(few.points)
-    assert distance.max() < 1e-13
+def test_compiled_alike(monkeypatch):
+    points, faces = zoo.carved(zoo.torus(3, 4), 8)
+    answers = []
+    compiled = _kernels.compiled
+
+    def heard(items):
+        answers.append(compiled(items))
+        return answers[-1]
+
+    def found():
+        surface = ls.LimitSurface(ls.Mesh(points, faces))
+        return surface, ls.tessellate(surface, 12)
+
+    monkeypatch.setattr(_kernels, "compiled", heard)
+    with _kernels.numpy_only():
+        _, twin = found()
+    assert set(answers) == {False}
+    answers.clear()
+    monkeypatch.setattr(_kernels, "_always", True)
+    surface, fast = found()
+    assert set(answers) == {True}
+    for name in ("sizes", "indices", "face", "u", "v", "normal_indices"):
+        assert np.array_equal(getattr(fast, name), getattr(twin, name))
+    # both have the stated accuracy of points: 1e-14 of the size, and 2 ulp
+    size, largest = np.ptp(points, axis=0).max(), np.abs(twin.points).max()
+    assert_equal(fast.points, twin.points, 2 * (1e-14 * size + 2 * np.spacing(largest)))
+    # and of both derivatives, 1e-12, which turns a normal the more the less these two differ
+    along, across = surface.tangents(fast.face, fast.u, fast.v)
+    sine = np.linalg.norm(np.cross(along, across), axis=1)
+    assert_equal(fast.normals, twin.normals, 4e-12 / sine.min())
 
 
 @pytest.mark.parametrize("n", [0, -1, 1.0, True, "2", None])
@@ -347,3 +374,17 @@ def test_no_surface():
         ls.tessellate(ls.LimitSurface(ls.Mesh(points[:, :2], faces)), 2)
     with pytest.raises(TypeError, match="need float64 points"):
         ls.tessellate(ls.LimitSurface(ls.Mesh(points.astype(object), faces)), 2)
+
+
+@pytest.mark.parametrize("name", ["truncated_cube", "sphere_8"])
+@pytest.mark.parametrize("power", [530, -660])
+def test_triangles_of_any_size(name, power):
+    # edges whose squares are no float64
+    mesh = cage(name)
+    found = [
+        ls.tessellate(ls.LimitSurface(ls.Mesh(np.ldexp(mesh.points, k), mesh.faces)), 3)
+        for k in (0, power)
+    ]
+    triangles = found[0].triangles
+    with np.errstate(all="raise"):
+        assert np.array_equal(found[1].triangles, triangles)

@@ -9,7 +9,6 @@ built before is run again when its own text has changed, or with the option ``-E
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 from collections.abc import Iterator
@@ -18,19 +17,21 @@ from typing import Any
 
 import jupytext
 import latex2mathml.converter
+import zmq
 from docutils import nodes
-from jupyter_client.connect import ConnectionFileMixin
+from jupyter_client.manager import KernelManager
 from nbformat import NotebookNode
 
 import limitsurf
+from limitsurf.shell.files import replacing
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 COPIED = HERE / "_copied"
 DOCUMENTS = ("notebooks", "derivations")
 
-if os.name == "posix":  # kernels listen on sockets of this user, not on ports: they warn of those
-    ConnectionFileMixin.transport.default_value = "ipc"
+if hasattr(KernelManager, "transport_encryption") and zmq.has("curve"):
+    KernelManager.transport_encryption.default_value = "auto"  # kernels warn of sockets without it
 
 project = "limitsurf"
 author = "the limitsurf authors"
@@ -59,7 +60,7 @@ numpydoc_show_class_members = False  # the template lists them
 html_theme = "pydata_sphinx_theme"
 html_title = "limitsurf"
 html_static_path = ["_static"]
-html_extra_path = ["_copied/pictures"]  # scenes that pages have written
+html_extra_path = ["_copied/pictures"]  # scenes that the gallery has written
 html_css_files = ["site.css"]
 html_favicon = "_static/favicon.svg"
 html_logo = "_static/favicon.svg"
@@ -91,22 +92,33 @@ def documents() -> Iterator[tuple[Path, Path]]:
 
 
 def copy_documents() -> None:
-    """Bring the copies up to date; those of documents that are gone go too."""
+    """Bring the copies up to date; whatever else is among them goes."""
     wanted = {copy: path for path, copy in documents()}
     for folder in DOCUMENTS:
         (COPIED / folder).mkdir(parents=True, exist_ok=True)
-        for copy in (COPIED / folder).iterdir():
-            if copy not in wanted:
-                copy.unlink()
+        for found in (COPIED / folder).iterdir():
+            if found.is_dir():
+                shutil.rmtree(found)
+            elif found not in wanted:
+                found.unlink()
     (COPIED / "pictures").mkdir(exist_ok=True)
     shutil.rmtree(COPIED / "api", ignore_errors=True)  # autosummary writes it anew
     for copy, path in wanted.items():
-        if copy.exists() and copy.stat().st_mtime > path.stat().st_mtime:
-            continue
         if path.suffix == ".md":
-            copy.write_text(with_contents(linked(path.read_text("utf-8"))), encoding="utf-8")
+            text = with_contents(linked(path.read_text("utf-8")))
         else:
-            jupytext.write(rendered(jupytext.read(path, fmt="py:percent")), copy, fmt="ipynb")
+            text = jupytext.writes(rendered(jupytext.read(path, fmt="py:percent")), fmt="ipynb")
+        # a copy that is not touched is not run again
+        if not copy.exists() or copy.read_bytes() != text.encode():
+            with replacing(copy) as file:
+                file.write(text.encode())
+
+
+def clear_pictures(app: Any, env: Any, page: str) -> None:
+    """Forget the scenes that the gallery wrote, when it is about to be run."""
+    if page == "gallery":
+        shutil.rmtree(COPIED / "pictures")
+        (COPIED / "pictures").mkdir()
 
 
 def rendered(document: NotebookNode) -> NotebookNode:
@@ -114,7 +126,8 @@ def rendered(document: NotebookNode) -> NotebookNode:
     document.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3"}
     document.metadata["mystnb"] = {"execution_in_temp": True}  # what it writes goes nowhere
     document.metadata["language_info"] = {"name": "python", "pygments_lexer": "ipython3"}
-    for cell in document.cells:
+    for number, cell in enumerate(document.cells):
+        cell["id"] = str(number)  # they are random, and equal text is to have equal copies
         if cell.cell_type == "markdown":
             cell.source = linked(cell.source)
     return document
@@ -143,4 +156,5 @@ def _mathml(translator: Any, node: nodes.math | nodes.math_block) -> None:
 
 def setup(app: Any) -> None:
     copy_documents()
+    app.connect("env-purge-doc", clear_pictures)
     app.add_html_math_renderer("mathml", (_mathml, None), (_mathml, None))

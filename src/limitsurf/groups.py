@@ -28,6 +28,7 @@ Order: TypeAlias = tuple[int, int]
 # queries handled at once, and control values gathered at once: what stays in cache and in memory
 _CHUNK = 1 << 16
 _GATHER = 1 << 22
+JET = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # derivatives that curvature comes from
 _FIRST_CORNER = 5  # the control point of a bicubic patch at its corner (0, 0)
 
 
@@ -100,6 +101,14 @@ class Groups:
                 )
 
         return undefined, groups()
+
+    def special(self, face: Array, u: Array, v: Array) -> Array:
+        """Whether queries (Q,) lie in patches with a special corner."""
+        where = np.flatnonzero(np.isfinite(u) & np.isfinite(v) & (self.patches.codes[face] != -1))
+        patch, *_ = self.patches.locate(face[where], u[where], v[where])
+        found = np.zeros(len(face), dtype=bool)
+        found[where] = ~np.isin(self.patches.kind[patch], (REGULAR, STRIP))
+        return found
 
     def chunks(
         self, face: Array, u: Array, v: Array, width: int = 1
@@ -284,28 +293,19 @@ class Values:
         return [result]
 
     def curvatures(self, g: Group) -> list[Array]:
-        """What `_curvatures` returns for a group, (q, 10)."""
+        """What `curvatures` returns for a group, (q, 10)."""
         (normal,) = self.normals(g)
         if g.kind in (REGULAR, STRIP):
             *_, points = self._differences(self._groups.controls(g), _FIRST_CORNER)
-            orders = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-            jet = np.stack([_contract(self._groups.spline_weights(g, nu), points) for nu in orders])
-            # neither overflow nor underflow in squares
-            exponent = -np.frexp(np.abs(jet[:2]).max(axis=(0, 2)))[1]
-            jet = _scaled(jet, exponent)
-            form, axis = kernels.shape_operators(jet[:2], jet[2:], np.ones((3, len(normal))))
-        else:
-            form, axis = np.full((3, len(normal)), np.nan), np.full((len(normal), 3), np.nan)
-            exponent = np.zeros(len(normal), dtype=np.int64)
-            for c in self._corners(g):
-                form[:, c.query], exponent[c.query], axis[c.query] = basis.eigen_curvatures(
-                    c.table, c.place, c.modes, c.which
-                )
-        form[:, np.isnan(normal).any(axis=1)] = np.nan
-        found = kernels.principal(form, axis, normal)
-        found[:, :3] = _scaled(found[:, :3], exponent)
-        found[:, 3] = kernels.scale_by_two(found[:, 3], 2 * exponent)
-        return [found]
+            jet = [_contract(self._groups.spline_weights(g, nu), points) for nu in JET]
+            return [curvatures(np.stack(jet), normal)]
+        form, axis = np.full((3, len(normal)), np.nan), np.full((len(normal), 3), np.nan)
+        exponent = np.zeros(len(normal), dtype=np.int64)
+        for c in self._corners(g):
+            form[:, c.query], exponent[c.query], axis[c.query] = basis.eigen_curvatures(
+                c.table, c.place, c.modes, c.which
+            )
+        return [_principal(form, exponent, axis, normal)]
 
     def _differences(self, ids: Array, base: int) -> tuple[Array, Array, Array]:
         """A control point of each patch, high and low (P, d), and all relative to it (P, K, d)."""
@@ -353,6 +353,27 @@ class ExactValues:
         """Derivatives (q, d) of the queries of a group."""
         points = self._points[self._groups.controls(g)]
         return [(self._groups.weights(g, nu)[:, :, None] * points).sum(axis=1) for nu in orders]
+
+
+def curvatures(jet: Array, normal: Array) -> Array:
+    """Curvatures k1, k2, mean, Gaussian and directions d1, d2 (q, 10) from derivatives.
+
+    `jet` has those of `JET`, (5, q, 3); `normal` (q, 3), NaN where there is none.
+    """
+    # neither overflow nor underflow in squares
+    exponent = -np.frexp(np.abs(jet[:2]).max(axis=(0, 2)))[1]
+    jet = kernels.scale_by_two(jet, exponent[:, None])
+    form, axis = kernels.shape_operators(jet[:2], jet[2:], np.ones((3, len(normal))))
+    return _principal(form, exponent, axis, normal)
+
+
+def _principal(form: Array, exponent: Array, axis: Array, normal: Array) -> Array:
+    """The same from second fundamental forms (3, q), times 2 ** exponent."""
+    form[:, np.isnan(normal).any(axis=1)] = np.nan
+    found = kernels.principal(form, axis, normal)
+    found[:, :3] = _scaled(found[:, :3], exponent)
+    found[:, 3] = kernels.scale_by_two(found[:, 3], 2 * exponent)
+    return found
 
 
 def _pieces(group: Group, width: int) -> Iterator[Group]:

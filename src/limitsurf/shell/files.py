@@ -9,7 +9,9 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from typing import IO, Any
+from typing import IO, Any, TypeAlias
+
+Path: TypeAlias = str | os.PathLike[str]
 
 SUFFIXES = (".csv", ".npz", ".npy", ".parquet", ".zarr")
 FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}  # said of writing only

@@ -123,26 +123,29 @@ class Fan:
     def modes(self) -> list[Mode]:
         """All eigenfunctions around a smooth vertex, by decreasing modulus of the eigenvalue.
 
-        Sectors are alike, so that each wave around the vertex has a block of its own.
+        Raises
+        ------
+        ValueError
+            Around another vertex; where eigenvalues are complex or eigenvectors are missing, as
+            they can be of a scheme of your own.
         """
-        assert self.kind == "interior"
-        N, step = self.faces, self.operator()
-        local = [self.number[:, i, j] for i in (1, 2) for j in (0, 1, 2)]
-        unknown = np.stack(local, axis=1)  # (N, 6), without the vertex
-        found = []
-        for f in range(N // 2 + 1):
+        if self.kind != "interior":
+            raise ValueError(f"modes are those of a smooth vertex, not of {self.basis._place()}")
+        N, step, found = self.faces, self.operator(), []
+        sectors = self.number[:, 1:].reshape(N, 6)  # all but the vertex
+        for f in range(N // 2 + 1):  # sectors are alike: each wave has a block of its own
             angle = 2 * np.pi * f / N * np.arange(N)
             waves = np.zeros((self.size, 6, 2))
             for k in range(6):
-                waves[unknown[:, k], k] = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+                waves[sectors[:, k], k] = np.stack([np.cos(angle), np.sin(angle)], axis=1)
             all_waves = waves.reshape(self.size, 12)
             if f == 0:
-                all_waves = np.concatenate([all_waves, np.eye(self.size)[:, :1]], axis=1)
+                all_waves = np.concatenate([all_waves, np.eye(self.size, 1)], axis=1)
             swapped = self.mirrored(all_waves)
             for sine, part in enumerate((all_waves + swapped, all_waves - swapped)):
                 left, sizes, _ = np.linalg.svd(part, full_matrices=False)
                 base = left[:, sizes > _SAME]  # (M, 3 or so), orthonormal
-                for eigenvalue, vector in _eigenvectors(base.T @ step @ base):
+                for eigenvalue, vector in self._eigenvectors(base.T @ step @ base):
                     values = base @ vector
                     values /= values[np.argmax(np.abs(values).round(9))]
                     found.append(Mode(eigenvalue, f, bool(sine), 0 < 2 * f < N, values))
@@ -154,13 +157,27 @@ class Fan:
         An eigenvector whose values are not those of its eigenfunction differs from them, after n
         refinements, by the n-th power of its eigenvalue.
         """
-        eigenvalues, vectors = np.linalg.eig(self.operator())
-        parts = np.concatenate([vectors.real, vectors.imag], axis=1)  # (M, 2 M)
-        face, ends = np.arange(self.faces)[:, None, None], np.array([0.0, 1.0])
-        limits = self.surface(parts).evaluate(face, ends[:, None], ends)  # (k, 2, 2, 2 M)
-        gaps = np.abs(parts[self.number[:, :2, :2]] - limits).max(axis=(0, 1, 2))
-        moves = np.maximum(*gaps.reshape(2, -1)) > 1e-6
-        return -math.log2(np.abs(eigenvalues[moves]).max())
+        step, ends = self.operator(), np.array([0.0, 1.0])
+        alike = self.kind in ("interior", "cone")  # sectors, of which one is enough
+        near = self.number[: 1 if alike else None, :2, :2]  # (k, 2, 2)
+        limits = self.surface(np.zeros(self.size)).weights(
+            np.arange(len(near))[:, None, None], ends[:, None], ends
+        )
+        gaps = np.eye(self.size)[near.ravel()] - limits.toarray()  # (4 k, M)
+        blocks = [(step, gaps)]
+        if alike:
+            sectors = self.number[:, 1:].reshape(self.faces, 6)  # all but the vertex
+            rows = np.concatenate([step[[0, *sectors[0]]], gaps])  # (11, M)
+            waves = np.fft.rfft(rows[:, sectors], axis=1)  # (11, N // 2 + 1, 6)
+            constant = np.concatenate([rows[:, :1], waves[:, 0].real], axis=1)
+            blocks = [(constant[:7], constant[7:])]
+            blocks += [(wave[1:7], wave[7:]) for wave in waves.swapaxes(0, 1)[1:]]
+        slowest = 0.0
+        for matrix, gap in blocks:
+            eigenvalues, vectors = np.linalg.eig(matrix)
+            moves = np.abs(gap @ vectors).max(axis=0) > 1e-6
+            slowest = max(slowest, float(np.abs(eigenvalues[moves]).max(initial=0.0)))
+        return -math.log2(slowest)
 
     def characteristic_map(self) -> Array:
         """Control points (M, 2) of the characteristic map.
@@ -186,11 +203,9 @@ class Fan:
                 "two eigenfunctions: there is no characteristic map"
             )
         if abs(first - second) < _SAME:
-            space = _kernel(step - first * np.eye(self.size), 2)
+            space = self._kernel(step, first, 2)
         else:
-            space = np.concatenate(
-                [_kernel(step - x * np.eye(self.size), 1) for x in (first, second)]
-            )
+            space = np.concatenate([self._kernel(step, x, 1) for x in (first, second)])
         even = _largest(space + np.stack([self.mirrored(x) for x in space]))
         odd = _largest(space - np.stack([self.mirrored(x) for x in space]))
         x, y = (odd, even) if self.kind in ("crease", "corner") else (even, odd)
@@ -206,6 +221,38 @@ class Fan:
         x, y = x / np.abs(x[inner]).max(), y / np.abs(y[inner]).max()
         return np.stack([x * np.sign(x[ring[0]]), y * np.sign(y[self.number[0, 1, 1]])], axis=1)
 
+    def _eigenvectors(self, matrix: Array) -> list[tuple[float, Array]]:
+        """Real eigenvalues of a small matrix, each with one of its eigenvectors."""
+        eigenvalues = np.linalg.eigvals(matrix)
+        if len(matrix) and np.abs(eigenvalues.imag).max() > _SAME:
+            raise ValueError(
+                f"{self.basis.scheme.name} has complex eigenvalues at {self.basis._place()}, or "
+                "too few eigenvectors; eigenfunctions need real ones, and all of them"
+            )
+        ordered = np.sort(eigenvalues.real)
+        first = np.flatnonzero(np.diff(ordered, prepend=-np.inf) > 1e-6)
+        found = []
+        for group in np.split(ordered, first[1:]):
+            _, sizes, vectors = np.linalg.svd(matrix - group.mean() * np.eye(len(matrix)))
+            some = [k for k in range(-len(group), 0) if sizes[k] < _SAME]
+            found += [(float(group.mean()), vectors[k]) for k in some]
+        if len(found) < len(matrix):
+            raise ValueError(
+                f"{self.basis.scheme.name} has no basis of eigenvectors at {self.basis._place()}: "
+                f"in one block {len(found)} of {len(matrix)}"
+            )
+        return found
+
+    def _kernel(self, step: Array, eigenvalue: float, count: int) -> Array:
+        """Eigenvectors (count, M) of one eigenvalue of the table."""
+        _, sizes, vectors = np.linalg.svd(step - eigenvalue * np.eye(self.size))
+        if not sizes[-count] < _SAME:
+            raise ValueError(
+                f"{self.basis.scheme.name} has fewer than {count} eigenfunctions of eigenvalue "
+                f"{eigenvalue:.6g} at {self.basis._place()}: there is no characteristic map"
+            )
+        return np.asarray(vectors[-count:])
+
 
 def predicted_order(surface: LimitSurface) -> float:
     """The order at which `limitsurf.validate` sees a surface approached, once it is settled: that
@@ -213,25 +260,6 @@ def predicted_order(surface: LimitSurface) -> float:
     sectors = {(s.kind, s.faces) for s in surface.patches.sectors if s is not None}
     scheme = surface.rules["scheme"]
     return min([2.0, *(Fan(scheme, kind, faces).order() for kind, faces in sectors)])
-
-
-def _eigenvectors(matrix: Array) -> list[tuple[float, Array]]:
-    """Eigenvalues of a small matrix that has real ones, each with one of its eigenvectors."""
-    eigenvalues = np.sort(np.linalg.eigvals(matrix).real)
-    first = np.flatnonzero(np.diff(eigenvalues, prepend=-np.inf) > 1e-6)
-    found = []
-    for group in np.split(eigenvalues, first[1:]):
-        _, sizes, vectors = np.linalg.svd(matrix - group.mean() * np.eye(len(matrix)))
-        some = [k for k in range(-len(group), 0) if sizes[k] < _SAME]  # fewer if it is defective
-        found += [(float(group.mean()), vectors[k]) for k in some]
-    return found
-
-
-def _kernel(matrix: Array, size: int) -> Array:
-    """Vectors (size, M) that the matrix maps to 0."""
-    _, values, vectors = np.linalg.svd(matrix)
-    assert values[-size] < _SAME, "the subdivision matrix has another spectrum than its table"
-    return np.asarray(vectors[-size:])
 
 
 def _largest(vectors: Array) -> Array:

@@ -231,8 +231,7 @@ def _lit(scene: Scene) -> Array:
     shine = gloss * np.maximum(np.sum(normal * half, axis=1), 0.0) ** SHARPNESS
     colors: Array = np.asarray(scene.color)
     if scene.field is not None:
-        low, high = scene.field.limits
-        values = scene.field.values[scene.quads].mean(axis=1)  # (q,)
-        colors = colormap(scene.field)(np.ma.masked_invalid((values - low) / (high - low)))[:, :3]
+        part = scene.field.parts[scene.quads].mean(axis=1)  # (q,)
+        colors = colormap(scene.field)(np.ma.masked_invalid(part))[:, :3]
     colors = lit[:, None] * colors + shine[:, None]
     return np.clip(colors, 0.0, 1.0)

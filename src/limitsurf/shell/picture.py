@@ -10,14 +10,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.shell import paint, render
-from limitsurf.shell.files import replacing
+from limitsurf.shell import files, paint, render
+from limitsurf.shell.files import Path
 from limitsurf.shell.paint import Image
 from limitsurf.shell.scene import QUADS, Scene
 
 PAGE_QUADS = 30_000  # of a page, whose size they make up
-
-Path = str | os.PathLike[str]
 
 
 class Drawing(Protocol):
@@ -107,9 +105,9 @@ class Picture:
         OSError
             A file that cannot be written.
         """
-        suffix = checked_suffix(file, self._drawing.suffixes)
+        suffix = _suffix(file, self._drawing.suffixes)
         content = paint.png(self.image) if suffix == ".png" else self._drawing.content(suffix)
-        with replacing(file) as target:
+        with files.replacing(file) as target:
             target.write(content)
 
     def show(self) -> None:
@@ -195,7 +193,7 @@ class SceneDrawing:
         return render.window(self._of(QUADS), *self.size)
 
 
-def checked_suffix(file: Path, known: tuple[str, ...]) -> str:
+def _suffix(file: Path, known: tuple[str, ...]) -> str:
     """The suffix of a file to write, in lower case; ValueError if it is another."""
     suffix = os.path.splitext(os.fspath(file))[1].lower()
     if suffix not in known:
@@ -212,9 +210,11 @@ def in_notebook() -> bool:
 
 
 def check_target(file: Path | None, off_screen: bool | None, known: tuple[str, ...]) -> None:
-    """Complain, before any work, of another suffix, or of a window without a display."""
+    """Complain, before any work, of another suffix, of a file that cannot be written, or of a
+    window without a display."""
     if file is not None:
-        checked_suffix(file, known)
+        _suffix(file, known)
+        files.check_target(file)
     if not _off_screen(file, off_screen):
         render.check_display()
 
@@ -224,7 +224,7 @@ def finished(
 ) -> Picture:
     """The picture, shown in a window and written to a file if that is wanted."""
     shown = not _off_screen(file, off_screen)
-    drawing.prepare(".png" if file is None or shown else checked_suffix(file, drawing.suffixes))
+    drawing.prepare(".png" if file is None or shown else _suffix(file, drawing.suffixes))
     picture = Picture(drawing, size)
     if shown:
         picture.show()

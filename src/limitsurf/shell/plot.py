@@ -7,7 +7,6 @@ answer but a crash, Matplotlib paints the same scene, polygon by polygon from ba
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -18,10 +17,20 @@ from numpy.typing import NDArray
 from limitsurf.query import validate
 from limitsurf.shell import charts
 from limitsurf.shell import picture as pictures
-from limitsurf.shell.io import _pyvista
+from limitsurf.shell.files import Path
+from limitsurf.shell.formats import _pyvista
 from limitsurf.shell.modes import Fan, Mode, predicted_order
 from limitsurf.shell.picture import Picture
-from limitsurf.shell.scene import COLOR, CURVATURES, DIVERGING, VIEWS, Scalars, Wishes, build
+from limitsurf.shell.scene import (
+    COLOR,
+    CURVATURES,
+    DIVERGING,
+    VIEWS,
+    Scalars,
+    Wishes,
+    build,
+    numbers,
+)
 
 if TYPE_CHECKING:
     from limitsurf.exact.scheme import Scheme
@@ -34,8 +43,6 @@ __all__ = [
     "plot_convergence",
     "plot_eigenfunctions",
 ]
-
-Path = str | os.PathLike[str]
 
 HEIGHT = 0.45  # of the graph of an eigenfunction over the unit circle
 GRAPH_VIEW = (-0.5, -1.0, 0.8)
@@ -129,8 +136,9 @@ def plot(
     ------
     ValueError
         Points of another shape, a channel that the mesh does not have, a bad ``n``, ``isolines``,
-        ``scalars``, ``limits``, ``cmap``, ``up``, ``view`` or ``window_size``, a file with
-        another suffix, nothing to draw.
+        ``scalars``, ``limits``, ``cmap``, ``label``, ``color``, ``up``, ``view`` or
+        ``window_size``; ``limits``, ``cmap`` or ``label`` without scalars that have a colour bar;
+        no finite scalar; a file with another suffix; nothing to draw.
     ImportError
         Without PyVista, for a page without trame-vtk (``pip install "limitsurf[plot]"``).
     OSError
@@ -155,14 +163,19 @@ def plot(
     >>> ls.plot(surface, "cube.html", scalars=lambda face, u, v: u * v)  # doctest: +SKIP
     """
     pictures.check_target(file, off_screen, pictures.SceneDrawing.suffixes)
-    if n is not None and n < 1:
-        raise ValueError(f"n must be at least 1, got {n}")
-    _check_count("isolines", isolines)
+    n = None if n is None else _integer("n", n, 1)
+    isolines = _integer("isolines", isolines, 0)
     if isinstance(scalars, str) and scalars not in (*CURVATURES, "zebra"):
         known = ", ".join(map(repr, [*CURVATURES, "zebra"]))
         raise ValueError(f"scalars must be one of {known}, a function or an array, got {scalars!r}")
+    with_bar = scalars is not None and not (isinstance(scalars, str) and scalars == "zebra")
+    for name, value in {"limits": limits, "cmap": cmap, "label": label}.items():
+        if value is not None and not with_bar:
+            raise ValueError(f"{name} needs scalars that have a colour bar, got {scalars!r}")
     if limits is not None:
         limits = _checked_limits(limits)
+    if not isinstance(label, str | None):
+        raise ValueError(f"label must be text, got {label!r}")
     if up not in ("x", "y", "z"):
         raise ValueError(f"up must be 'x', 'y' or 'z', got {up!r}")
     _check_view(view)
@@ -170,13 +183,12 @@ def plot(
     pyvista = _pyvista()
     try:
         body = pyvista.Color(color).float_rgb
-    except ValueError:
-        raise ValueError(f"unknown color {color!r}") from None
+    except (TypeError, ValueError):
+        raise ValueError(f'color must be a name or "#rrggbb", got {color!r}') from None
     if cmap is not None:
         _check_colormap(cmap)
-    with_bar = scalars is not None and not (isinstance(scalars, str) and scalars == "zebra")
     wishes = Wishes(
-        *(n, cage, curves, poles, normals, int(isolines), scalars, limits, cmap, label, with_bar),
+        *(n, cage, curves, poles, normals, isolines, scalars, limits, cmap, label, with_bar),
         *(channel, body, up, view),
     )
     drawing = pictures.SceneDrawing(partial(build, surface, wishes), (width, height), with_bar)
@@ -231,9 +243,9 @@ def plot_characteristic_map(
     Raises
     ------
     ValueError
-        Neither or both of `valence` and `kind`; a vertex without two eigenfunctions that span a
-        tangent plane: valence 2, creases of 1 and of 4 and more faces, corners of 3 and more,
-        darts of 2, cones.
+        Neither or both of `valence` and `kind`; numbers that are no integers or too small; a vertex
+        without two eigenfunctions that span a tangent plane: valence 2, creases of 1 and of 4 and
+        more faces, corners of 3 and more, darts of 2, cones.
 
     Notes
     -----
@@ -252,9 +264,8 @@ def plot_characteristic_map(
             f"give either valence, or kind and faces; got {valence!r}, {kind!r} and {faces!r}"
         )
     pictures.check_target(file, off_screen, charts.ChartDrawing.suffixes)
-    _check_count("isolines", isolines)
-    _check_count("rings", rings)
-    fan = _fan(scheme, valence) if kind is None else Fan(scheme, kind, int(faces or 0))
+    isolines, rings = _integer("isolines", isolines, 0), _integer("rings", rings, 0)
+    fan = _fan(scheme, valence) if kind is None else Fan(scheme, kind, _integer("faces", faces, 1))
     fan.characteristic_map()  # says now what there is not
     draw = partial(charts.draw_characteristic_map, fan=fan, isolines=isolines, rings=rings)
     return _chart(draw, window_size, file, off_screen)
@@ -299,7 +310,8 @@ def plot_eigenfunctions(
     Raises
     ------
     ValueError
-        A valence below 3.
+        A valence below 3, a `which` that is no integer; a scheme of your own with complex
+        eigenvalues or without a basis of eigenvectors.
     IndexError
         For `which` beyond the last.
 
@@ -317,6 +329,7 @@ def plot_eigenfunctions(
     kinds = charts.ChartDrawing if which is None else pictures.SceneDrawing
     pictures.check_target(file, off_screen, kinds.suffixes)
     size = _checked_size(window_size)
+    which = None if which is None else _integer("which", which)
     fan = _fan(scheme, valence)
     plane = fan.characteristic_map()
     plane = plane / np.hypot(*plane[fan.number[:, :2, :2]].reshape(-1, 2).T).max()
@@ -437,25 +450,29 @@ def _chart(
 
 
 def _fan(scheme: str | Scheme, valence: Any) -> Fan:
-    if isinstance(valence, bool) or not isinstance(valence, (int, np.integer)) or valence < 3:
-        raise ValueError(f"valence is an integer, at least 3, got {valence!r}")
-    return Fan(scheme, "interior", int(valence))
+    return Fan(scheme, "interior", _integer("valence", valence, 3))
 
 
-def _check_count(name: str, value: Any) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 0:
-        raise ValueError(f"{name} is a number of lines, at least 0, got {value!r}")
+def _integer(name: str, value: Any, least: int | None = None) -> int:
+    """The value of an argument, which must be an integer, at least so large."""
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not whole or (least is not None and value < least):
+        need = "" if least is None else f" >= {least}"
+        raise ValueError(f"{name} must be an integer{need}, got {value!r}")
+    return int(value)
 
 
-def _checked_size(window_size: tuple[int, int]) -> tuple[int, int]:
-    width, height = window_size
-    if min(width, height) < 1:
-        raise ValueError(f"window_size must be positive, got {width} x {height}")
-    return width, height
+def _checked_size(window_size: Any) -> tuple[int, int]:
+    try:
+        width, height = window_size
+    except (TypeError, ValueError):
+        need = "window_size must be two integers, width and height in pixels"
+        raise ValueError(f"{need}, got {window_size!r}") from None
+    return _integer("window_size[0]", width, 1), _integer("window_size[1]", height, 1)
 
 
 def _checked_limits(limits: Any) -> tuple[float, float]:
-    pair = np.asarray(limits, dtype=np.float64)
+    pair = numbers(limits, "limits")
     if pair.shape != (2,) or not np.isfinite(pair).all() or not pair[0] < pair[1]:
         raise ValueError(f"limits are two finite numbers, the lower one first, got {limits!r}")
     return float(pair[0]), float(pair[1])
@@ -465,10 +482,9 @@ def _check_view(view: Any) -> None:
     if view is None or (isinstance(view, str) and view in VIEWS):
         return
     need = f"view is one of {', '.join(map(repr, VIEWS))}, or a direction of three numbers"
-    try:
-        direction = np.asarray(view, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{need}, got {view!r}") from None
+    if isinstance(view, str):
+        raise ValueError(f"{need}, got {view!r}")
+    direction = numbers(view, "view")
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         raise ValueError(f"{need}, got {view!r}")
 
@@ -477,5 +493,5 @@ def _check_colormap(cmap: Any) -> None:
     from matplotlib import colormaps
     from matplotlib.colors import Colormap
 
-    if not isinstance(cmap, Colormap) and cmap not in colormaps:
+    if not (isinstance(cmap, Colormap) or (isinstance(cmap, str) and cmap in colormaps)):
         raise ValueError(f"cmap is the name of a Matplotlib colour map, got {cmap!r}")

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from limitsurf.mesh import Mesh
 
 if TYPE_CHECKING:
-    from limitsurf.query import Tessellation
+    from limitsurf.query import Polygons, Tessellation
 
 IntArray: TypeAlias = NDArray[np.int64]
-Path: TypeAlias = str | os.PathLike[str]
 
 
 def float_points(mesh: Mesh) -> NDArray[np.float64]:
@@ -41,10 +40,10 @@ def texture(x: Mesh | Tessellation) -> str | None:
     return found[0] if found else None
 
 
-def polygons(x: Mesh | Tessellation, *, uv: bool = True) -> Tessellation:
+def polygons(x: Mesh | Tessellation, *, uv: bool = True) -> Polygons:
     """A cage or tessellation with finite normals, its texture coordinates the one channel "uv".
 
-    A cage has no normals, and every face is one place of its points.
+    A cage has no normals.
 
     Raises
     ------
@@ -53,25 +52,22 @@ def polygons(x: Mesh | Tessellation, *, uv: bool = True) -> Tessellation:
     TypeError
         What is neither a cage nor a tessellation.
     """
-    from limitsurf.query import Tessellation
+    from limitsurf.query import Polygons, Tessellation
 
     if isinstance(x, Mesh):
-        nowhere = np.zeros(x.n_vertices)
-        shape = float_points(x), x.sizes, x.indices, nowhere.astype(np.int64), nowhere, nowhere
-        normals = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
+        points, normals, rows = float_points(x), np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
     elif isinstance(x, Tessellation):
         if not len(x.sizes):
             raise ValueError("the tessellation has no polygon: no face has a limit")
-        shape = x.points, x.sizes, x.indices, x.face, x.u, x.v
-        normals = _finite_normals(x), x.normal_indices
+        points, normals, rows = x.points, _finite_normals(x), x.normal_indices
     else:
         raise TypeError(f"need a Mesh or a Tessellation, got {type(x).__name__}")
     name = texture(x) if uv else None
     kept = {}
     if name is not None:
-        values, rows, *_ = x.channels[name]
-        kept["uv"] = values.astype(np.float64), rows
-    return Tessellation(*shape, *normals, kept)
+        values, where, *_ = x.channels[name]
+        kept["uv"] = values.astype(np.float64), where
+    return Polygons(points, x.sizes, x.indices, normals, rows, kept)
 
 
 def warn_of_loss(name: str, x: Mesh | Tessellation, *, uv: bool, tags: bool = False) -> None:
@@ -138,15 +134,21 @@ def _finite_normals(x: Tessellation) -> NDArray[np.float64]:
     if not missing.any():
         return x.normals
     triangles = x.triangles
-    concerned = missing[x.normal_indices[triangles]]
-    triangles = triangles[concerned.any(axis=1)]
+    triangles = triangles[missing[x.normal_indices[triangles]].any(axis=1)]
+    rows = x.normal_indices[triangles]  # (T, 3)
     a, b, c = x.points[x.indices[triangles]].transpose(1, 0, 2)
-    normals = np.where(missing[:, None], 0.0, x.normals)
-    sums = np.zeros_like(normals)
-    np.add.at(sums, x.normal_indices[triangles], np.cross(b - a, c - a)[:, None])
-    length = np.linalg.norm(sums[missing], axis=1, keepdims=True)
+    sides = np.stack([b - a, c - a])[:, :, None]  # (2, T, 1, 3)
+    # exactly scaled around each normal: products of large lengths overflow, of small ones vanish
+    size = np.zeros(len(x.normals))
+    np.maximum.at(size, rows, np.abs(sides).max(axis=(0, 3)))
+    sides = np.ldexp(sides, -np.frexp(size)[1][rows][:, :, None])
+    sums = np.zeros_like(x.normals)
+    np.add.at(sums, rows, np.cross(*sides))
+    sums = sums[missing]
+    largest = np.abs(sums).max(axis=1, keepdims=True)
+    sums /= np.where(largest > 0, largest, 1)
     # nothing is known of a point amid polygons without area
-    normals[missing] = np.where(
-        length > 0, sums[missing] / np.where(length > 0, length, 1), [0, 0, 1]
-    )
+    sums[largest[:, 0] == 0] = [0, 0, 1]
+    normals = x.normals.copy()
+    normals[missing] = sums / np.linalg.norm(sums, axis=1, keepdims=True)
     return normals

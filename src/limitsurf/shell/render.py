@@ -22,17 +22,19 @@ from numpy.typing import NDArray
 
 from limitsurf.shell import paint
 from limitsurf.shell import scene as scenes
-from limitsurf.shell.io import _pyvista
+from limitsurf.shell.formats import _pyvista
 from limitsurf.shell.paint import Image
 from limitsurf.shell.scene import Array, Scene
 
+TRIAL = 60  # seconds after which VTK counts as unable to draw
 SUPERSAMPLING = 2  # pixels drawn per pixel of the picture, each way
 
 
 def pixels(scene: Scene, width: int, height: int) -> Image:
     """The scene, (height, width, 3), without legends; drawn off screen."""
     if not opengl():
-        warnings.warn("no OpenGL here: painted by Matplotlib, and plainer", stacklevel=2)
+        text = "no OpenGL here: painted by Matplotlib, and plainer"
+        warnings.warn(text, stacklevel=_users_level())
         return paint.painted(scene, width, height)
     # Drawn larger and averaged, which smooths lines and dots as well.
     scale = SUPERSAMPLING
@@ -41,6 +43,15 @@ def pixels(scene: Scene, width: int, height: int) -> Image:
     tiles = image.reshape(height, scale, width, scale, 3)
     picture: Image = np.rint(tiles.mean(axis=(1, 3))).astype(np.uint8)
     return picture
+
+
+def _users_level() -> int:
+    """The `stacklevel`, for a warning of the caller, of the first line outside of the package."""
+    level, frame = 1, sys._getframe(1)
+    package = __name__.partition(".")[0]
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == package:
+        level, frame = level + 1, frame.f_back
+    return level
 
 
 def window(scene: Scene, width: int, height: int) -> Image:
@@ -168,7 +179,9 @@ def _plotter(
 def _add(pyvista: Any, plotter: Any, scene: Scene, page: bool) -> None:
     height = plotter.window_size[1]
     field = scene.field
-    values = np.zeros(len(scene.points)) if field is None else field.values
+    values, limits = np.zeros(len(scene.points)), (0.0, 1.0)
+    if field is not None:  # a page counts in 24 bits, a window shows the values
+        values, limits = (field.parts, limits) if page else (field.values, field.limits)
     quads = scene.quads
     vertices: NDArray[Any] = np.column_stack([scene.points, scene.normals, values])
     if page:
@@ -181,7 +194,7 @@ def _add(pyvista: Any, plotter: Any, scene: Scene, page: bool) -> None:
         body["value"] = vertices[:, 6]
         cmap = paint.colormap(field)
         look = {
-            **{"scalars": "value", "cmap": cmap, "n_colors": cmap.N, "clim": field.limits},
+            **{"scalars": "value", "cmap": cmap, "n_colors": cmap.N, "clim": limits},
             **{"nan_color": scenes.MISSING, "interpolate_before_map": True},
             "show_scalar_bar": False,
         }
@@ -275,8 +288,12 @@ def opengl() -> bool:
         "window.Render()\n"
         "raise SystemExit(not window.SupportsOpenGL())\n"
     )
-    run = subprocess.run([sys.executable, "-c", trial], capture_output=True, check=False)
-    return run.returncode == 0
+    # -P: modules of the working directory are not VTK's
+    command = [sys.executable, "-P", "-c", trial]
+    try:
+        return subprocess.run(command, capture_output=True, timeout=TRIAL).returncode == 0
+    except subprocess.TimeoutExpired:
+        return False
 
 
 @contextmanager

@@ -8,6 +8,7 @@ units.
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -68,6 +69,7 @@ CURVATURES = {  # what can be drawn of `LimitSurface.curvature`: its name, its p
 DIVERGING, SEQUENTIAL = "coolwarm", "viridis"  # even steps to the eye, safe for colour blindness
 OUTLIERS = 2.0  # percent of the values, at each end, that a range of colours leaves out
 FLATNESS = 1e-6  # curvature in units of the unit box that counts as none
+SMALLEST, LARGEST = map(float, (np.finfo(np.float64).tiny, np.finfo(np.float64).max))
 STRIPES = 12  # from end to end of the zebra's environment
 ZEBRA = ("#20262c", "#f4f4f2")
 
@@ -100,6 +102,12 @@ class Field:
     cmap: Any  # name of a Matplotlib colour map, or one
     label: str | None  # of the colour bar; None for none
     beyond: tuple[bool, bool] = (False, False)  # whether values lie below and above the limits
+
+    @property
+    def parts(self) -> Array:
+        """The values as parts of the range, (p,), from 0 to 1."""
+        low, high = self.limits
+        return (np.clip(self.values, low, high) - low) / (high - low)
 
 
 @dataclass(frozen=True)
@@ -359,19 +367,23 @@ def _field(
             corner = np.isin(at[1], (0, 1)) & np.isin(at[2], (0, 1))
             return np.where(corner & (found == 0), np.nan, found)
 
-        with np.errstate(over="ignore", under="ignore", divide="ignore"):
-            values = filled(curvature, query)
-            values, floor = values / extent**power, FLATNESS / extent**power
+        values, least = filled(curvature, query), np.float64(FLATNESS)
+        # one after the other: the power of an extent can be 0 or infinite where quotients are not
+        with np.errstate(over="ignore", under="ignore", divide="ignore", invalid="ignore"):
+            for _ in range(power):
+                values, least = values / extent, least / extent
+        floor = float(least)
     elif callable(scalars):
         face, u, v = (x.ravel() for x in np.broadcast_arrays(*query))
-        values = np.array(scalars(face, u, v), dtype=np.float64)
+        returned = scalars(face, u, v)
+        values = numbers(returned, "what the function of (face, u, v) returns")
         if values.shape != face.shape:
             raise ValueError(
                 f"the function of (face, u, v) must return as many values as it gets, "
                 f"{face.shape}, got {values.shape}"
             )
     else:
-        control = np.asarray(scalars, dtype=np.float64)
+        control = numbers(scalars, "scalars")
         if control.shape != (surface.mesh.n_vertices,):
             raise ValueError(
                 f"scalars of the cage's vertices have shape ({surface.mesh.n_vertices},), "
@@ -391,7 +403,9 @@ def _field(
     if wishes.limits is not None:
         low, high = map(float, wishes.limits)
     elif signed and (isinstance(scalars, str) or wishes.cmap is None):
-        high = max(-low, high, floor) or 1.0
+        high = max(-low, high, floor)
+        # neither a range of subnormal numbers, nor one whose width is infinite
+        high = min(high, LARGEST / 4) if high > SMALLEST else 1.0
         low = -high
     elif high - low <= 1e-12 * max(-low, high):  # a constant
         low, high = low - (abs(low) / 2 or 1.0), high + (abs(high) / 2 or 1.0)
@@ -402,6 +416,17 @@ def _field(
         (name if wishes.label is None else wishes.label) if wishes.bar else None,
         (bool(finite.min() < low), bool(finite.max() > high)),
     )
+
+
+def numbers(values: Any, name: str) -> Array:
+    """An array of float64; ValueError if there is anything but real numbers in it."""
+    try:
+        found = np.asarray(values)
+        if found.dtype.kind in "biufO":
+            return found.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise ValueError(f"{name} must be real numbers, got {reprlib.repr(values)}")
 
 
 def _areas(points: Array, quads: IntArray) -> Array:
