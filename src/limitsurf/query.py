@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,8 +187,105 @@ _SAME_NORMAL = 1e-6
 _DIAGONALS = 1 << 22  # of polygons that are in memory at once
 
 
-@dataclass(frozen=True, eq=False)
-class Tessellation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Polygons:
+    """Polygons and what their corners have, for files; attributes as in `Tessellation`.
+
+    Their points need not lie on a surface: they may be those of a cage.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from limitsurf.query import Polygons
+    >>> nothing = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
+    >>> Polygons(np.eye(3), np.array([3]), np.arange(3), *nothing, {}).triangles.tolist()
+    [[0, 1, 2]]
+    """
+
+    points: NDArray[np.float64]
+    sizes: NDArray[np.int64]
+    indices: NDArray[np.int64]
+    normals: NDArray[np.float64]
+    normal_indices: NDArray[np.int64]
+    channels: Mapping[str, tuple[NDArray[Any], NDArray[np.int64]]]
+
+    _by_point: ClassVar[tuple[str, ...]] = ("points",)
+
+    @cached_property
+    def offsets(self) -> NDArray[np.int64]:
+        """First corner of each polygon, and their number C: shape (F + 1,)."""
+        return np.concatenate([[0], np.cumsum(self.sizes)])
+
+    @cached_property
+    def triangles(self) -> NDArray[np.int64]:
+        """The polygons cut into triangles, as positions among the C corners: shape (T, 3).
+
+        ``indices[triangles]`` are the points of the triangles, ``normal_indices[triangles]`` their
+        normals. A quad is cut by its shorter diagonal, another polygon by those from the corner
+        where the smallest triangle is largest.
+        """
+        first = np.cumsum(self.sizes - 2) - (self.sizes - 2)  # triangle of each polygon
+        triangles = np.empty((int((self.sizes - 2).sum()), 3), dtype=np.int64)
+        for size in np.unique(self.sizes).tolist():
+            alike = np.flatnonzero(self.sizes == size)
+            fan = np.arange(1, size - 1)
+            portion = max(_DIAGONALS // size**2, 1)
+            for start in range(0, len(alike), portion):
+                some = alike[start : start + portion]
+                corner = self.offsets[some]
+                points = self.points[self.indices[corner[:, None] + np.arange(size)]]
+                tip = _tips(points)
+                turned = np.stack([0 * fan, fan, fan + 1], axis=1)  # (size - 2, 3)
+                place = (tip[:, None, None] + turned) % size
+                triangles[first[some, None] + fan - 1] = corner[:, None, None] + place
+        return triangles
+
+    def split(self) -> Self:
+        """The same polygons with one normal and one value of each channel per point.
+
+        Points are repeated where they have several, at creases and seams, behind the others, with
+        the same face, u and v. The indices of points, normals and channels are then all the same,
+        as formats and graphics libraries want them that keep everything by point.
+        """
+        number, origin = self.indices.copy(), np.arange(len(self.points))
+        attributes = [(name, *channel) for name, channel in self.channels.items()]
+        if len(self.normals):
+            attributes.append(("", self.normals, self.normal_indices))
+        for _, _, rows in attributes:
+            # a point keeps the row of one of its corners; those with another one get a new point
+            row = np.zeros(len(origin), dtype=np.int64)
+            row[number] = rows
+            other = np.flatnonzero(row[number] != rows)
+            key = np.stack([number[other], rows[other]])
+            new, inverse = np.unique(key, axis=1, return_inverse=True)
+            number[other] = len(origin) + inverse.ravel()
+            origin = np.concatenate([origin, origin[new[0]]])
+        found = {}
+        for name, values, rows in attributes:
+            row = np.zeros(len(origin), dtype=np.int64)
+            row[number] = rows
+            found[name] = values[row]
+        normals = found.pop("", self.normals)
+        by_point: dict[str, Any] = {x: getattr(self, x)[origin] for x in self._by_point}
+        return replace(
+            self,
+            **by_point,
+            indices=number,
+            normals=normals,
+            normal_indices=number if len(normals) else self.normal_indices,
+            channels={name: (values, number) for name, values in found.items()},
+        )
+
+    def __repr__(self) -> str:
+        parts = [f"{len(self.points)} points", f"{len(self.sizes)} polygons"]
+        if len(self.normals):
+            parts.append(f"{len(self.normals)} normals")
+        parts += [f"channel {name!r}" for name in self.channels]
+        return f"{type(self).__name__}({', '.join(parts)})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tessellation(Polygons):
     """Polygons with their corners on a surface, made by `tessellate`.
 
     A polygon is a run of corners, counter-clockwise as the faces of the cage. For each corner
@@ -220,84 +317,11 @@ class Tessellation:
     Tessellation(9 points, 4 polygons, 9 normals)
     """
 
-    points: NDArray[np.float64]
-    sizes: NDArray[np.int64]
-    indices: NDArray[np.int64]
     face: NDArray[np.int64]
     u: NDArray[np.float64]
     v: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    normal_indices: NDArray[np.int64]
-    channels: Mapping[str, tuple[NDArray[Any], NDArray[np.int64]]]
 
-    @cached_property
-    def offsets(self) -> NDArray[np.int64]:
-        """First corner of each polygon, and their number C: shape (F + 1,)."""
-        return np.concatenate([[0], np.cumsum(self.sizes)])
-
-    @cached_property
-    def triangles(self) -> NDArray[np.int64]:
-        """The polygons cut into triangles, as positions among the C corners: shape (T, 3).
-
-        ``indices[triangles]`` are the points of the triangles, ``normal_indices[triangles]`` their
-        normals. A quad is cut by its shorter diagonal, another polygon by those from the corner
-        where the smallest triangle is largest.
-        """
-        first = np.cumsum(self.sizes - 2) - (self.sizes - 2)  # triangle of each polygon
-        triangles = np.empty((int((self.sizes - 2).sum()), 3), dtype=np.int64)
-        for size in np.unique(self.sizes).tolist():
-            alike = np.flatnonzero(self.sizes == size)
-            fan = np.arange(1, size - 1)
-            portion = max(_DIAGONALS // size**2, 1)
-            for start in range(0, len(alike), portion):
-                some = alike[start : start + portion]
-                corner = self.offsets[some]
-                points = self.points[self.indices[corner[:, None] + np.arange(size)]]
-                tip = _tips(points)
-                turned = np.stack([0 * fan, fan, fan + 1], axis=1)  # (size - 2, 3)
-                place = (tip[:, None, None] + turned) % size
-                triangles[first[some, None] + fan - 1] = corner[:, None, None] + place
-        return triangles
-
-    def split(self) -> Tessellation:
-        """The same polygons with one normal and one value of each channel per point.
-
-        Points are repeated where they have several, at creases and seams, behind the others, with
-        the same face, u and v. The indices of points, normals and channels are then all the same,
-        as formats and graphics libraries want them that keep everything by point.
-        """
-        number, origin = self.indices.copy(), np.arange(len(self.points))
-        attributes = [(name, *channel) for name, channel in self.channels.items()]
-        if len(self.normals):
-            attributes.append(("", self.normals, self.normal_indices))
-        for _, _, rows in attributes:
-            # a point keeps the row of one of its corners; those with another one get a new point
-            row = np.zeros(len(origin), dtype=np.int64)
-            row[number] = rows
-            other = np.flatnonzero(row[number] != rows)
-            key = np.stack([number[other], rows[other]])
-            new, inverse = np.unique(key, axis=1, return_inverse=True)
-            number[other] = len(origin) + inverse.ravel()
-            origin = np.concatenate([origin, origin[new[0]]])
-        found = {}
-        for name, values, rows in attributes:
-            row = np.zeros(len(origin), dtype=np.int64)
-            row[number] = rows
-            found[name] = values[row]
-        normals = found.pop("", self.normals)
-        return Tessellation(
-            *(self.points[origin], self.sizes, number),
-            *(self.face[origin], self.u[origin], self.v[origin]),
-            *(normals, number if len(normals) else self.normal_indices),
-            {name: (values, number) for name, values in found.items()},
-        )
-
-    def __repr__(self) -> str:
-        parts = [f"{len(self.points)} points", f"{len(self.sizes)} polygons"]
-        if len(self.normals):
-            parts.append(f"{len(self.normals)} normals")
-        parts += [f"channel {name!r}" for name in self.channels]
-        return f"Tessellation({', '.join(parts)})"
+    _by_point: ClassVar[tuple[str, ...]] = ("points", "face", "u", "v")
 
 
 def tessellate(
@@ -379,12 +403,16 @@ def tessellate(
         values = surface.evaluate(*there, channel=name, workers=workers)
         of_channels[name] = values, value[corners]
     points = surface.evaluate(*at, workers=workers)
-    return Tessellation(points, sizes, number[corners], *at, directions, rows, of_channels)
+    return Tessellation(points, sizes, number[corners], directions, rows, of_channels, *at)
 
 
 def _tips(points: Array) -> Array:
     """The corner of each polygon (p, k, 3) from which its diagonals are to go: (p,)."""
     across = [np.roll(points, -i, axis=1) - points for i in range(1, points.shape[1])]
+    # exactly scaled to less than 1: squares of large lengths overflow, those of small ones vanish
+    size = np.max([np.abs(x).max(axis=(1, 2)) for x in across], axis=0)
+    power = -np.frexp(size)[1][:, None, None]
+    across = [np.ldexp(x, power) for x in across]
     if len(across) == 3:
         return np.asarray(np.argmin((across[1] ** 2).sum(axis=2), axis=1))
     areas = [(np.cross(*sides) ** 2).sum(axis=2) for sides in pairwise(across)]

@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
@@ -21,7 +22,7 @@ from limitsurf.shell import vtk_reader
 from limitsurf.shell.polygons import mesh_of, polygons
 
 if TYPE_CHECKING:
-    from limitsurf.query import Tessellation
+    from limitsurf.query import Polygons, Tessellation
 
 USD = (".usd", ".usda", ".usdc")
 PLAIN = (".obj", ".ply", ".off")
@@ -33,8 +34,8 @@ WRITABLE = (*PLAIN, *USD, *VTK, *TRIMESH)
 WITH_NORMALS = (".obj", ".ply", *USD, *VTK, ".glb", ".gltf", ".dae")
 WITH_UV = (".obj", ".ply", *USD, *VTK, ".glb", ".gltf", ".dae")
 
+_UNPACKED = 1 << 30  # bytes of archives unpacked, beside those in proportion to a file
 _MEMORY = 4 << 30  # bytes that VTK may take up beside those in proportion to a file
-_POLYGONS = (5, 7, 9)  # VTK_TRIANGLE, VTK_POLYGON, VTK_QUAD
 # how a file begins, after white space, and what to say where it does not
 _BEGINNINGS = {
     ".vtp": (rb"\s*<((?s:.){0,2000}<)?VTKFile\b", "XML with <VTKFile"),
@@ -258,7 +259,7 @@ def _dataset_faces(dataset: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
             raise ValueError("the dataset has triangle strips, need polygons: call .triangulate()")
         cells = dataset.GetPolys()
     elif isinstance(dataset, pyvista.UnstructuredGrid):
-        others = np.flatnonzero(~np.isin(dataset.celltypes, _POLYGONS))
+        others = np.flatnonzero(~np.isin(dataset.celltypes, list(vtk_reader.POLYGONS)))
         if len(others):
             kind = pyvista.CellType(dataset.celltypes[others[0]]).name
             raise ValueError(
@@ -275,7 +276,7 @@ def _dataset_faces(dataset: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return np.diff(offsets), indices
 
 
-def _dataset(shape: Tessellation) -> Any:
+def _dataset(shape: Polygons) -> Any:
     """Polygons as a PolyData, split at creases and seams."""
     shape = shape.split()
     cells = np.insert(shape.indices, shape.offsets[:-1], shape.sizes)  # size, vertices, size, ...
@@ -343,7 +344,7 @@ def _read_apart(name: str, length: int, place: list[str], data: bytes) -> Mesh:
     return mesh_of(**arrays, merge="uv" in arrays or suffix in vtk_reader.SCENES)
 
 
-def vtk(shape: Tessellation, suffix: str) -> Iterator[bytes]:
+def vtk(shape: Polygons, suffix: str) -> Iterator[bytes]:
     """The bytes of a file of VTK."""
     dataset: Any = _dataset(shape)
     from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
@@ -376,7 +377,7 @@ def _trimesh() -> Any:
     return trimesh
 
 
-def _triangles(shape: Tessellation) -> Any:
+def _triangles(shape: Polygons) -> Any:
     """Polygons as a Trimesh, split at creases and seams."""
     trimesh = _trimesh()
     shape = shape.split()
@@ -410,19 +411,22 @@ def read_trimesh(name: str, suffix: str, data: bytes, folder: str | None) -> Mes
     _check_beginning(name, suffix, data)
     resolver = trimesh.resolvers.FilePathResolver(folder) if folder is not None else None
     try:
+        _check_archive(name, data)
         with _quiet():
             scene = trimesh.load_scene(
                 BytesIO(data), file_type=suffix[1:], resolver=resolver, process=False
             )
     except ImportError as error:
         raise ImportError(f'{name}: {error}: pip install "limitsurf[formats]"') from error
+    except (MeshError, MemoryError):
+        raise
     except Exception as error:  # of whatever type: trimesh checks little of what it reads
         reason = f"{type(error).__name__}: {error}"[:200]
         raise MeshError(f"{name}: trimesh cannot read it, truncated or broken: {reason}") from None
     return from_trimesh(scene, merge=True)
 
 
-def trimesh_bytes(shape: Tessellation, suffix: str) -> Iterator[bytes]:
+def trimesh_bytes(shape: Polygons, suffix: str) -> Iterator[bytes]:
     """The bytes of a file that trimesh writes."""
     mesh = _triangles(shape)
     with _quiet():
@@ -445,3 +449,28 @@ def _check_beginning(name: str, suffix: str, data: bytes) -> None:
     pattern, need = _BEGINNINGS.get(suffix, (b"", ""))
     if not re.match(pattern, data):
         raise MeshError(f"{name}: need {need} at the start: this is no {suffix} file")
+
+
+def _check_archive(name: str, data: bytes) -> None:
+    """Refuse a ZIP archive that would fill the memory, which trimesh unpacks into it."""
+    if not zipfile.is_zipfile(BytesIO(data)):
+        return
+    limit = _UNPACKED + 64 * len(data)
+    with zipfile.ZipFile(BytesIO(data)) as archive:
+        members = archive.infolist()
+        unpacked = sum(member.file_size for member in members)
+        if unpacked > limit:
+            raise MeshError(
+                f"{name}: an archive of {len(data)} bytes that holds {unpacked}, need {limit} "
+                "at most"
+            )
+        for member in members:
+            # of a wrong size one learns by unpacking alone, and in small pieces of these two only
+            if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise MeshError(
+                    f"{name}: got {member.filename!r} compressed by method {member.compress_type}, "
+                    "need members of an archive stored (0) or deflated (8)"
+                )
+            with archive.open(member) as opened:
+                while opened.read(1 << 20):
+                    pass

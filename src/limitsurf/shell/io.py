@@ -12,17 +12,9 @@ import numpy as np
 
 from limitsurf.mesh import Mesh, MeshError
 from limitsurf.shell import formats, obj, plain
-from limitsurf.shell.files import replacing
-from limitsurf.shell.formats import (
-    _pyvista as _pyvista,
-)
-from limitsurf.shell.formats import (
-    from_pyvista,
-    from_trimesh,
-    to_pyvista,
-    to_trimesh,
-)
-from limitsurf.shell.polygons import Path, polygons, warn_of_loss
+from limitsurf.shell.files import Path, replacing
+from limitsurf.shell.formats import from_pyvista, from_trimesh, to_pyvista, to_trimesh
+from limitsurf.shell.polygons import polygons, warn_of_loss
 
 if TYPE_CHECKING:
     from limitsurf.query import Tessellation

@@ -19,7 +19,7 @@ from limitsurf.shell.obj import Statements
 from limitsurf.shell.polygons import IntArray, mesh_of
 
 if TYPE_CHECKING:
-    from limitsurf.query import Tessellation
+    from limitsurf.query import Polygons
 
 # --- PLY
 
@@ -32,6 +32,7 @@ _TYPES = {
 }
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 _FACES = ("vertex_indices", "vertex_index")
+_BLOCK = 1 << 16  # bytes, or words of text, where rows of an element are sought at a time
 _TEXTURE = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 
@@ -166,17 +167,27 @@ class _Ply:
             self._at = int(last[0])
 
     def _rows(self, ends: Any, count: int, end: int) -> IntArray:
-        """The starts of rows of different lengths, by doubling: a row may start at any place."""
-        after = np.append(ends(np.arange(self._at, end)), -1)  # of the row at each place
-        after = np.where(after < 0, len(after) - 1, after - self._at)
-        start = np.zeros(1, dtype=np.int64)
-        while len(start) < count:
-            start = np.concatenate([start, after[start]])[:count]
-            after = after[after]
-        return start + self._at
+        """The starts of rows of different lengths, or of those that are whole.
+
+        A row may start at any place of a block: they are found by doubling, one block at a time.
+        """
+        found, at = [np.zeros(0, dtype=np.int64)], self._at
+        while count and 0 <= at < end:
+            length = min(_BLOCK, end - at)
+            after = ends(at + np.arange(length)) - at  # of the row at each place
+            after = np.append(np.where((after < 0) | (after > length), length, after), length)
+            start = np.zeros(1, dtype=np.int64)
+            while len(start) < count and start[-1] < length:
+                start = np.concatenate([start, after[start]])
+                after = after[after]
+            start = at + start[start < length][:count]
+            found.append(start)
+            count -= len(start)
+            at = int(ends(start[-1:])[0])
+        return np.concatenate(found)
 
 
-def ply(shape: Tessellation) -> Iterator[bytes]:
+def ply(shape: Polygons) -> Iterator[bytes]:
     """The bytes of a PLY file, of polygons that have one normal and one "uv" per point."""
     columns = [("x", "<f8"), ("y", "<f8"), ("z", "<f8")]
     values = [shape.points]
@@ -250,7 +261,7 @@ def parse_off(name: str, data: bytes) -> Mesh:
     return mesh_of(points, sizes, file.numbers(words, "a vertex", integers=True).ravel())
 
 
-def off(shape: Tessellation) -> Iterator[bytes]:
+def off(shape: Polygons) -> Iterator[bytes]:
     """The bytes of an OFF file, of points and polygons."""
     before = np.insert(shape.indices, shape.offsets[:-1], shape.sizes).astype(object)
     starts = shape.offsets[:-1] + np.arange(len(shape.sizes))

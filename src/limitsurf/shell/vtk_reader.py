@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 # The names of cells that are polygons, by VTK's numbers.
-_POLYGONS = {5: "triangle", 7: "polygon", 9: "quad"}
+POLYGONS = {5: "triangle", 7: "polygon", 9: "quad"}
 # Behind all else in a legacy file: an array that is missed, or a part of another one, where the
 # file is truncated. VTK does not say so.
 _END = "limitsurf"
@@ -150,13 +150,13 @@ def _polygons(found: Any) -> dict[str, Any]:
             raise _UnfitError("need polygons, got triangle strips")
         cells = found.GetPolys()
     elif found is not None and found.IsA("vtkUnstructuredGrid"):
-        others = set(vtk_to_numpy(found.GetDistinctCellTypesArray()).tolist()) - _POLYGONS.keys()
+        others = set(vtk_to_numpy(found.GetDistinctCellTypesArray()).tolist()) - POLYGONS.keys()
         if others:
             kinds: list[Any] = [vtkGenericCell.InstantiateCell(number) for number in others]
             if None in kinds:
                 raise _UnfitError("truncated or broken: got a cell of unknown type")
             worst = max(kinds, key=lambda cell: int(cell.GetCellDimension()))
-            text = f"need cells of types {', '.join(_POLYGONS.values())} only, got some of type "
+            text = f"need cells of types {', '.join(POLYGONS.values())} only, got some of type "
             text += worst.GetClassName().removeprefix("vtk").lower()
             if worst.GetCellDimension() == 3:
                 text += ": of what PyVista reads, dataset.extract_surface() is the skin, a cage by "
