@@ -1129,3 +1129,11 @@ def depth_of(patches, limit_face):
 def test_repr():
     text = repr(ls.LimitSurface(ls.Mesh(*zoo.tetrahedron())))
     assert text == "<LimitSurface of 12 limit faces over 4 vertices, catmull-clark>"
+
+
+@pytest.mark.skipif(not SHARED_CAGES.is_dir(), reason="these cages are not part of the package")
+def test_values_that_refinement_never_parts_are_refused():
+    surface = ls.LimitSurface(ls.read(SHARED_CAGES / "catmark_nonman_edges.obj"))
+    assert np.isfinite(surface.evaluate(0, 0.5, 0.5)).all()
+    with pytest.raises(NotImplementedError, match="channel 'uv': 14 refinements leave"):
+        surface.evaluate(0, 0.5, 0.5, channel="uv")

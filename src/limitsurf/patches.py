@@ -30,6 +30,8 @@ Array = NDArray[Any]
 # kinds of patches; further ones are numbered as they occur
 REGULAR, STRIP = 0, 1
 NO_LIMIT = -1
+# sharpness below 10 is gone after 10 refinements, n-gons after one; two more isolate what is left
+_DEEPEST = 14
 
 
 class PatchTable:
@@ -85,8 +87,16 @@ class PatchTable:
         sharpness = Sharpness.of(cage, rules, self._dtype)
         turn = np.zeros(len(faces), dtype=np.int8)
         level = _Level(sharpness, cage.indices, faces, limit_faces[faces], turn)
+        depth = 0
         while len(level.faces):
-            mesh = level.mesh
+            mesh, depth = level.mesh, depth + 1
+            if depth > _DEEPEST:
+                raise NotImplementedError(
+                    f"{_DEEPEST} refinements leave faces with several special corners: where "
+                    "different edges join the same two vertices, or the same two values of a "
+                    "channel, as in faces that repeat a vertex, the limit is not evaluated; make "
+                    "these faces holes"
+                )
             level = level.of_faces(self._add_smooth(level))
             if len(level.faces) == 0:
                 break

@@ -235,6 +235,8 @@ class LimitSurface:
         ------
         ValueError
             For a channel that the mesh does not have.
+        NotImplementedError
+            For values of which different edges share both ends, as in faces that repeat a vertex.
 
         Examples
         --------
@@ -248,7 +250,10 @@ class LimitSurface:
             return self
         if channel not in self._channels:
             values = ChannelMesh.of(self.mesh, channel, self._rules)
-            self._channels[channel] = LimitSurface(values, **vars(values.rules))
+            try:
+                self._channels[channel] = LimitSurface(values, **vars(values.rules))
+            except NotImplementedError as error:
+                raise NotImplementedError(f"channel {channel!r}: {error}") from None
         return self._channels[channel]
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -266,8 +267,12 @@ def tessellate(
     normals = suffix in WITH_NORMALS if normals is None else normals
     surface = cage.surface(channels)
     refuse_beyond_memory(len(surface.limit_faces) * n * n, 250, "polygons")
-    if suffix in WITH_UV and "uv" in surface.mesh.channels:
-        channels = tuple(dict.fromkeys(("uv", *channels)))
+    if suffix in WITH_UV and "uv" in surface.mesh.channels and "uv" not in channels:
+        try:
+            surface.of_channel("uv")
+            channels = ("uv", *channels)
+        except NotImplementedError as error:  # it was not asked for
+            warnings.warn(f"without texture coordinates: {error}", stacklevel=1)
     with terminal.working("tessellating"):
         made = ls.tessellate(surface, n, normals=normals, channels=channels, workers=-1)
     write_mesh(
