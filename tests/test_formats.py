@@ -25,6 +25,8 @@ POLYGONS = [".obj", ".ply", ".off", ".usd", ".usda", ".usdc", ".vtp", ".vtu", ".
 TRIANGLES = [".stl", ".glb", ".gltf", ".3mf", ".dae"]
 SINGLE = {".stl", ".glb", ".gltf", ".dae", ".usd", ".usda", ".usdc"}
 MIXED = ls.Mesh(*zoo.carved(zoo.prism(9), 7, 12))
+# of the warning there is a test of its own
+pytestmark = pytest.mark.filterwarnings("ignore:.* holds triangles only")
 # few lines of text, of which most are needed
 CUBE = ls.Mesh(*zoo.cube())
 
@@ -266,8 +268,11 @@ def test_names_of_pipes(tmp_path):
         ls.write(io.BytesIO(), CUBE, suffix=".x")
     with pytest.raises(TypeError, match="need a path or an open binary file, got int"):
         ls.read(3)
-    ls.write(tmp_path / "cube.dat", CUBE, suffix=".off")
-    assert ls.read(tmp_path / "cube.dat", suffix=".off") == CUBE
+    for suffix in ".off", ".usda", ".usdc":
+        ls.write(tmp_path / "cube.dat", CUBE, suffix=suffix)
+        mesh = ls.read(tmp_path / "cube.dat", suffix=suffix)
+        assert np.array_equal(mesh.points, CUBE.points)
+        assert mesh.n_faces == 6
 
 
 # --- What is lost
@@ -285,6 +290,59 @@ def test_what_is_left_out_is_named(tmp_path, suffix):
     assert caught[0].filename == __file__
     text = f"{path}: a file of type {suffix} cannot hold everything, left out: "
     assert str(caught[0].message) == f"{text}creases, holes, channel 'colour', boundary"
+
+
+@pytest.mark.parametrize("suffix", TRIANGLES)
+def test_faces_that_are_cut_are_counted(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    with pytest.warns(UserWarning, match="triangles only") as caught:
+        ls.write(path, MIXED)
+    (warning,) = caught
+    assert warning.filename == __file__
+    cut = f"faces of more than 3 corners, {(MIXED.sizes > 3).sum()} of {MIXED.n_faces}, are cut"
+    text = f"{path}: a file of type {suffix} holds triangles only: {cut}, which changes the limit"
+    assert str(warning.message) == f"{text} surface of the cage"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ls.write(path, ls.Mesh(*zoo.tetrahedron()))
+        ls.write(path, ls.tessellate(ls.LimitSurface(CUBE), 2))
+
+
+@pytest.mark.parametrize("suffix", sorted(SINGLE))
+@pytest.mark.parametrize(("scale", "offset"), [(1, 1e12), (1e-300, 0), (1e-10, 0.4)])
+def test_points_that_become_equal_are_counted(tmp_path, suffix, scale, offset):
+    path, points = tmp_path / f"x{suffix}", zoo.tetrahedron()[0]
+    mesh = ls.Mesh(scale * points + offset, zoo.tetrahedron()[1])
+    rounding = f"rounded as in a file of type {suffix}: .obj, .ply and .vtp keep float64"
+    for x in mesh, ls.tessellate(ls.LimitSurface(mesh), 1):
+        with pytest.warns(UserWarning, match="become equal") as caught:
+            ls.write(path, x)
+        assert [warning.filename for warning in caught] == [__file__]
+        count = "3 of 4" if x is mesh else r"\d+ of \d+"
+        text = rf"^{re.escape(str(path))}: {count} distinct points become equal to others, "
+        assert re.search(text + re.escape(rounding) + "$", str(caught[0].message))
+
+
+@pytest.mark.parametrize("suffix", sorted({*formats.WRITABLE} - SINGLE))
+def test_points_that_stay_distinct(tmp_path, suffix):
+    path, points = tmp_path / f"x{suffix}", zoo.tetrahedron()[0]
+    mesh = ls.Mesh(1e-10 * points + 0.4, zoo.tetrahedron()[1])
+    ls.write(path, mesh)
+    assert np.array_equal(ls.read(path).points, mesh.points)
+
+
+def test_points_that_are_equal_but_for_rounding(tmp_path):
+    """One ulp is a distance between points of a cage, and none between those of a surface."""
+    points, faces = zoo.tetrahedron()
+    twice = np.concatenate([points, np.nextafter(points, 2)])
+    mesh = ls.Mesh(twice, np.concatenate([faces, np.add(faces, 4)]))
+    with pytest.warns(UserWarning, match="4 of 8 distinct points become equal"):
+        ls.write(tmp_path / "x.stl", mesh)
+    points, faces, tags = zoo.TAGGED["mixed_pillow"]()
+    pillow = ls.tessellate(ls.LimitSurface(ls.Mesh(points, faces, **tags)), 8)
+    rounded = np.unique(pillow.points.astype(np.float32), axis=0)
+    assert len(rounded) < len(np.unique(pillow.points, axis=0))
+    ls.write(tmp_path / "x.stl", pillow)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".vtp", ".glb"])
@@ -725,21 +783,30 @@ def test_points_of_stl_are_joined(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "data",
+    ("data", "message"),
     [
-        b"solid a\nendsolid a\n",
-        b"solid a\n outer loop\n vertex 0 0 0\n",
-        b"solid a\n outer loop\n vertex 0 0 0\n vertex 1 0 0\n vertex 0 1 0\n endloop\n",
-        bytes(84),
-        bytes(80) + b"\2\0\0\0" + bytes(50),
-        b"solid",
-        b"x" * 200,
+        (b"solid a\nendsolid a\n", "need at least one triangle, got none$"),
+        (b"solid a\n outer loop\n vertex 0 0 0\n", "need 'endsolid' at the end: .* truncated"),
+        (b"solid a\nendsolid a\nsolid b\n vertex 0 0 0\n", "need 'endsolid' .* truncated"),
+        (b"solid", "need 'endsolid' at the end: the file is truncated"),
+        (bytes(84), "need at least one triangle, got none$"),
+        (
+            bytes(80) + b"\2\0\0\0" + bytes(50),
+            "a binary header promises 2 triangles, 184 bytes, got 134: truncated, or no STL file",
+        ),
+        (
+            b"solid".ljust(80) + b"\1\0\0\0" + bytes(51),
+            "a binary header promises 1 triangles, 134 bytes, got 135: this is no STL file",
+        ),
+        (bytes(50), "need a header of 84 bytes, got 50: truncated, or no STL file"),
+        (b"x" * 200, "this is no STL file: need 'solid' at the start of a text, or"),
+        (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n" * 9, "this is no STL file: need 'solid'"),
     ],
 )
-def test_broken_stl(tmp_path, data):
+def test_broken_stl(tmp_path, data, message):
     path = tmp_path / "x.stl"
     path.write_bytes(data)
-    with pytest.raises(ls.MeshError, match=rf"^{re.escape(str(path))}: "):
+    with pytest.raises(ls.MeshError, match=rf"^{re.escape(str(path))}: {message}"):
         ls.read(path)
 
 

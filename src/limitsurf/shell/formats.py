@@ -41,11 +41,6 @@ _BEGINNINGS = {
     ".vtp": (rb"\s*<((?s:.){0,2000}<)?VTKFile\b", "XML with <VTKFile"),
     ".vtu": (rb"\s*<((?s:.){0,2000}<)?VTKFile\b", "XML with <VTKFile"),
     ".vtk": (rb"# vtk DataFile Version \d", "'# vtk DataFile Version'"),
-    # binary, or text that is whole: trimesh takes what there is of it
-    ".stl": (
-        rb"(?is:(?!\s*solid).{84}|.*\0|.*\bendsolid\b)",
-        "a header, or 'solid' and 'endsolid'",
-    ),
     ".glb": (rb"glTF\x02\0\0\0", "'glTF', version 2"),
     ".gltf": (rb"(\xef\xbb\xbf)?\s*\{", "JSON, '{'"),
     ".3mf": (rb"PK\x03\x04", "a ZIP archive, 'PK'"),
@@ -423,6 +418,8 @@ def read_trimesh(name: str, suffix: str, data: bytes, folder: str | None) -> Mes
     except Exception as error:  # of whatever type: trimesh checks little of what it reads
         reason = f"{type(error).__name__}: {error}"[:200]
         raise MeshError(f"{name}: trimesh cannot read it, truncated or broken: {reason}") from None
+    if not any(len(getattr(part, "faces", ())) for part in scene.geometry.values()):
+        raise MeshError(f"{name}: need at least one triangle, got none")
     return from_trimesh(scene, merge=True)
 
 
@@ -445,7 +442,45 @@ def trimesh_bytes(shape: Polygons, suffix: str) -> Iterator[bytes]:
     yield found.encode() if isinstance(found, str) else found
 
 
+def rounded(suffix: str, points: NDArray[np.float64]) -> NDArray[Any]:
+    """Points (V, 3) as a file that trimesh writes keeps them."""
+    if suffix == ".3mf":
+        return points
+    single = points.astype(np.float32)
+    # pycollada's own number of digits
+    return np.char.mod("%.7g", single).astype(np.float64) if suffix == ".dae" else single
+
+
+def _check_stl(name: str, data: bytes) -> None:
+    """Refuse an STL file that is not whole: trimesh takes what there is of it."""
+    size, least = len(data), 84
+    number = int.from_bytes(data[80:84], "little")  # of triangles, of 50 bytes each
+    if size >= least and size == least + 50 * number:
+        return
+    solids = list(re.finditer(rb"(?im)^(\xef\xbb\xbf)?[ \t]*solid\b", data))
+    if b"\0" not in data:
+        if not solids:
+            raise MeshError(
+                f"{name}: this is no STL file: need 'solid' at the start of a text, or a binary "
+                "header"
+            )
+        if not re.search(rb"(?i)\bendsolid\b", data[solids[-1].end() :]):
+            raise MeshError(f"{name}: need 'endsolid' at the end: the file is truncated")
+        return
+    if size < least:
+        raise MeshError(
+            f"{name}: need a header of {least} bytes, got {size}: truncated, or no STL file"
+        )
+    wrong = "truncated, or no STL file" if size < least + 50 * number else "this is no STL file"
+    raise MeshError(
+        f"{name}: a binary header promises {number} triangles, {least + 50 * number} bytes, "
+        f"got {size}: {wrong}"
+    )
+
+
 def _check_beginning(name: str, suffix: str, data: bytes) -> None:
+    if suffix == ".stl":
+        _check_stl(name, data)
     pattern, need = _BEGINNINGS.get(suffix, (b"", ""))
     if not re.match(pattern, data):
         raise MeshError(f"{name}: need {need} at the start: this is no {suffix} file")

@@ -14,15 +14,19 @@ from limitsurf.mesh import Mesh, MeshError
 from limitsurf.shell import formats, obj, plain
 from limitsurf.shell.files import Path, replacing
 from limitsurf.shell.formats import from_pyvista, from_trimesh, to_pyvista, to_trimesh
-from limitsurf.shell.polygons import polygons, warn_of_loss
+from limitsurf.shell.polygons import (
+    float_points,
+    polygons,
+    warn_of_cuts,
+    warn_of_loss,
+    warn_of_rounding,
+)
 
 if TYPE_CHECKING:
     from limitsurf.query import Tessellation
 
 __all__ = ["from_pyvista", "from_trimesh", "read", "to_pyvista", "to_trimesh", "write"]
 
-# formats of single precision, and those of triangles and points alone
-_SINGLE = (".stl", ".glb", ".gltf", ".3mf", ".dae")
 _PARSERS = {".obj": obj.parse, ".ply": plain.parse_ply, ".off": plain.parse_off}
 
 
@@ -55,7 +59,9 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
     Where a format repeats points along the seams of normals and texture coordinates (scenes and all
     of trimesh; PLY and those of VTK and PyVista if there are texture coordinates), points of
     exactly equal coordinates are joined, and triangles dropped that have one of them twice then.
-    Elsewhere points stay as they are in the file.
+    Elsewhere points stay as they are in the file. Formats of triangles hold no other faces: of a
+    cage of quadrilaterals, written by whatever program, they give the triangles that it was cut
+    into, which have another limit surface.
 
     **OBJ.** Positions ``v`` (three coordinates; a weight or a colour after them is ignored), faces
     ``f`` of any size with positive or negative indices, and OpenSubdiv's tags ``t`` (crease,
@@ -139,7 +145,10 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
     is_usd = kind in (*formats.USD, ".usdz")
     if prim is not None and not is_usd:
         raise ValueError(f"{name}: got prim {prim!r}, but only a USD file has some")
-    by_path = is_usd or library == "pyvista"
+    is_path = isinstance(file, (str, bytes, os.PathLike))
+    # USD reads no open file, and takes the format from the name of a path
+    whole = is_usd and not (is_path and os.path.splitext(name)[1].lower() == kind)
+    by_path = (is_usd and not whole) or library == "pyvista"
     folder: str | None = None
     if isinstance(file, (str, bytes, os.PathLike)):
         # of a glTF file the buffers may be files of their own
@@ -148,13 +157,12 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
             data = opened.read(1 if by_path else -1)
     else:
         data = file.read()
-        if is_usd:
-            # USD reads no open file
-            with tempfile.TemporaryDirectory() as place:
-                path = os.path.join(place, f"mesh{kind}")
-                with open(path, "wb") as copy:
-                    copy.write(data)
-                return _usd().read(name, prim, path)  # type: ignore[no-any-return]
+    if whole:
+        with tempfile.TemporaryDirectory() as place:
+            path = os.path.join(place, f"mesh{kind}")
+            with open(path, "wb") as copy:
+                copy.write(data)
+            return _usd().read(name, prim, path)  # type: ignore[no-any-return]
     if is_usd:
         return _usd().read(name, prim, name)  # type: ignore[no-any-return]
     if not data and kind != ".obj":
@@ -189,9 +197,15 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     ``.off``               float64    polygons                                  nothing
     ``.stl``               float32    triangles                                 ``[formats]``
     ``.vtp .vtu .vtk``     float64    polygons, "uv" (float32)                  ``[plot]``
-    ``.glb .gltf .dae``    float32    triangles, "uv"                           ``[formats]``
+    ``.glb .gltf``         float32    triangles, "uv"                           ``[formats]``
+    ``.dae``               7 digits   triangles, "uv"                           ``[formats]``
     ``.3mf``               decimal    triangles                                 ``[formats]``
     =====================  =========  ========================================  ============
+
+    "Triangles" means that larger faces are cut, as those of `Tessellation.triangles` are. To cut
+    those of a cage changes its limit surface, which a warning says. In float32 and in 7 digits,
+    points of a mesh that is small or far from the origin may become equal, which a warning says
+    too.
 
     Of a tessellation all but OFF, STL and 3MF hold the normals and texture coordinates as well. OBJ
     has them by corner, USD too; the other formats by point, of which there are then several at
@@ -235,7 +249,8 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     Warns
     -----
     UserWarning
-        What of a cage or tessellation the format cannot hold.
+        What of a cage or tessellation the format cannot hold; faces of a cage that are cut into
+        triangles; how many distinct points become equal as they are rounded for the file.
 
     Examples
     --------
@@ -253,9 +268,11 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     try:
         if kind == ".obj":
             pieces: Any = obj.statements(x)
-            warn_of_loss(name, x, uv=True, tags=True)
+            warn_of_loss(name, kind, x, uv=True, tags=True)
         elif kind in formats.USD:
             pieces = _usd().pieces(x, kind)
+            points = float_points(x) if isinstance(x, Mesh) else x.points
+            warn_of_rounding(name, kind, x, points, points.astype(np.float32), 3)
         else:
             pieces = _pieces(name, kind, x)
         if not isinstance(file, (str, bytes, os.PathLike)):
@@ -276,9 +293,12 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
 def _pieces(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]:
     """The bytes of a file that holds polygons only."""
     shape = polygons(x, uv=kind in formats.WITH_UV)
-    if kind in _SINGLE and np.abs(shape.points).max() > np.finfo(np.float32).max:
+    if kind in formats.TRIMESH and np.abs(shape.points).max() > np.finfo(np.float32).max:
         raise ValueError(f"a coordinate is beyond float32, in which a file of type {kind} keeps it")
-    warn_of_loss(name, x, uv=kind in formats.WITH_UV)
+    warn_of_loss(name, kind, x, uv=kind in formats.WITH_UV)
+    if kind in formats.TRIMESH:
+        warn_of_cuts(name, kind, x)
+        warn_of_rounding(name, kind, x, shape.points, formats.rounded(kind, shape.points), 4)
     if kind in (".off", ".ply"):
         return plain.off(shape) if kind == ".off" else plain.ply(shape.split())
     return formats.vtk(shape, kind) if kind in formats.VTK else formats.trimesh_bytes(shape, kind)

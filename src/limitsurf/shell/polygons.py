@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -70,7 +69,9 @@ def polygons(x: Mesh | Tessellation, *, uv: bool = True) -> Polygons:
     return Polygons(points, x.sizes, x.indices, normals, rows, kept)
 
 
-def warn_of_loss(name: str, x: Mesh | Tessellation, *, uv: bool, tags: bool = False) -> None:
+def warn_of_loss(
+    name: str, kind: str, x: Mesh | Tessellation, *, uv: bool, tags: bool = False
+) -> None:
     """Warn of all that a file of polygons, texture coordinates or tags cannot hold."""
     kept = texture(x) if uv else None
     lost = [f"channel {name!r}" for name in x.channels if name != kept]
@@ -80,9 +81,38 @@ def warn_of_loss(name: str, x: Mesh | Tessellation, *, uv: bool, tags: bool = Fa
         choices = ("boundary", "creasing", "triangles")
         lost += [choice for choice in choices if getattr(x, choice) is not None]
     if lost:
-        suffix = os.path.splitext(name)[1]
-        text = f"{name}: a file of type {suffix} cannot hold everything, left out: "
+        text = f"{name}: a file of type {kind} cannot hold everything, left out: "
         warnings.warn(text + ", ".join(lost), stacklevel=3 if tags else 4)
+
+
+def warn_of_cuts(name: str, kind: str, x: Mesh | Tessellation) -> None:
+    """Warn of faces of a cage that a file of triangles cannot hold."""
+    cut = int((x.sizes > 3).sum()) if isinstance(x, Mesh) else 0
+    if cut:
+        text = f"{name}: a file of type {kind} holds triangles only: faces of more than 3 corners, "
+        text += f"{cut} of {len(x.sizes)}, are cut, which changes the limit surface of the cage"
+        warnings.warn(text, stacklevel=4)
+
+
+def warn_of_rounding(
+    name: str,
+    kind: str,
+    x: Mesh | Tessellation,
+    points: NDArray[np.float64],
+    kept: NDArray[Any],
+    stacklevel: int,
+) -> None:
+    """Warn of points (V, 3) that differ, but not as a file keeps them, `kept` (V, 3)."""
+    first, number = merged(kept)
+    apart = np.abs(points - points[first[number]]).max(axis=1)
+    # where pieces of a surface touch, points differ by the rounding of their evaluation
+    ulps = 0 if isinstance(x, Mesh) else 4
+    lost = points[apart > ulps * np.finfo(np.float64).eps * np.abs(points).max()]
+    if len(lost):
+        count = len(merged(lost)[0])
+        text = f"{name}: {count} of {len(first) + count} distinct points become equal to others, "
+        text += f"rounded as in a file of type {kind}: .obj, .ply and .vtp keep float64"
+        warnings.warn(text, stacklevel=stacklevel)
 
 
 def merged(points: NDArray[Any]) -> tuple[IntArray, IntArray]:
