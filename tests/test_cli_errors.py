@@ -586,3 +586,12 @@ def test_tables_without_colours(cage):
     assert code == 0
     assert "limit error" in text
     assert "\x1b" not in text
+
+
+@pytest.mark.parametrize("asked", [["--grid", "1000000000"], ["--random", "1000000000000000"]])
+def test_answers_that_find_no_room_are_refused_at_once(asked, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ls.write("cage.obj", ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]]))
+    text = fail("evaluate", "cage.obj", *asked, "-o", "a.npz")
+    assert text.startswith("a.npz: needs more than")
+    assert os.listdir() == ["cage.obj"]

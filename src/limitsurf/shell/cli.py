@@ -198,6 +198,8 @@ def evaluate(
         threads = workers if scheduler is None else 1
         question = formats.Question(order, normals, channels, threads)
         on_screen = not to_file and sys.stdout is not None and sys.stdout.isatty()
+        if to_file:  # a byte for each number, at the very least
+            files.check_room(output, (asked.total or 0) * (6 + 3 * order + 3 * normals))
         count = 0
         with terminal.counting("evaluating", asked.total, on_screen) as done:
             if scheduler is not None:

@@ -45,6 +45,16 @@ def check_target(path: str | os.PathLike[str]) -> None:
         check_folder(os.path.dirname(os.path.realpath(path)))
 
 
+def check_room(path: str | os.PathLike[str], size: int) -> None:
+    """Refuse early, by an OSError, a file of at least so many bytes that finds no room."""
+    if _is_device(path):
+        return
+    free = shutil.disk_usage(os.path.dirname(os.path.realpath(path))).free
+    if size > free:
+        text = f"needs more than {size:.2g} bytes, and {free:.2g} are free: ask for less"
+        raise OSError(errno.ENOSPC, text, os.fspath(path))
+
+
 def check_folder(folder: str) -> None:
     """Refuse, by an OSError, a directory in which no file can be made."""
     if not os.path.isdir(folder):
