@@ -18,7 +18,7 @@ import pytest
 import zoo
 
 import limitsurf as ls
-from limitsurf import tables
+from limitsurf import _kernels, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.patches import REGULAR
 
@@ -1131,9 +1131,18 @@ def test_repr():
     assert text == "<LimitSurface of 12 limit faces over 4 vertices, catmull-clark>"
 
 
+@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.skipif(not SHARED_CAGES.is_dir(), reason="these cages are not part of the package")
-def test_values_that_refinement_never_parts_are_refused():
+def test_values_on_faces_that_repeat_a_vertex(compiled, monkeypatch):
+    monkeypatch.setattr(_kernels, "_always", compiled)
+    monkeypatch.setattr(_kernels, "_PAYS", 0 if compiled else 10**18)
     surface = ls.LimitSurface(ls.read(SHARED_CAGES / "catmark_nonman_edges.obj"))
-    assert np.isfinite(surface.evaluate(0, 0.5, 0.5)).all()
-    with pytest.raises(NotImplementedError, match="channel 'uv': 14 refinements leave"):
-        surface.evaluate(0, 0.5, 0.5, channel="uv")
+    table = ls.validate(surface.of_channel("uv"), 3)
+    assert table["limit_error"].max() < 1e-15
+    np.testing.assert_allclose(table["order"], 2, atol=0.01)
+
+
+def test_patches_that_refinement_never_parts_are_refused(monkeypatch):
+    monkeypatch.setattr("limitsurf.patches._DEEPEST", 1)
+    with pytest.raises(NotImplementedError, match="1 refinements leave faces"):
+        ls.LimitSurface(ls.Mesh(*zoo.single_face(5), corners={0: 3.5}))

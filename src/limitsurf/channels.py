@@ -49,7 +49,7 @@ class ChannelMesh(Mesh):
         key, value = np.unique(mesh.indices * len(rows) + corner_rows, return_inverse=True)
         vertex, row = np.divmod(key, len(rows))
         holes = np.flatnonzero(rules.without_limit(mesh))
-        known = {"separate": mesh.separate}
+        known = {"separate": mesh.separate, "_repeats": mesh._repeats}
         result = cls._from_valid(rows[row], mesh.sizes, value, known, holes=holes)
         # what boundary="none" leaves without a limit are holes here: seams leave nothing
         result._base, result._rules = rules, replace(rules, boundary="edge_only")

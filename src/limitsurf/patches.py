@@ -92,10 +92,8 @@ class PatchTable:
             mesh, depth = level.mesh, depth + 1
             if depth > _DEEPEST:
                 raise NotImplementedError(
-                    f"{_DEEPEST} refinements leave faces with several special corners: where "
-                    "different edges join the same two vertices, or the same two values of a "
-                    "channel, as in faces that repeat a vertex, the limit is not evaluated; make "
-                    "these faces holes"
+                    f"{_DEEPEST} refinements leave faces with several special corners: their "
+                    "limit is not evaluated"
                 )
             level = level.of_faces(self._add_smooth(level))
             if len(level.faces) == 0:

@@ -236,7 +236,7 @@ class LimitSurface:
         ValueError
             For a channel that the mesh does not have.
         NotImplementedError
-            For values of which different edges share both ends, as in faces that repeat a vertex.
+            As for the surface itself.
 
         Examples
         --------
