@@ -752,6 +752,15 @@ def _is_infinite_float(value: Any) -> bool:
     return isinstance(value, (float, np.floating)) and not math.isfinite(value)
 
 
+def checked_integer(name: str, value: Any, least: int | None = None) -> int:
+    """The value of an argument, which must be an integer, at least so large."""
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not whole or (least is not None and value < least):
+        need = "" if least is None else f" >= {least}"
+        raise ValueError(f"{name} must be an integer{need}, got {value!r}")
+    return int(value)
+
+
 def _integers(values: Any, what: str) -> IntArray:
     """A copy of ``values`` as int64; an empty list, whose type numpy cannot know, passes."""
     try:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.caching import cached_property
-from limitsurf.mesh import Mesh
+from limitsurf.mesh import Mesh, checked_integer
 from limitsurf.patches import NO_LIMIT
 from limitsurf.refine import refined
 from limitsurf.surface import LimitSurface
@@ -61,8 +61,7 @@ def validate(surface: LimitSurface, levels: int) -> NDArray[Any]:
     >>> table["level"].tolist(), bool((table["limit_error"] < 1e-15).all())
     ([1, 2, 3], True)
     """
-    if isinstance(levels, bool) or not isinstance(levels, (int, np.integer)) or levels < 1:
-        raise ValueError(f"levels must be an integer >= 1, got {levels!r}")
+    levels = checked_integer("levels", levels, 1)
     if not isinstance(surface, LimitSurface):
         raise TypeError(f"validate needs a LimitSurface, got {type(surface).__name__}")
     if surface.points.dtype == object:
@@ -380,15 +379,14 @@ def tessellate(
     >>> corners.shape
     (192, 3, 3)
     """
-    if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
-        raise ValueError(f"n must be an integer >= 1, got {n!r}")
+    n = checked_integer("n", n, 1)
     if not isinstance(surface, LimitSurface):
         raise TypeError(f"tessellate needs a LimitSurface, got {type(surface).__name__}")
     if surface.points.shape[1:] != (3,):
         raise ValueError(f"got points of shape {surface.points.shape}, need (n_vertices, 3)")
     if surface.points.dtype == object:
         raise TypeError("polygons need float64 points, these are exact: convert them first")
-    sites = _Sites(surface, int(n))
+    sites = _Sites(surface, n)
     corners, sizes = sites.corners()
     number, place = sites.welded(surface.mesh)
     at = sites.places(place)

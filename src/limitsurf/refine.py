@@ -14,7 +14,7 @@ from limitsurf import _kernels, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
-from limitsurf.mesh import Mesh, read_only
+from limitsurf.mesh import Mesh, checked_integer, read_only
 from limitsurf.rules import PENDING, Rules, Sectors, Sharpness
 from limitsurf.topology import (
     MeshPart,
@@ -672,8 +672,7 @@ def refined(
     >>> fine.points[4:].tolist()
     [[2.0, 0.0], [0.0, 2.0], [4.0, 2.0], [2.0, 4.0], [2.0, 2.0]]
     """
-    if isinstance(levels, bool) or not isinstance(levels, (int, np.integer)) or levels < 0:
-        raise ValueError(f"levels must be an integer >= 0, got {levels!r}")
+    levels = checked_integer("levels", levels, 0)
     rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
     dtype = mesh.points.dtype
     points = mesh.points.reshape(mesh.n_vertices, -1)

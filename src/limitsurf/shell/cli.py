@@ -532,8 +532,6 @@ def plot(
     from limitsurf.shell import picture
 
     picture.check_target(output, None, picture.SceneDrawing.suffixes)
-    if output is not None:
-        files.check_target(output)
     surface = cage.surface(() if channel is None else (channel,))
     faces = len(surface.limit_faces)
     refuse_beyond_memory(faces * (quads or 1) ** 2, 250, "quads")

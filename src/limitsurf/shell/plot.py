@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.mesh import checked_integer
 from limitsurf.query import validate
 from limitsurf.shell import charts
 from limitsurf.shell import picture as pictures
@@ -163,8 +164,8 @@ def plot(
     >>> ls.plot(surface, "cube.html", scalars=lambda face, u, v: u * v)  # doctest: +SKIP
     """
     pictures.check_target(file, off_screen, pictures.SceneDrawing.suffixes)
-    n = None if n is None else _integer("n", n, 1)
-    isolines = _integer("isolines", isolines, 0)
+    n = None if n is None else checked_integer("n", n, 1)
+    isolines = checked_integer("isolines", isolines, 0)
     if isinstance(scalars, str) and scalars not in (*CURVATURES, "zebra"):
         known = ", ".join(map(repr, [*CURVATURES, "zebra"]))
         raise ValueError(f"scalars must be one of {known}, a function or an array, got {scalars!r}")
@@ -264,8 +265,12 @@ def plot_characteristic_map(
             f"give either valence, or kind and faces; got {valence!r}, {kind!r} and {faces!r}"
         )
     pictures.check_target(file, off_screen, charts.ChartDrawing.suffixes)
-    isolines, rings = _integer("isolines", isolines, 0), _integer("rings", rings, 0)
-    fan = _fan(scheme, valence) if kind is None else Fan(scheme, kind, _integer("faces", faces, 1))
+    isolines, rings = checked_integer("isolines", isolines, 0), checked_integer("rings", rings, 0)
+    fan = (
+        _fan(scheme, valence)
+        if kind is None
+        else Fan(scheme, kind, checked_integer("faces", faces, 1))
+    )
     fan.characteristic_map()  # says now what there is not
     draw = partial(charts.draw_characteristic_map, fan=fan, isolines=isolines, rings=rings)
     return _chart(draw, window_size, file, off_screen)
@@ -329,7 +334,7 @@ def plot_eigenfunctions(
     kinds = charts.ChartDrawing if which is None else pictures.SceneDrawing
     pictures.check_target(file, off_screen, kinds.suffixes)
     size = _checked_size(window_size)
-    which = None if which is None else _integer("which", which)
+    which = None if which is None else checked_integer("which", which)
     fan = _fan(scheme, valence)
     plane = fan.characteristic_map()
     plane = plane / np.hypot(*plane[fan.number[:, :2, :2]].reshape(-1, 2).T).max()
@@ -450,16 +455,7 @@ def _chart(
 
 
 def _fan(scheme: str | Scheme, valence: Any) -> Fan:
-    return Fan(scheme, "interior", _integer("valence", valence, 3))
-
-
-def _integer(name: str, value: Any, least: int | None = None) -> int:
-    """The value of an argument, which must be an integer, at least so large."""
-    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if not whole or (least is not None and value < least):
-        need = "" if least is None else f" >= {least}"
-        raise ValueError(f"{name} must be an integer{need}, got {value!r}")
-    return int(value)
+    return Fan(scheme, "interior", checked_integer("valence", valence, 3))
 
 
 def _checked_size(window_size: Any) -> tuple[int, int]:
@@ -468,7 +464,7 @@ def _checked_size(window_size: Any) -> tuple[int, int]:
     except (TypeError, ValueError):
         need = "window_size must be two integers, width and height in pixels"
         raise ValueError(f"{need}, got {window_size!r}") from None
-    return _integer("window_size[0]", width, 1), _integer("window_size[1]", height, 1)
+    return checked_integer("window_size[0]", width, 1), checked_integer("window_size[1]", height, 1)
 
 
 def _checked_limits(limits: Any) -> tuple[float, float]:
