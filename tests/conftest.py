@@ -4,11 +4,15 @@
 turn them red (test_wicked.py). ``pytest --cages=N`` judges the accuracy on N random cages,
 ``pytest --tagged=N`` tries every property of creases on N random tagged ones.
 ``pytest --hypothesis-profile=search`` tries new examples instead of the same ones every time.
+``pytest --shuffle=SEED`` runs the files, and the tests of each, in another order.
 """
 
 import copy
 import os
+import random
+import signal
 import tempfile
+from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any
 
@@ -16,7 +20,7 @@ import pytest
 import zoo
 from hypothesis import settings
 
-from limitsurf import tables
+from limitsurf import _kernels, tables
 from limitsurf.rules import Sharpness
 
 settings.register_profile("search", deadline=None)
@@ -77,15 +81,44 @@ WICKED_RULES = {
 }
 
 
+class Alike:
+    """Every test, doctests included, starts from the same state, whichever ran before it."""
+
+    engine = _kernels._always, _kernels._PAYS
+
+    @pytest.fixture(autouse=True)
+    def engine_of_a_new_process(self) -> Iterator[None]:
+        """Kernels answer large calls only: what a test chooses ends with it."""
+        yield
+        _kernels._always, _kernels._PAYS = Alike.engine
+
+    @pytest.fixture(autouse=True)
+    def default_signals(self) -> Iterator[None]:
+        """A suite in the background ignores some signals; tests and their children do not."""
+        before = {}
+        if hasattr(signal, "SIGHUP"):
+            defaults = {
+                signal.SIGINT: signal.default_int_handler,
+                signal.SIGHUP: signal.SIG_DFL,
+                signal.SIGTERM: signal.SIG_DFL,
+            }
+            before = {number: signal.signal(number, way) for number, way in defaults.items()}
+        yield
+        for number, way in before.items():
+            signal.signal(number, way)
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--wicked", choices=[*WICKED, *WICKED_RULES], help="test a wrong mask or rule")
     parser.addoption("--cages", type=int, default=62, help="random cages to judge accuracy on")
     parser.addoption("--tagged", type=int, default=zoo.EXAMPLES, help="random tagged cages")
+    parser.addoption("--shuffle", metavar="SEED", help="run files and their tests in another order")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Give all processes of the run one empty table cache; the user's own is left alone."""
     os.environ["PYVISTA_OFF_SCREEN"] = "true"
+    config.pluginmanager.register(Alike())  # fixtures of a conftest.py are for its folder alone
     zoo.EXAMPLES = config.getoption("tagged")
     if not hasattr(config, "workerinput"):  # workers inherit the environment of the controller
         cache = tempfile.TemporaryDirectory(prefix="limitsurf-tests-")
@@ -100,3 +133,14 @@ def pytest_configure(config: pytest.Config) -> None:
         tables.SCHEMES["catmull-clark"] = scheme
     elif wicked:
         WICKED_RULES[wicked]()
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Shuffle files, and tests within each, alike in all processes."""
+    if seed := config.getoption("shuffle"):
+        chance = random.Random(seed)
+        places = sorted({item.path for item in items})
+        chance.shuffle(places)
+        order = {path: place for place, path in enumerate(places)}
+        chance.shuffle(items)
+        items.sort(key=lambda item: order[item.path])

@@ -50,8 +50,8 @@ def compiled(items: int) -> bool:
     Examples
     --------
     >>> from limitsurf import _kernels
-    >>> _kernels.compiled(1000)
-    False
+    >>> _kernels.compiled(100_000)
+    True
     """
     if not _always and items < _PAYS:
         return False

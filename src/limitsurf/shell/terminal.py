@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import json
+import logging
 import os
 import signal
 import sys
@@ -62,8 +63,10 @@ def orderly() -> Iterator[None]:
     SIGTERM and SIGHUP become a `SystemExit` with 128 plus their number, so that temporary files go
     with it. A KeyboardInterrupt that a library swallows, being in a callback, comes once more. What
     the standard output cannot encode is escaped. Descriptors 0 to 2, if closed, are occupied: else
-    the next file opened would be written as the standard output.
+    the next file opened would be written as the standard output. Matplotlib's notes on its cache of
+    fonts, which a new machine fills and a full disk cannot hold, concern nobody.
     """
+    logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     for standard in range(3):
         try:
             os.fstat(standard)
