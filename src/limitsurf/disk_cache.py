@@ -13,6 +13,7 @@ computed again and replaced, what cannot be kept or trusted is said once in a wa
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import io
 import json
@@ -116,7 +117,7 @@ def _make(directory: Path, mode: int) -> None:
         directory.mkdir(mode)
     except FileExistsError:  # another process was sooner, or something is in the way
         if not directory.is_dir():
-            raise
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR)) from None
 
 
 # --- trust ----------------------------------------------------------------------------------------
@@ -197,15 +198,12 @@ def _is_unmapped() -> bool:
     return not any(first <= _UNMAPPED < first + count for first, _, count in ranges)
 
 
-@lru_cache(maxsize=1)
-def _said() -> list[str]:
-    """What the user has been warned of: one thing in a process."""
-    return []
+_said: list[str] = []  # what the user has been warned of, one thing in a process
 
 
 def _warn_once(what: str) -> None:
-    if not _said():
-        _said().append(what)
+    if not _said:
+        _said.append(what)
         warnings.warn(
             f"{what}. What is not in a cache, each process derives and compiles anew; "
             "LIMITSURF_CACHE_DIR names another place",

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from limitsurf import disk_cache
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
-from limitsurf.disk_cache import Formats
+from limitsurf.disk_cache import Formats, cache_directory
 from limitsurf.exact.catmull_clark import CATMULL_CLARK
 from limitsurf.exact.creases import CHAIKIN, INFINITE, POWERS
 from limitsurf.exact.matrices import KINDS as KINDS
@@ -321,7 +321,7 @@ def _stored(
 
     Also whether they are from the cache. If `derived`, no file is believed.
     """
-    name, top = _file_name(key), disk_cache.cache_directory()
+    name, top = _file_name(key), cache_directory()
     arrays, cached = None, False
     if not derived:
         with suppress(OSError):  # not shipped
