@@ -12,6 +12,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
+import platformdirs
 import pytest
 
 import limitsurf as ls
@@ -33,11 +34,11 @@ def top(tmp_path, monkeypatch):
 
 
 def read(top, name="file"):
-    return disk_cache.read(top / name, top, 100)
+    return disk_cache.read(name, 100, str(top))
 
 
 def write(top, name="file", content=CONTENT):
-    disk_cache.write(top / name, top, content)
+    disk_cache.write(name, content, str(top))
 
 
 def warned(*words):
@@ -257,6 +258,20 @@ def test_disks_that_take_nothing(top, monkeypatch, number, step):
     assert read(top) == CONTENT
 
 
+def test_users_without_a_home(monkeypatch):
+    """As those of containers may be."""
+
+    def missing(_):
+        raise RuntimeError("could not determine the home directory")
+
+    monkeypatch.delenv("LIMITSURF_CACHE_DIR", raising=False)
+    monkeypatch.setattr(disk_cache, "_said", [])
+    monkeypatch.setattr(platformdirs, "user_cache_dir", missing)
+    assert disk_cache.read("file", 100) is None
+    with warned("nothing can be kept in the cache", "no home directory"):
+        disk_cache.write("file", CONTENT)
+
+
 # --- compiled kernels -----------------------------------------------------------------------------
 
 
@@ -291,7 +306,7 @@ def compiled(tmp_path_factory):
 def kept(top, compiled):
     """The same at `top`: where the kernel is."""
     path, content = compiled
-    disk_cache.write(top / path, top, content)
+    disk_cache.write(str(path), content)
     return top / path
 
 

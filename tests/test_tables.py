@@ -20,7 +20,7 @@ import platformdirs
 import pytest
 
 import limitsurf as ls
-from limitsurf import tables
+from limitsurf import disk_cache, tables
 from limitsurf.exact.fixed import BITS
 from limitsurf.exact.matrices import Sector
 from limitsurf.exact.spectrum import dense_basis, spectrum
@@ -348,7 +348,7 @@ def test_default_directory_is_the_users(monkeypatch, tmp_path, named):
     else:
         monkeypatch.setenv("LIMITSURF_CACHE_DIR", named)
     monkeypatch.setattr(platformdirs, "user_cache_dir", lambda name: str(tmp_path / name))
-    assert tables.cache_directory() == tmp_path / "limitsurf"
+    assert disk_cache.cache_directory() == tmp_path / "limitsurf"
 
 
 def test_named_directory_is_made_with_its_parents(monkeypatch, tmp_path):

@@ -42,23 +42,29 @@ for _flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC", "O_BINARY"):
 
 
 def cache_directory() -> Path:
-    """The cache directory: ``LIMITSURF_CACHE_DIR``, else the user's."""
+    """The cache directory: ``LIMITSURF_CACHE_DIR``, else the user's; OSError if there is none."""
     named = os.environ.get("LIMITSURF_CACHE_DIR")
     if named:
         return Path(named)
     import platformdirs
 
-    return Path(platformdirs.user_cache_dir("limitsurf"))
-
-
-def read(path: Path, top: Path, most: int) -> bytes | None:
-    """Return what a file below the cache directory `top` holds; None if there is none to trust.
-
-    A file of more than `most` bytes is none of ours.
-    """
-    what = f"the cache in {top}"
     try:
-        _check_place(path.parent, top)
+        return Path(platformdirs.user_cache_dir("limitsurf"))
+    except RuntimeError as error:  # as in containers, for users whom these do not know
+        raise FileNotFoundError(errno.ENOENT, "no home directory") from error
+
+
+def read(name: str, most: int, top: str | None = None) -> bytes | None:
+    """Return what a file in the cache holds; None if there is none, or none to be trusted.
+
+    A file of more than `most` bytes is none of ours. `top` is another directory than
+    `cache_directory`.
+    """
+    what = "the cache"
+    try:
+        directory = Path(top) if top else cache_directory()
+        what, path = f"the cache in {directory}", directory / name
+        _check_place(path.parent, directory)
         what = f"{path} in the cache"
         if not stat.S_ISREG(os.lstat(path).st_mode):  # opening a device may do something
             return None
@@ -75,22 +81,24 @@ def read(path: Path, top: Path, most: int) -> bytes | None:
     return None
 
 
-def write(path: Path, top: Path, content: bytes) -> None:
-    """Write a file below the cache directory `top`, making directories on the way.
+def write(name: str, content: bytes, top: str | None = None) -> None:
+    """Write a file in the cache, making directories on the way; a warning says why if it cannot be.
 
-    A warning says why if that cannot be done. New directories are the user's alone; those inside
-    the cache are open to whom it is open.
+    New directories are the user's alone; those inside the cache are open to whom it is open.
     """
+    what = "the cache"
     try:
-        _make(top, 0o700)
-        _check_place(top, top)
-        _make(path.parent, stat.S_IMODE(os.stat(top).st_mode) & 0o755)
-        _check_place(path.parent, top)
+        directory = Path(top) if top else cache_directory()
+        what, path = f"the cache in {directory}", directory / name
+        _make(directory, 0o700)
+        _check_place(directory, directory)
+        _make(path.parent, stat.S_IMODE(os.stat(directory).st_mode) & 0o755)
+        _check_place(path.parent, directory)
         replace(path, content)
     except _Untrusted as reason:
-        _warn_once(f"the cache in {top} is not used: {reason}")
+        _warn_once(f"{what} is not used: {reason}")
     except OSError as error:
-        _warn_once(f"nothing can be kept in the cache in {top} ({error.strerror or error})")
+        _warn_once(f"nothing can be kept in {what} ({error.strerror or error})")
 
 
 def replace(path: Path, content: bytes) -> None:

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from limitsurf import disk_cache
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
-from limitsurf.disk_cache import Formats, cache_directory
+from limitsurf.disk_cache import Formats
 from limitsurf.exact.catmull_clark import CATMULL_CLARK
 from limitsurf.exact.creases import CHAIKIN, INFINITE, POWERS
 from limitsurf.exact.matrices import KINDS as KINDS
@@ -321,18 +321,17 @@ def _stored(
 
     Also whether they are from the cache. If `derived`, no file is believed.
     """
-    name, top = _file_name(key), cache_directory()
-    arrays, cached = None, False
+    name, arrays, cached = _file_name(key), None, False
     if not derived:
         with suppress(OSError):  # not shipped
             arrays = disk_cache.decoded((SHIPPED / name).read_bytes(), key, formats)
     if not derived and arrays is None:
-        content = disk_cache.read(top / name, top, disk_cache.most_bytes(formats))
+        content = disk_cache.read(name, disk_cache.most_bytes(formats))
         arrays = None if content is None else disk_cache.decoded(content, key, formats)
         cached = arrays is not None
     if arrays is None:
         arrays = derive()
-        disk_cache.write(top / name, top, disk_cache.encoded(arrays, key, formats))
+        disk_cache.write(name, disk_cache.encoded(arrays, key, formats))
     for array in arrays.values():
         array.flags.writeable = False
     return arrays, cached

@@ -73,7 +73,9 @@ class _Cache(NullCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled kernel; None if it is to be compiled."""
         target_context.refresh()
-        content = disk_cache.read(*self._place(sig, target_context.codegen()), most=_MOST)
+        content = disk_cache.read(
+            self._file(sig, target_context.codegen()), _MOST, numba.config.CACHE_DIR
+        )
         if content is None or sha256(content[32:]).digest() != content[:32]:
             return None
         try:
@@ -86,13 +88,13 @@ class _Cache(NullCache):  # type: ignore[misc]
         if data.library.has_dynamic_globals:  # addresses in this process
             return
         content = dumps(data._reduce())
-        disk_cache.write(*self._place(sig, data.codegen), sha256(content).digest() + content)
+        content = sha256(content).digest() + content
+        disk_cache.write(self._file(sig, data.codegen), content, numba.config.CACHE_DIR)
 
-    def _place(self, sig: Any, codegen: Any) -> tuple[Path, Path]:
-        """The file, and the cache directory that it is in."""
+    def _file(self, sig: Any, codegen: Any) -> str:
+        """Where in the cache."""
         key = sha256(repr((sig, codegen.magic_tuple())).encode()).hexdigest()[:32]
-        top = Path(numba.config.CACHE_DIR or disk_cache.cache_directory())
-        return top / "kernels" / _sources() / f"{self._name}-{key}.nbc", top
+        return f"kernels/{_sources()}/{self._name}-{key}.nbc"
 
 
 @cache
