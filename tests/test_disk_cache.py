@@ -320,6 +320,12 @@ def test_kernels_are_kept_by_signature_and_name(top, kept):
     assert [path for path in top.rglob("*") if path.is_file() and path.suffix != ".nbc"] == []
 
 
+def test_kernels_of_one_name_are_told_apart(top):
+    kernels = [jit.lean(eval(f"lambda x: x[0] + {k}")) for k in range(2)]
+    assert [kernel(np.arange(4.0)) for kernel in kernels] == [0, 1]
+    assert len(list(top.rglob("*.nbc"))) == 2
+
+
 class Bomb:
     """Leaves a trace when it is unpickled."""
 
@@ -330,26 +336,33 @@ class Bomb:
         return Path.touch, (self.trace,)
 
 
+def signed(path, content):
+    """With the digest that goes with it."""
+    name = "/".join(path.parts[-3:])
+    return sha256(name.encode() + content).digest() + content
+
+
 DAMAGE = {
-    "empty": lambda right, bomb: b"",
-    "half a digest": lambda right, bomb: right[:20],
-    "digest alone": lambda right, bomb: right[:32],
-    "truncated": lambda right, bomb: right[: len(right) // 2],
-    "zeroed": lambda right, bomb: bytes(len(right)),
-    "zeroed start": lambda right, bomb: bytes(200) + right[200:],
-    "a bit": lambda right, bomb: right[:-500] + bytes([right[-500] ^ 1]) + right[-499:],
-    "longer": lambda right, bomb: right + b"more",
-    "foreign pickle": lambda right, bomb: bomb,
-    "foreign pickle behind": lambda right, bomb: right[:32] + bomb,
-    "another object": lambda right, bomb: sha256(pickle.dumps(7)).digest() + pickle.dumps(7),
-    "a missing module": lambda right, bomb: sha256(b"cnowhere\nx\n.").digest() + b"cnowhere\nx\n.",
+    "empty": lambda path, bomb: b"",
+    "half a digest": lambda path, bomb: path.read_bytes()[:20],
+    "digest alone": lambda path, bomb: path.read_bytes()[:32],
+    "truncated": lambda path, bomb: path.read_bytes()[:3000],
+    "zeroed": lambda path, bomb: bytes(5000),
+    "zeroed start": lambda path, bomb: bytes(200) + path.read_bytes()[200:],
+    "a bit": lambda path, bomb: path.read_bytes()[:-1] + bytes([path.read_bytes()[-1] ^ 1]),
+    "longer": lambda path, bomb: path.read_bytes() + b"more",
+    "foreign pickle": lambda path, bomb: bomb,
+    "foreign pickle behind": lambda path, bomb: path.read_bytes()[:32] + bomb,
+    "another kernel": lambda path, bomb: signed(path.with_name("other"), path.read_bytes()[32:]),
+    "another object": lambda path, bomb: signed(path, pickle.dumps(7)),
+    "a missing module": lambda path, bomb: signed(path, b"cnowhere\nx\n."),
 }
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_damaged_kernels_are_compiled_again_and_replaced(kept, tmp_path, damage):
     trace = tmp_path / "trace"
-    kept.write_bytes(DAMAGE[damage](kept.read_bytes(), pickle.dumps(Bomb(trace))))
+    kept.write_bytes(DAMAGE[damage](kept, pickle.dumps(Bomb(trace))))
     assert not loaded()
     assert not trace.exists()
     assert loaded()
@@ -373,8 +386,7 @@ def test_something_else_in_place_of_a_kernel(kept, kind):
 @posix
 def test_kernels_of_a_cache_that_others_may_write(top, kept, tmp_path):
     """Code is taken from nobody, not even with the right digest."""
-    bomb = pickle.dumps(Bomb(tmp_path / "trace"))
-    kept.write_bytes(sha256(bomb).digest() + bomb)
+    kept.write_bytes(signed(kept, pickle.dumps(Bomb(tmp_path / "trace"))))
     top.chmod(0o777)
     with warned("is not used", "everybody") as record:
         assert not loaded()

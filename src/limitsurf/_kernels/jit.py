@@ -61,22 +61,25 @@ def _cached(function: F, options: dict[str, Any]) -> F:
 class _Cache(NullCache):  # type: ignore[misc]
     """Machine code of one kernel on disk, in place of Numba's own cache: a file for each signature.
 
-    A file is what follows its SHA-256, a pickle: that and the machine code are taken from nobody
-    who is not trusted (see `disk_cache`), and never if damaged. Numba's own would take both from
-    anybody, stop at damaged files and full disks, and not read where it cannot write.
+    A file is a SHA-256 of its name and of what follows, a pickle: that and the machine code are
+    taken from nobody who is not trusted (see `disk_cache`), and never if damaged. Numba's own would
+    take both from anybody, stop at damaged files and full disks, and not read where it cannot
+    write.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
         code = function.__code__
-        self._name = f"{Path(code.co_filename).stem}.{function.__qualname__}-{code.co_firstlineno}"
+        name = f"{Path(code.co_filename).stem}.{function.__qualname__}-{code.co_firstlineno}"
+        self._name = "".join(c for c in name if c not in "<>")  # which some systems do not allow
+        constants = [x for x in code.co_consts if not hasattr(x, "co_code")]
+        self._code = code.co_code, constants, code.co_names
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled kernel; None if it is to be compiled."""
         target_context.refresh()
-        content = disk_cache.read(
-            self._file(sig, target_context.codegen()), _MOST, numba.config.CACHE_DIR
-        )
-        if content is None or sha256(content[32:]).digest() != content[:32]:
+        name = self._file(sig, target_context.codegen())
+        content = disk_cache.read(name, _MOST, numba.config.CACHE_DIR)
+        if content is None or content[:32] != _digest(name, content[32:]):
             return None
         try:
             return CompileResult._rebuild(target_context, *pickle.loads(content[32:]))
@@ -87,14 +90,17 @@ class _Cache(NullCache):  # type: ignore[misc]
         """Keep a compiled kernel, where that is possible."""
         if data.library.has_dynamic_globals:  # addresses in this process
             return
-        content = dumps(data._reduce())
-        content = sha256(content).digest() + content
-        disk_cache.write(self._file(sig, data.codegen), content, numba.config.CACHE_DIR)
+        name, content = self._file(sig, data.codegen), dumps(data._reduce())
+        disk_cache.write(name, _digest(name, content) + content, numba.config.CACHE_DIR)
 
     def _file(self, sig: Any, codegen: Any) -> str:
         """Where in the cache."""
-        key = sha256(repr((sig, codegen.magic_tuple())).encode()).hexdigest()[:32]
+        key = sha256(repr((sig, codegen.magic_tuple(), self._code)).encode()).hexdigest()[:32]
         return f"kernels/{_sources()}/{self._name}-{key}.nbc"
+
+
+def _digest(name: str, content: bytes) -> bytes:
+    return sha256(name.encode() + content).digest()
 
 
 @cache
