@@ -20,7 +20,7 @@ import platformdirs
 import pytest
 
 import limitsurf as ls
-from limitsurf import tables
+from limitsurf import disk_cache, tables
 from limitsurf.exact.fixed import BITS
 from limitsurf.exact.matrices import Sector
 from limitsurf.exact.spectrum import dense_basis, spectrum
@@ -348,7 +348,7 @@ def test_default_directory_is_the_users(monkeypatch, tmp_path, named):
     else:
         monkeypatch.setenv("LIMITSURF_CACHE_DIR", named)
     monkeypatch.setattr(platformdirs, "user_cache_dir", lambda name: str(tmp_path / name))
-    assert tables.cache_directory() == tmp_path / "limitsurf"
+    assert disk_cache.cache_directory() == tmp_path / "limitsurf"
 
 
 def test_named_directory_is_made_with_its_parents(monkeypatch, tmp_path):
@@ -670,6 +670,80 @@ def test_file_of_another_key_under_this_name_is_replaced(cache, good, change):
     header["key"] |= change
     members["key.json"] = json.dumps(header, sort_keys=True, indent=1).encode()
     check_replaced(cache, good, zipped(members))
+
+
+@pytest.mark.parametrize(
+    "name", sorted({*ARRAYS, *RINGS[tables.FourierRing]} - {"chains", "pairs", "angles"})
+)
+def test_wrong_number_with_the_right_digest_is_replaced(cache, good, name):
+    """Off by a thousandth, which no digest of the file tells."""
+    right = good[2]
+    array = np.lib.format.read_array(io.BytesIO(unzipped(right)[name + ".npy"]))
+    wrong = array[::-1].copy() if array.dtype.kind == "i" else array
+    if array.dtype.kind == "f":
+        wrong.flat[np.argmax(abs(wrong))] *= 1.001
+    check_replaced(cache, good, with_member(right, name + ".npy", npy(wrong)))
+
+
+@pytest.mark.parametrize("index", [10**9, -1, -(2**63)])
+@pytest.mark.parametrize("name", ["chains", "pairs", "normal", "order", "frequency", "parity"])
+def test_index_out_of_range_is_replaced(cache, good, name, index):
+    array = np.lib.format.read_array(io.BytesIO(unzipped(good[2])[name + ".npy"]))
+    wrong = np.append(array[1:], index)
+    check_replaced(cache, good, with_member(good[2], name + ".npy", npy(wrong)))
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        pytest.param("order", np.zeros(15, dtype=int), id="indices twice"),
+        pytest.param("chains", np.array([5]), id="a chain too many"),
+        pytest.param("pairs", np.array([3]), id="a pair without its angle"),
+        pytest.param("normal", np.array([1]), id="one vector for a normal"),
+        pytest.param("normal", np.array([1, 3]), id="another vector"),
+    ],
+)
+def test_indices_that_make_no_sense_are_replaced(cache, good, name, wrong):
+    check_replaced(cache, good, with_member(good[2], name + ".npy", npy(wrong)))
+
+
+SECTORS = [Sector("crease", 7, 3), Sector("corner", 6, 0), Sector("dart", 7, 6), Sector("cone", 9)]
+SECTORS += [smooth(17), smooth(20)]
+
+
+@pytest.mark.parametrize("sector", SECTORS, ids=str)
+def test_any_wrong_file_of_a_sector_is_replaced(cache, monkeypatch, sector):
+    """The ring that all positions share is one of its own."""
+    right = tables.eigen_table(CATMULL_CLARK, sector)
+    content = files(cache)
+    random = np.random.default_rng(0)
+    monkeypatch.setattr(tables, "_derive", derived := counted(tables._derive))
+    for name, good in content.items():
+        for array in sorted(set(unzipped(good)) - {"key.json"}):
+            wrong = np.lib.format.read_array(io.BytesIO(unzipped(good)[array]))
+            if wrong.dtype.kind == "i" or not wrong.size:
+                continue
+            # low parts of eigenvalues differ by less than any check can tell
+            some = wrong[0] if array == "eigenvalues.npy" else wrong
+            place = tuple(random.choice(np.argwhere(abs(some) > abs(some).max() / 100)))
+            some[place] *= 1.001
+            (cache / name).write_bytes(with_member(good, array, npy(wrong)))
+            forget(monkeypatch)
+            assert same(tables.eigen_table(CATMULL_CLARK, sector), right), array
+            assert files(cache) == content, array
+    forget(monkeypatch)
+    before = len(derived.calls)
+    assert same(tables.eigen_table(CATMULL_CLARK, sector), right)
+    assert len(derived.calls) == before  # a right one is believed
+
+
+def counted(function):
+    def call(*arguments):
+        call.calls.append(arguments)
+        return function(*arguments)
+
+    call.calls = []
+    return call
 
 
 def test_good_file_of_another_table_under_this_name_is_replaced(cache, good, tmp_path):

@@ -452,14 +452,6 @@ def _high_and_low(values: list[Fraction]) -> Array:
     return np.array([high, [float(x - Fraction(h)) for x, h in zip(values, high, strict=True)]])
 
 
-def eigen_coefficients(table: EigenTable, points: Array) -> Array:
-    """Coefficients V^-1 C of control points (P, K, d) in the eigenbasis, (P, K, d)."""
-    ring = table.sector.ring
-    modes = table.ring.coefficients(points[:, :ring])
-    outer = np.matmul(table.outer, points[:, ring:]) - np.matmul(table.links, modes)
-    return np.asarray(np.concatenate([modes, outer], axis=1)[:, table.order])
-
-
 def control_weights(table: EigenTable, weights: EigenWeights) -> Array:
     """Weights of the eigencoefficients in terms of the control points, (Q, K)."""
     ring = table.sector.ring

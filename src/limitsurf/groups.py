@@ -328,7 +328,7 @@ class Values:
         controls = self._groups.patches.controls[g.kind]
         patch, which = np.unique(g.row, return_inverse=True)
         origin, low, points = self._differences(controls[patch], 0)
-        modes = basis.eigen_coefficients(table, points)
+        modes = table.coefficients(points)
         size = np.abs(points).max(axis=(1, 2), initial=0)[:, None, None]
         occurs = (modes[:, 1:] != 0).any(axis=2)
         leads = 1 + occurs.argmax(axis=1)

@@ -480,7 +480,7 @@ def _aligned(shape: tuple[int, int]) -> Array:
 @lru_cache(maxsize=1024)
 def _left(table: tables.EigenTable) -> Array:
     """Left eigenvectors, (K, K)."""
-    return np.asarray(basis.eigen_coefficients(table, np.eye(table.size)[None])[0])
+    return np.asarray(table.coefficients(np.eye(table.size)[None])[0])
 
 
 @lru_cache(maxsize=1024)

@@ -720,7 +720,9 @@ def precompile() -> None:
     """Compile all kernels now, or load them, and use them for calls of any size from now on.
 
     For services that answer many small queries: a call takes microseconds instead of milliseconds.
-    The first time on a machine this takes some twenty seconds, later about one.
+    The first time on a machine this takes some twenty seconds, later about one: what is compiled is
+    kept in a cache directory, ``LIMITSURF_CACHE_DIR`` or else the user's, which is used only if
+    nobody but the user, root and the owner of the installed package may write it.
 
     Examples
     --------

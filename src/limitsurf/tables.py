@@ -7,8 +7,10 @@ come out as arrays of the number type that is asked for.
 Eigen tables are looked up in memory, among those shipped with the package, then in a per-user
 cache directory (``LIMITSURF_CACHE_DIR``, else the platform's), and derived when none has them. A
 file is a zip archive of ``.npy`` arrays and the full key: scheme, kind, valence, masks evaluated
-there, format version. It is read without unpickling or evaluating anything, and believed only if
-key, digest, shapes and types are right; otherwise it is derived again and replaced.
+there, format version. It is read without unpickling or evaluating anything, and only where nobody
+else could have written it (``disk_cache.py``); and believed if key, digest, shapes, types and
+ranges of indices are right, and if the numbers are those of the subdivision matrix. Otherwise it is
+derived again and replaced.
 
 ``python -m limitsurf.tables [DIRECTORY]`` writes the shipped tables.
 """
@@ -16,31 +18,30 @@ key, digest, shapes and types are right; otherwise it is derived again and repla
 from __future__ import annotations
 
 import hashlib
-import io
 import json
-import os
 import sys
-import tempfile
-import warnings
-import zipfile
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from math import lcm
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf import disk_cache
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
+from limitsurf.disk_cache import Formats
 from limitsurf.exact.catmull_clark import CATMULL_CLARK
-from limitsurf.exact.creases import CHAIKIN, INFINITE
+from limitsurf.exact.creases import CHAIKIN, INFINITE, POWERS
 from limitsurf.exact.matrices import KINDS as KINDS
 from limitsurf.exact.matrices import Sector as Sector
+from limitsurf.exact.matrices import subdivision_matrix
 from limitsurf.exact.scheme import Scheme
 
 if TYPE_CHECKING:
@@ -247,6 +248,13 @@ class EigenTable:
         ends = np.where(np.isin(self.normal, self.chains), self.normal - 1, self.normal)
         return np.array([self.normal, ends]).reshape(-1, 2)
 
+    def coefficients(self, points: Array) -> Array:
+        """Coefficients V^-1 C of control points (P, K, d) in the eigenbasis, (P, K, d)."""
+        ring = self.sector.ring
+        modes = self.ring.coefficients(points[:, :ring])
+        outer = np.matmul(self.outer, points[:, ring:]) - np.matmul(self.links, modes)
+        return np.asarray(np.concatenate([modes, outer], axis=1)[:, self.order])
+
     def left_vectors(self, which: Array) -> Array:
         """Left eigenvectors of some modes of the ring, (n, K)."""
         modes = self.order[which]
@@ -262,30 +270,42 @@ def eigen_table(scheme: Scheme, sector: Sector) -> EigenTable:
 
     Raises a ValueError, `UnsupportedSpectrum`, for masks that do not converge there.
     """
-    key = _key(scheme, sector)
-    text = json.dumps(key, sort_keys=True)
+    text = json.dumps(_key(scheme, sector), sort_keys=True)
     if text not in _memory:
-        arrays = _stored(key, _table_formats(sector), lambda: _derive(scheme, sector))
-        ring: FourierRing | DenseRing
-        if sector.kind in _FOURIER:
-            ring = FourierRing(**{name: arrays.pop(name) for name in _ring_formats(sector)})
-        else:
-            ring = _dense_ring(scheme, sector)
-        made = EigenTable(scheme, sector, MappingProxyType(key), ring, **arrays)
+        made, cached = _assembled(scheme, sector)
+        if cached and not _holds(made):
+            made, _ = _assembled(scheme, sector, derived=True)
+        if sector.kind not in _FOURIER:
+            _memory.setdefault(_ring_text(scheme, sector), made.ring)
         _memory.setdefault(text, made)
     table: EigenTable = _memory[text]
     return table
 
 
-def _dense_ring(scheme: Scheme, sector: Sector) -> DenseRing:
-    """The ring that all positions of a sector share."""
-    key = _key(scheme, Sector(sector.kind, sector.faces)) | {"position": "all"}
-    text = json.dumps(key, sort_keys=True)
-    if text not in _memory:
-        arrays = _stored(key, _ring_formats(sector), lambda: _derive_ring(scheme, sector))
-        _memory.setdefault(text, DenseRing(**arrays))
-    ring: DenseRing = _memory[text]
-    return ring
+def _assembled(scheme: Scheme, sector: Sector, derived: bool = False) -> tuple[EigenTable, bool]:
+    """A table, and whether part of it is from the cache; all of it derived anew if `derived`."""
+    key, formats = _key(scheme, sector), _table_formats(sector)
+    arrays, cached = _stored(key, formats, lambda: _derive(scheme, sector), derived)
+    ring: FourierRing | DenseRing | None
+    if sector.kind in _FOURIER:
+        ring = FourierRing(**{name: arrays.pop(name) for name in _ring_formats(sector)})
+    else:  # all positions of a sector share it
+        ring = _memory.get(_ring_text(scheme, sector))
+    if ring is None:
+        key, formats = _ring_key(scheme, sector), _ring_formats(sector)
+        left, more = _stored(key, formats, lambda: _derive_ring(scheme, sector), derived)
+        ring, cached = DenseRing(**left), cached or more
+    return EigenTable(
+        scheme, sector, MappingProxyType(_key(scheme, sector)), ring, **arrays
+    ), cached
+
+
+def _ring_key(scheme: Scheme, sector: Sector) -> dict[str, Any]:
+    return _key(scheme, Sector(sector.kind, sector.faces)) | {"position": "all"}
+
+
+def _ring_text(scheme: Scheme, sector: Sector) -> str:
+    return json.dumps(_ring_key(scheme, sector), sort_keys=True)
 
 
 def _key(scheme: Scheme, sector: Sector) -> dict[str, Any]:
@@ -295,34 +315,26 @@ def _key(scheme: Scheme, sector: Sector) -> dict[str, Any]:
 
 
 def _stored(
-    key: dict[str, Any], formats: Formats, derive: Callable[[], dict[str, Array]]
-) -> dict[str, Array]:
-    """Arrays that belong to a key: shipped, cached, or derived and then cached; read-only."""
-    name = _file_name(key)
-    arrays = _load(SHIPPED / name, key, formats)
+    key: dict[str, Any], formats: Formats, derive: Callable[[], dict[str, Array]], derived: bool
+) -> tuple[dict[str, Array], bool]:
+    """Arrays that belong to a key, read-only: shipped, cached, or derived and then cached.
+
+    Also whether they are from the cache. If `derived`, no file is believed.
+    """
+    name, arrays, cached = _file_name(key), None, False
+    if not derived:
+        with suppress(OSError):  # not shipped
+            arrays = disk_cache.decoded((SHIPPED / name).read_bytes(), key, formats)
+    if not derived and arrays is None:
+        content = disk_cache.read(name, disk_cache.most_bytes(formats))
+        arrays = None if content is None else disk_cache.decoded(content, key, formats)
+        cached = arrays is not None
     if arrays is None:
-        directory = cache_directory()
-        arrays = _load(directory / name, key, formats)
-        if arrays is None:
-            arrays = derive()
-            try:
-                directory.mkdir(parents=True, exist_ok=True)
-                _write(directory / name, _encode(arrays, key, formats))
-            except OSError as error:
-                _warn_once(directory, error)
+        arrays = derive()
+        disk_cache.write(name, disk_cache.encoded(arrays, key, formats))
     for array in arrays.values():
         array.flags.writeable = False
-    return arrays
-
-
-def cache_directory() -> Path:
-    """Where derived tables are kept: ``LIMITSURF_CACHE_DIR``, else the user's cache directory."""
-    named = os.environ.get("LIMITSURF_CACHE_DIR")
-    if named:
-        return Path(named)
-    import platformdirs
-
-    return Path(platformdirs.user_cache_dir("limitsurf"))
+    return arrays, cached
 
 
 def write_shipped(directory: Path) -> list[Path]:
@@ -336,7 +348,9 @@ def write_shipped(directory: Path) -> list[Path]:
             tables.append((key, _ring_formats(sector), _derive_ring))
         for key, formats, derive in tables:
             path = directory / _file_name(key)
-            _write(path, _encode(derive(CATMULL_CLARK, sector), key, formats))
+            disk_cache.replace(
+                path, disk_cache.encoded(derive(CATMULL_CLARK, sector), key, formats)
+            )
             paths.append(path)
     return paths
 
@@ -403,23 +417,19 @@ def _rounded(fixed: Array) -> Array:
     return array
 
 
-# arrays of a file: type and shape
-Formats: TypeAlias = dict[str, tuple[str, tuple[int, ...]]]
-
-
 def _table_formats(sector: Sector) -> Formats:
-    """The arrays of a table; -1 is any length."""
+    """The arrays of a table."""
     size, ring, outer = sector.size, sector.ring, len(sector.outer)
     formats: Formats = {
-        "eigenvalues": ("<f8", (2, size)),
-        "pieces": ("<f8", (3, 16, size)),
-        "chains": ("<i8", (-1,)),
-        "pairs": ("<i8", (-1,)),
-        "angles": ("<f8", (-1,)),
-        "normal": ("<i8", (-1,)),
-        "links": ("<f8", (outer, ring)),
-        "outer": ("<f8", (outer, outer)),
-        "order": ("<i8", (size,)),
+        "eigenvalues": ("<f8", (2, size), None),
+        "pieces": ("<f8", (3, 16, size), None),
+        "chains": ("<i8", (-1,), range(2, size)),
+        "pairs": ("<i8", (-1,), range(1, size - 1)),
+        "angles": ("<f8", (-1,), None),
+        "normal": ("<i8", (-1,), range(1, size)),
+        "links": ("<f8", (outer, ring), None),
+        "outer": ("<f8", (outer, outer), None),
+        "order": ("<i8", (size,), range(size)),
     }
     return formats | (_ring_formats(sector) if sector.kind in _FOURIER else {})
 
@@ -428,88 +438,77 @@ def _ring_formats(sector: Sector) -> Formats:
     """The arrays of a ring."""
     ring = sector.ring
     if sector.kind not in _FOURIER:
-        return {"left": ("<f8", (ring, ring))}
+        return {"left": ("<f8", (ring, ring), None)}
     return {
-        "frequency": ("<i8", (ring,)),
-        "parity": ("<i8", (ring,)),
-        "left": ("<f8", (ring, 3)),
-        "half_turn": ("<f8", (2, sector.faces // 2 + 1)),
+        "frequency": ("<i8", (ring,), range(sector.faces // 2 + 1)),
+        "parity": ("<i8", (ring,), range(2)),
+        "left": ("<f8", (ring, 3), None),
+        "half_turn": ("<f8", (2, sector.faces // 2 + 1), None),
     }
 
 
-def _encode(arrays: dict[str, Array], key: dict[str, Any], formats: Formats) -> bytes:
-    """The bytes of a file: the same for the same arrays, everywhere."""
-    members = {}
-    for name, (kind, _) in formats.items():
-        buffer = io.BytesIO()
-        array = np.asarray(arrays[name], dtype=kind, order="C")
-        np.lib.format.write_array(buffer, array, version=(1, 0), allow_pickle=False)
-        members[name + ".npy"] = buffer.getvalue()
-    digest = hashlib.sha256(b"".join(members.values())).hexdigest()
-    header = json.dumps({"key": key, "sha256": digest}, sort_keys=True, indent=1)
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
-        for name, content in {"key.json": header.encode(), **members}.items():
-            member = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
-            member.create_system = 3
-            archive.writestr(member, content)
-    return buffer.getvalue()
+def _holds(table: EigenTable) -> bool:
+    """Whether a table is that of its subdivision matrix.
+
+    What is evaluated n steps from the corner is ``P J^n V^-1`` times the control points, with the
+    pieces P. That is right for all n if ``V^-1 A = J V^-1``, and if ``P V^-1 = C``, the pieces
+    after one step of refinement: then it is ``C A^n``. Both are tried on four sets of control
+    points, all of them 1, whose weights sum to one, and three random ones; so a wrong number shows
+    if it matters by more than a few hundred roundings, about 1e-13 of the control points.
+    """
+    if not _is_ordered(table):
+        return False
+    matrix = subdivision_matrix(table.scheme, table.sector, float)
+    size, before = table.size, np.random.default_rng(0).normal(size=(table.size, 4))
+    before[:, 0] = 1
+    columns = np.array([k for row in matrix.rows for k in row])
+    weights = np.array([x for row in matrix.rows for x in row.values()])
+    starts = np.cumsum([0, *map(len, matrix.rows)])[:-1]
+    refined = np.add.reduceat(weights[:, None] * before[columns], starts)
+    modes, after = table.coefficients(np.array([before, refined[:size]]))
+    expected = table.eigenvalues[0][:, None] * modes
+    expected[table.chains - 1] += modes[table.chains]
+    first = table.pairs
+    x, y = modes[first], modes[first + 1]
+    a, b = (table.eigenvalues[0, first] * [np.cos(table.angles), np.sin(table.angles)])[..., None]
+    expected[first], expected[first + 1] = a * x + b * y, a * y - b * x
+    change = np.array(POWERS, dtype=float)
+    control = refined[np.array(matrix.pieces)].reshape(3, 4, 4, 4)
+    pieces = np.einsum("aj,bi,pjid->pabd", change, change, control).reshape(3, 16, 4)
+    rounding = np.finfo(float).eps * (100 + size)
+    wrong = abs(after - expected).max() > rounding * abs(modes).max()
+    most = (abs(table.pieces) @ abs(modes)).max()
+    return not wrong and bool(abs(table.pieces @ modes - pieces).max() <= rounding * most)
 
 
-def _load(path: Path, key: dict[str, Any], formats: Formats) -> dict[str, Array] | None:
-    """Read a file; None when it is not there, or is not exactly what it should be."""
-    try:
-        content = path.read_bytes()
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            arrays = {
-                name: np.lib.format.read_array(
-                    io.BytesIO(archive.read(name + ".npy")), allow_pickle=False
-                )
-                for name in formats
-            }
-    except Exception:  # whatever a broken or foreign file makes the readers raise
-        return None
-    for name, (kind, shape) in formats.items():
-        array = arrays[name]
-        if array.dtype.str != kind or not np.isfinite(array).all():
-            return None
-        if array.ndim != len(shape) or any(
-            n not in (-1, m) for n, m in zip(shape, array.shape, strict=True)
-        ):
-            return None
-    # the key, the digest and all that a zip archive has room for
-    return arrays if _encode(arrays, key, formats) == content else None
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write a file under a temporary name and rename it, so that no reader sees half of it."""
-    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
-        try:
-            file.write(content)
-            file.close()
-            os.chmod(file.name, 0o644)
-            os.replace(file.name, path)
-        except BaseException:
-            file.close()
-            Path(file.name).unlink(missing_ok=True)
-            raise
-
-
-@lru_cache(maxsize=1)
-def _unwritable() -> list[Path]:
-    """Cache directories that the user has been warned of."""
-    return []
-
-
-def _warn_once(directory: Path, error: OSError) -> None:
-    if not _unwritable():
-        _unwritable().append(directory)
-        warnings.warn(
-            f"tables cannot be kept in {directory} ({error.strerror or error}): each process "
-            "derives them anew; LIMITSURF_CACHE_DIR names another place",
-            RuntimeWarning,
-            stacklevel=3,
-        )
+def _is_ordered(table: EigenTable) -> bool:
+    """Whether the indices of a table, each of which is in its range, make sense together."""
+    high, low = abs(table.eigenvalues)
+    chains, normal = table.chains, table.normal
+    paired = np.concatenate([table.pairs, table.pairs + 1])
+    if (
+        any(len(np.unique(x)) < len(x) for x in (table.order, chains, paired))
+        or len(table.pairs) != len(table.angles)
+        or (np.diff(high) > 0).any()
+        or (low > np.spacing(high) / 2).any()
+    ):
+        return False
+    if isinstance(table.ring, FourierRing):
+        half = np.pi * np.arange(table.sector.faces // 2 + 1) / table.sector.faces
+        if abs(table.ring.half_turn - [np.cos(half), np.sin(half)]).max() > 1e-15:
+            return False
+    if not normal.size:
+        return True
+    # the two modes that fall most slowly, ends of chains apart, as a right-handed pair
+    slowest = np.setdiff1d(np.arange(1, table.size), chains - 1)[:2]
+    if normal.shape != (2,) or not np.array_equal(np.sort(normal), slowest):
+        return False
+    if (table.order[table.normal_pairs] >= table.sector.ring).any():
+        return False
+    powers, slopes = [1, 0.5, 0.25, 0.125], [0, 1, 1, 0.75]  # at the middle of the diagonal piece
+    f = table.pieces[1][:, table.normal_pairs[1]].reshape(4, 4, 2)
+    ds, dt = np.einsum("jik,j,i->k", f, powers, slopes), np.einsum("jik,j,i->k", f, slopes, powers)
+    return bool(ds[0] * dt[1] > ds[1] * dt[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -563,8 +562,6 @@ class RationalTable:
 
 def rational_table(scheme: Scheme, sector: Sector) -> RationalTable:
     """Return the exact refinement step of `scheme` around a special corner."""
-    from limitsurf.exact.matrices import subdivision_matrix
-
     return _rational_table(subdivision_matrix(scheme, sector), scheme)
 
 

@@ -7,21 +7,25 @@ would not vectorise by itself, prefetching, and powers of two by their bits.
 from __future__ import annotations
 
 import itertools
-import os
+import pickle
+import sys
 from collections.abc import Callable
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+import llvmlite
 import numba
 from llvmlite import ir
 from numba.core import cgutils, types
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.serialize import dumps
 from numba.extending import intrinsic as _intrinsic
-from platformdirs import user_cache_dir
 
-from limitsurf import _kernels
+from limitsurf import _kernels, disk_cache
 
 F = TypeVar("F", bound=Callable[..., Any])
 # called from kernels without the typing context that they are written with
@@ -31,6 +35,7 @@ intrinsic = cast(Callable[[Callable[..., Any]], Any], _intrinsic)
 _OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy"}
 # without Numba's runtime there is nothing to allocate, and no references to count in inner loops
 _LEAN: dict[str, Any] = {**_OPTIONS, "_nrt": False}
+_MOST = 1 << 26  # bytes of a compiled kernel
 
 
 def kernel(function: F) -> F:
@@ -48,30 +53,65 @@ def lean(function: F) -> F:
 
 
 def _cached(function: F, options: dict[str, Any]) -> F:
-    before = numba.config.CACHE_DIR
-    try:
-        numba.config.CACHE_DIR = _folder()
-        return cast(F, numba.njit(nogil=True, cache=True, **options)(function))
-    except (OSError, RuntimeError):  # nowhere to write: each process compiles for itself
-        return cast(F, numba.njit(nogil=True, **options)(function))
-    finally:
-        numba.config.CACHE_DIR = before
+    dispatcher = numba.njit(nogil=True, **options)(function)
+    dispatcher._cache = _Cache(function)
+    return cast(F, dispatcher)
+
+
+class _Cache(NullCache):  # type: ignore[misc]
+    """Machine code of one kernel on disk, in place of Numba's own cache: a file for each signature.
+
+    A file is a SHA-256 of its name and of what follows, a pickle: that and the machine code are
+    taken from nobody who is not trusted (see `disk_cache`), and never if damaged. Numba's own would
+    take both from anybody, stop at damaged files and full disks, and not read where it cannot
+    write.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        code = function.__code__
+        name = f"{Path(code.co_filename).stem}.{function.__qualname__}-{code.co_firstlineno}"
+        self._name = "".join(c for c in name if c not in "<>")  # which some systems do not allow
+        constants = [x for x in code.co_consts if not hasattr(x, "co_code")]
+        self._code = code.co_code, constants, code.co_names
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled kernel; None if it is to be compiled."""
+        target_context.refresh()
+        name = self._file(sig, target_context.codegen())
+        content = disk_cache.read(name, _MOST, numba.config.CACHE_DIR)
+        if content is None or content[:32] != _digest(name, content[32:]):
+            return None
+        try:
+            return CompileResult._rebuild(target_context, *pickle.loads(content[32:]))
+        except Exception:  # whatever the right bytes may lead to in surroundings that are not right
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled kernel, where that is possible."""
+        if data.library.has_dynamic_globals:  # addresses in this process
+            return
+        name, content = self._file(sig, data.codegen), dumps(data._reduce())
+        disk_cache.write(name, _digest(name, content) + content, numba.config.CACHE_DIR)
+
+    def _file(self, sig: Any, codegen: Any) -> str:
+        """Where in the cache."""
+        key = sha256(repr((sig, codegen.magic_tuple(), self._code)).encode()).hexdigest()[:32]
+        return f"kernels/{_sources()}/{self._name}-{key}.nbc"
+
+
+def _digest(name: str, content: bytes) -> bytes:
+    return sha256(name.encode() + content).digest()
 
 
 @cache
-def _folder() -> str:
-    """Where compiled kernels are kept, by what all their sources say.
+def _sources() -> str:
+    """What machine code depends on beside the processor: all kernels, and who compiles them.
 
-    Numba looks at the file of a kernel alone, not at those of what it inlines.
+    All, since kernels hold what they call.
     """
-    sources = sorted(Path(__file__).parent.glob("*.py"))
-    digest = sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
-    base = numba.config.CACHE_DIR or os.environ.get("LIMITSURF_CACHE_DIR")
-    folder = Path(base or user_cache_dir("limitsurf")) / "kernels" / digest
-    folder.mkdir(parents=True, exist_ok=True)
-    if not os.access(folder, os.W_OK):
-        raise PermissionError(folder)
-    return str(folder)
+    parts = [source.read_bytes() for source in sorted(Path(__file__).parent.glob("*.py"))]
+    versions = sys.implementation.cache_tag, numba.__version__, llvmlite.__version__
+    return sha256(b"".join([*parts, repr(versions).encode()])).hexdigest()[:16]
 
 
 def part(function: F) -> F:

@@ -45,7 +45,7 @@ CHAIKIN = (Fraction(3, 4), Fraction(1, 4))
 Matrix = tuple[tuple[Fraction, ...], ...]
 
 # power basis of the uniform cubic B-spline: coefficients of t^k by control point
-_POWERS = tuple(
+POWERS = tuple(
     tuple(Fraction(x, 6) for x in row)
     for row in ((1, 4, 1, 0), (-3, 0, 3, 0), (3, -6, 3, 0), (-1, 3, -3, 1))
 )
@@ -88,9 +88,9 @@ def strip_pieces(scheme: Scheme, depth: int, share: Fraction) -> tuple[Matrix, .
             (zero, zero, half, half),
         )
         refined = _product(step, rows)
-        pieces.append(_product(_POWERS, refined[1:]))
+        pieces.append(_product(POWERS, refined[1:]))
         rows = refined[:4]
-    return (*pieces, _product(_POWERS, rows))
+    return (*pieces, _product(POWERS, rows))
 
 
 def _product(left: Matrix, right: Matrix) -> Matrix:

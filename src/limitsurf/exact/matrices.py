@@ -29,6 +29,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
+from typing import Any
 
 from limitsurf.caching import cached_property
 from limitsurf.exact.scheme import Scheme
@@ -156,8 +157,8 @@ def grid_index(sector: Sector) -> dict[Place, int]:
     return ring | {place: sector.ring + k for k, place in enumerate(places)}
 
 
-def subdivision_matrix(scheme: Scheme, sector: Sector) -> SubdivisionMatrix:
-    """Build the matrix of one refinement step around a special corner.
+def subdivision_matrix(scheme: Scheme, sector: Sector, number: Any = Fraction) -> SubdivisionMatrix:
+    """Build the matrix of one refinement step around a special corner, in Fractions or floats.
 
     The local cage is refined by the scheme's own rules; nothing but its connectivity is typed.
     See ``derivations/subdivision_matrix.py`` and ``derivations/sectors.py``.
@@ -167,12 +168,14 @@ def subdivision_matrix(scheme: Scheme, sector: Sector) -> SubdivisionMatrix:
     if sector.kind in ("interior", "dart"):
         own = scheme.vertex_mask(sector.faces)
     curve = (scheme.boundary_edge, *scheme.boundary_vertex)
-    return _built(sector, scheme.face_mask(4), scheme.edge, scheme.vertex_mask(4), own, curve)
+    masks = scheme.face_mask(4), scheme.edge, scheme.vertex_mask(4), own, curve
+    return _built(sector, number, *(tuple(map(number, mask)) for mask in masks))
 
 
 @lru_cache(maxsize=256)
 def _built(
     sector: Sector,
+    number: Any,
     corner_weights: tuple[Fraction, ...],
     edge: tuple[Fraction, ...],
     regular: tuple[Fraction, ...],
@@ -182,6 +185,7 @@ def _built(
     at = grid_index(sector)
     n = sector.faces
     along_u, along_v = sector.sharp_sides
+    zero = number(0)
 
     def quad(i: int, j: int) -> tuple[int, ...]:
         return at[i, j], at[i + 1, j], at[i + 1, j + 1], at[i, j + 1]
@@ -209,10 +213,10 @@ def _built(
         total: Row = {}
         for weight, row in terms:
             for column, value in row.items():
-                total[column] = total.get(column, Fraction(0)) + weight * value
+                total[column] = total.get(column, zero) + weight * value
         return {column: value for column, value in sorted(total.items()) if value}
 
-    one = [{k: Fraction(1)} for k in range(sector.size)]
+    one = [{k: number(1)} for k in range(sector.size)]
     face_points = [
         combine(*((w, one[v]) for w, v in zip(corner_weights, face, strict=True))) for face in faces
     ]
@@ -274,7 +278,7 @@ def _built(
     ):
         for place, on, inner in places if side else ():
             at[place] = len(rows)
-            rows.append(combine((Fraction(2), rows[at[on]]), (Fraction(-1), rows[at[inner]])))
+            rows.append(combine((number(2), rows[at[on]]), (number(-1), rows[at[inner]])))
     pieces = tuple(
         tuple(at[i + di, j + dj] for dj in range(4) for di in range(4)) for i, j in PIECES
     )
