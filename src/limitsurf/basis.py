@@ -104,7 +104,7 @@ class EigenPowers:
         high, low = ratios(table, lead)
         heads = table.chains - 1
         before = kernels.power(high[heads], low[heads], np.maximum(levels - 1, 0))
-        chained = levels[:, None] * before / table.eigenvalues[0, lead]
+        chained = levels[:, None] * before / table.rates[0, lead]
         angle = levels[:, None] * table.angles
         turned = np.stack([np.cos(angle), np.sin(angle)])[:, which]
         diagonal = kernels.power(high, low, levels)
@@ -161,7 +161,7 @@ def corner_derivative(table: EigenTable, nu: tuple[int, int]) -> Array:
     """
     nothing = np.zeros(table.size - 1)
     order = sum(nu)
-    growth = 2.0**order * np.abs(table.eigenvalues[0, 1:])
+    growth = 2.0**order * np.abs(table.rates[0, 1:])
     if max(nu) > 3 or (growth < 1).all():
         return nothing
     if min(nu) > 0:
@@ -185,7 +185,7 @@ def corner_directions(table: EigenTable, axis: int) -> Array:
     where that sum is 0 since the head of a Jordan chain has no part in the points, the other row.
     """
     side = _along_sides(table, ((1, 0), (0, 1))[axis])
-    heads, values = table.chains - 1, table.eigenvalues[0, 1:]
+    heads, values = table.chains - 1, table.rates[0, 1:]
     seen = (side != 0).any(axis=0)
     falling = np.abs(values) == np.abs(values[seen]).max(initial=0)
     if not seen.any() or (values[falling & seen] < 0).any():
@@ -210,7 +210,7 @@ def eigen_weights(
     """
     order = sum(nu)
     rows = _eigen_rows(table, place, powers, nu)
-    high, low = table.eigenvalues[:, powers.lead].tolist()
+    high, low = table.rates[:, powers.lead].tolist()
     mantissa, exponent = kernels.scaled_power(high, low, powers.level)
     rows *= mantissa[:, None]
     exponent = exponent + order * (powers.level + 1)
@@ -238,7 +238,7 @@ def eigen_directions(
     sizes = (np.abs(modes[:, 1:]).max(axis=2, initial=0, keepdims=True) + size)[which]
     # the common factor, a power of the leading eigenvalue, is positive but for odd powers of a
     # negative one
-    negative = (powers.level % 2 == 1) & (table.eigenvalues[0, powers.lead] < 0)
+    negative = (powers.level % 2 == 1) & (table.rates[0, powers.lead] < 0)
     found, error = np.empty((2, *points[:, 0].shape)), np.empty((2, len(which), 1))
     for axis, nu in enumerate(((1, 0), (0, 1))):
         rows = _eigen_rows(table, place, powers, nu)
@@ -332,7 +332,7 @@ def eigen_normals(
     found[away] = np.cross(points[:, lead], _total(a * dt - b * ds, points))
     found[away] += np.cross(_total(ds, points), _total(dt, points)) * ratio
     # the common factor, a product of powers of these eigenvalues, can be negative
-    if table.eigenvalues[0, [powers.lead, rest.lead]].prod() < 0:
+    if table.rates[0, [powers.lead, rest.lead]].prod() < 0:
         found[away[rest.level % 2 == 1]] *= -1
     ds, dt = np.abs(ds), np.abs(dt)
     error[away] = sizes[:, lead] * _total(np.abs(a) * dt + np.abs(b) * ds, sizes)
@@ -443,7 +443,7 @@ def _scaled_power(base: Fraction, n: Array) -> tuple[Array, Array]:
 
 
 def _exact_eigenvalues(table: EigenTable) -> list[Fraction]:
-    return [Fraction(high) + Fraction(low) for high, low in table.eigenvalues.T.tolist()]
+    return [Fraction(high) + Fraction(low) for high, low in table.rates.T.tolist()]
 
 
 def _high_and_low(values: list[Fraction]) -> Array:

@@ -158,14 +158,14 @@ class Packing:
             kinds[k, evaluation.PAIRS] = len(table.pairs)
             first, second = (*table.normal, -1, -1)[:2]
             kinds[k, [evaluation.ALONG, evaluation.ACROSS]] = first, second
-            kinds[k, evaluation.FLIP] = table.eigenvalues[0, 1:3].prod() < 0
+            kinds[k, evaluation.FLIP] = table.rates[0, 1:3].prod() < 0
             kinds[k, evaluation.PATCH] = patches
             patches += len(self._patches.controls[k])
             rows += len(self._patches.controls[k]) * (_rounded(size) + 3)
             made.pieces[k, :, :, :size] = table.pieces[:, :, 1:]
             for lead in (1, 2):
                 made.ratios[k, lead - 1, :, :size] = _powers(table, lead)
-                value = table.eigenvalues[0, lead]
+                value = table.rates[0, lead]
                 made.inverses[k, lead - 1] = 1 / value if value else 0
             made.mantissas[k], made.exponents[k] = _mantissas(table)
             for place, nu in enumerate(TERMS[1:], start=1):
@@ -513,7 +513,7 @@ def _powers(table: tables.EigenTable, lead: int) -> Array:
 @lru_cache(maxsize=1024)
 def _mantissas(table: tables.EigenTable) -> tuple[Array, Array]:
     """Powers of the first eigenvalue as mantissas (levels,) and exponents of two (levels,)."""
-    high, low = table.eigenvalues[:, 1].tolist()
+    high, low = table.rates[:, 1].tolist()
     powers = [kernels.scaled_power(high, low, n) for n in _levels()]
     mantissas, more = np.frexp(np.concatenate([mantissa for mantissa, _ in powers]))
     return mantissas, more + np.concatenate([exponent for _, exponent in powers])

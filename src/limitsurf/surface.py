@@ -15,7 +15,8 @@ from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
 from limitsurf.groups import JET, ExactValues, Group, Groups, Order, Values, curvatures
-from limitsurf.mesh import Mesh
+from limitsurf.masked import unmasked
+from limitsurf.mesh import Mesh, checked_integer
 from limitsurf.packing import TERMS, Packing, threads
 from limitsurf.patches import PatchTable
 from limitsurf.refine import ExactOperator, eliminated, refined, sparse_operator, stacked
@@ -32,6 +33,7 @@ Array = NDArray[Any]
 Numbers: TypeAlias = ArrayLike | Fraction | Sequence[Fraction]
 
 _PORTION = 1 << 20  # queries whose jets are in memory at once
+_MOST = 10_000  # derivatives in a jet
 # what is kept of the points
 _OF_POINTS = ("_values", "_exact_values", "_packed")
 # derivatives that kernels know, in the order of `jet`
@@ -140,8 +142,8 @@ class LimitSurface:
     is sharp; ``exact/creases.py`` tells which are. Whatever is semi-sharp becomes one of all these
     in ceil(sharpness) refinements. Powers of n beside others are left out.
 
-    **NaN** is returned for NaN or infinite u or v, on faces without a limit, and where a value
-    does not exist; nowhere else.
+    **NaN** is returned for NaN or infinite u or v, where face, u or v is masked (``numpy.ma``), on
+    faces without a limit, and where a value does not exist; nowhere else.
 
     **Many queries**, 100,000 in a call and more, are answered by compiled kernels, in as many
     threads as `workers` says; fewer by NumPy, to spare small jobs the loading of a compiler
@@ -350,7 +352,9 @@ class LimitSurface:
     ) -> dict[Order, Any]:
         """All derivatives up to a total order in one pass, as {(i, j): array}.
 
-        Arguments, shapes and errors are those of `evaluate`; (0, 0) is the position.
+        Arguments, shapes and errors are those of `evaluate`; (0, 0) is the position. Derivatives
+        beyond the third in u or in v are 0 where there are any, so that no more than order 6 says
+        anything; orders above 139, of more than 10,000 derivatives, are refused.
 
         Examples
         --------
@@ -359,14 +363,21 @@ class LimitSurface:
         >>> {nu: round(float(x[0]), 12) for nu, x in surface.jet(0, 0.25, 0.0, order=1).items()}
         {(0, 0): 0.25, (1, 0): 1.0, (0, 1): 0.0}
         """
-        if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 0:
-            raise ValueError(f"order must be an integer >= 0, got {order!r}")
+        order = checked_integer("order", order, 0)
+        count = (order + 1) * (order + 2) // 2
+        if count > _MOST:
+            raise ValueError(
+                f"a jet of order {order} has {count:,} derivatives, more than {_MOST:,}; all but 16 "
+                "are 0, as those beyond the third in u or in v are: ask for order 6, or evaluate "
+                "those you need by nu="
+            )
         if lazy.is_lazy(face, u, v):
             options = {"order": order, "channel": channel, "workers": workers}
             found: dict[Order, Any] = lazy.mapped(self, "jet", face, u, v, **options)
             return found
-        orders = [(m - j, j) for m in range(int(order) + 1) for j in range(m + 1)]
-        derivatives = self.of_channel(channel)._derivatives(face, u, v, orders, workers)
+        orders = [(m - j, j) for m in range(order + 1) for j in range(m + 1)]
+        within = [_order(nu) for nu in orders]
+        derivatives = self.of_channel(channel)._derivatives(face, u, v, within, workers)
         return dict(zip(orders, derivatives, strict=True))
 
     def tangents(self, face: ArrayLike, u: Numbers, v: Numbers) -> tuple[Any, Any]:
@@ -577,7 +588,7 @@ class LimitSurface:
         self, face: ArrayLike, u: Numbers, v: Numbers
     ) -> tuple[Array, Array, Array, bool]:
         """Arrays of numbers of one shape; whether they are to be answered exactly."""
-        faces, us, vs = np.asarray(face), np.asarray(u), np.asarray(v)
+        (faces, us, vs), masks = zip(*map(unmasked, (face, u, v)), strict=True)
         if faces.size == 0 and faces.dtype == float:
             faces = faces.astype(np.int64)
         if faces.dtype.kind not in "iu":
@@ -597,6 +608,9 @@ class LimitSurface:
                 f"face, u and v of shapes {faces.shape}, {us.shape} and {vs.shape} "
                 "cannot be broadcast together"
             ) from None
+        for mask in masks:
+            if mask is not None:  # a query without an answer
+                us = np.where(mask, np.nan, us)
         return faces, us, vs, exact
 
     def _check_ranges(self, faces: Array, us: Array, vs: Array, exact: bool) -> None:
@@ -741,13 +755,13 @@ def precompile() -> None:
 
 
 def _order(nu: Any) -> Order:
-    """Two non-negative integers."""
+    """Two non-negative integers; those beyond the third are alike, for pieces are bicubic."""
     order = tuple(nu) if isinstance(nu, (tuple, list, np.ndarray)) else ()
     if len(order) != 2 or not all(
         isinstance(n, (int, np.integer)) and not isinstance(n, bool) and n >= 0 for n in order
     ):
         raise ValueError(f"nu must be two integers >= 0, got {nu!r}")
-    return int(order[0]), int(order[1])
+    return min(int(order[0]), 4), min(int(order[1]), 4)
 
 
 def _first(values: Array, bad: Array) -> str:

@@ -136,8 +136,9 @@ class EigenTable:
         Name, masks, sector and format: everything that the numbers depend on.
     ring : FourierRing or DenseRing
         Left eigenvectors of the ring.
-    eigenvalues : (2, K)
-        Unevaluated sums high + low; of complex pairs (at darts) the modulus. The first is 1.
+    rates : (2, K)
+        By what a halving scales each eigenfunction: the eigenvalue, but the modulus of complex
+        pairs (at darts). Unevaluated sums high + low; the first is 1, and moduli fall.
     pieces : (3, 16, K)
         Eigenfunctions on the three regular pieces of the quad: coefficient ``4 j + i`` is that of
         ``S^i T^j``.
@@ -160,7 +161,7 @@ class EigenTable:
     sector: Sector
     provenance: Mapping[str, Any]
     ring: FourierRing | DenseRing
-    eigenvalues: Array
+    rates: Array
     pieces: Array
     chains: Array
     pairs: Array
@@ -197,13 +198,25 @@ class EigenTable:
         return self._dense[1]
 
     @cached_property
+    def eigenvalues(self) -> Array:
+        """Eigenvalues by decreasing modulus, (K,); complex if there are complex pairs."""
+        values = self.rates[0]
+        if len(self.pairs):
+            values = values.astype(complex)
+            turn = np.exp(1j * self.angles)
+            values[self.pairs] *= turn
+            values[self.pairs + 1] *= turn.conj()
+        values.flags.writeable = False
+        return values
+
+    @cached_property
     def J(self) -> Array:
         """Real Jordan matrix, (K, K): a pair a +- ib is the block [[a, b], [-b, a]]."""
-        J = np.diag(self.eigenvalues[0])
+        J = np.diag(self.rates[0])
         J[self.chains - 1, self.chains] = 1
         for k, angle in zip(self.pairs.tolist(), self.angles.tolist(), strict=True):
             turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-            J[k : k + 2, k : k + 2] = self.eigenvalues[0, k] * turn
+            J[k : k + 2, k : k + 2] = self.rates[0, k] * turn
         J.flags.writeable = False
         return J
 
@@ -271,7 +284,8 @@ def eigen_table(scheme: Scheme, sector: Sector) -> EigenTable:
             ring = FourierRing(**{name: arrays.pop(name) for name in _ring_formats(sector)})
         else:
             ring = _dense_ring(scheme, sector)
-        made = EigenTable(scheme, sector, MappingProxyType(key), ring, **arrays)
+        rates = arrays.pop("eigenvalues")
+        made = EigenTable(scheme, sector, MappingProxyType(key), ring, rates, **arrays)
         _memory.setdefault(text, made)
     table: EigenTable = _memory[text]
     return table
