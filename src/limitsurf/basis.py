@@ -30,7 +30,7 @@ from limitsurf.tables import EigenTable, RationalTable, StripTables
 
 Array = NDArray[Any]
 
-NOISE = 16 * np.finfo(float).eps  # of sums of products of rounded numbers, relative
+NOISE = kernels.NOISE
 
 
 @dataclass(frozen=True)
@@ -224,18 +224,16 @@ def eigen_directions(
     place: CornerPlace,
     powers: EigenPowers,
     modes: Array,
-    size: Array,
+    added: Array,
     which: Array,
 ) -> tuple[Array, Array]:
     """Vectors (2, Q, d) along d/ds and d/dt of points with eigencoefficients `modes`, (P, K, d).
 
-    Both up to a common positive factor; also what their rounding errors are of the order of,
-    (2, Q, 1), from the sizes (P, 1, 1) of the points. At the corner itself they are the limits
-    along the sides t = 0 and s = 0.
+    Both up to a common positive factor; also the sizes (2, Q, 1) of what was added up to them, from
+    those of the coefficients, `added` (P, K). At the corner itself they are the limits along the
+    sides t = 0 and s = 0.
     """
-    points = modes[which, 1:]
-    # a coefficient is a sum over all control points: its error is of their size
-    sizes = (np.abs(modes[:, 1:]).max(axis=2, initial=0, keepdims=True) + size)[which]
+    points, sizes = modes[which, 1:], added[which, 1:, None]
     # the common factor, a power of the leading eigenvalue, is positive but for odd powers of a
     # negative one
     negative = (powers.level % 2 == 1) & (table.rates[0, powers.lead] < 0)
@@ -294,26 +292,33 @@ def _powered(table: EigenTable, functions: Array, powers: EigenPowers) -> Array:
 
 
 def eigen_normals(
-    table: EigenTable, place: CornerPlace, powers: EigenPowers, modes: Array, which: Array
+    table: EigenTable,
+    place: CornerPlace,
+    powers: EigenPowers,
+    modes: Array,
+    added: Array,
+    which: Array,
 ) -> tuple[Array, Array]:
     """Vectors (Q, 3) along d/ds x d/dt of points with eigencoefficients `modes`, (P, K, 3).
 
-    Also what their rounding errors are of the order of, (Q, 3). With c the coefficient of the
-    leading eigenfunction, and a and b its derivatives, ``(a c + p) x (b c + q)`` is
-    ``c x (a q - b p) + p x q``: the product ``c x c``, which would swamp the rest near the corner,
-    never arises. At the corner itself the vector is that of the limit normal; 0 where there is
-    none.
+    Also bounds (Q, 1) of their rounding errors in units of `NOISE`, from the sizes (P, K) of what
+    was `added` up to coefficients. With c the coefficient of the leading eigenfunction, and a and b
+    its derivatives, ``(a c + p) x (b c + q)`` is ``c x (a q - b p) + p x q``: the product
+    ``c x c``, which would swamp the rest near the corner, never arises. At the corner itself the
+    vector is that of the limit normal; 0 where there is none.
     """
-    largest = np.abs(modes[:, 1:]).max(axis=(1, 2), initial=0)[:, None, None]
-    modes = modes / np.where(largest > 0, largest, 1)  # neither overflow nor underflow below
+    largest = np.abs(modes[:, 1:]).max(axis=(1, 2), initial=0)[:, None]
+    largest = np.where(largest > 0, largest, 1)  # neither overflow nor underflow below
+    modes, added = modes / largest[..., None], added / largest
     lead, size = powers.lead - 1, np.abs(modes).max(axis=2)
-    found, error = np.zeros((2, len(which), 3))
+    found, error = np.zeros((len(which), 3)), np.zeros((len(which), 1))
     corner = place.level < 0
     patch = which[corner]
-    for pair in table.normal_pairs[::-1]:
-        product = np.cross(modes[patch, pair[0]], modes[patch, pair[1]])
-        # coefficients are as precise as the largest of them, which is 1
-        bound = (size[patch, pair[0]] + size[patch, pair[1]])[:, None]
+    for one, other in table.normal_pairs[::-1]:
+        product = np.cross(modes[patch, one], modes[patch, other])
+        # each component is a difference of two products
+        bound = size[patch, one] * added[patch, other] + added[patch, one] * size[patch, other]
+        bound = 2 * bound[:, None]
         seen = np.abs(product).max(axis=1, keepdims=True) > NOISE * bound
         found[corner] = np.where(seen, product, found[corner])
         error[corner] = np.where(seen, bound, error[corner])
@@ -328,15 +333,19 @@ def eigen_normals(
     ds, dt = (_powered(table, f, rest) for f in functions)
     ds[:, lead] = dt[:, lead] = 0
 
-    points, sizes = modes[patch, 1:], size[patch, 1:, None]
+    points = modes[patch, 1:]
     found[away] = np.cross(points[:, lead], _total(a * dt - b * ds, points))
     found[away] += np.cross(_total(ds, points), _total(dt, points)) * ratio
     # the common factor, a product of powers of these eigenvalues, can be negative
     if table.rates[0, [powers.lead, rest.lead]].prod() < 0:
         found[away[rest.level % 2 == 1]] *= -1
     ds, dt = np.abs(ds), np.abs(dt)
-    error[away] = sizes[:, lead] * _total(np.abs(a) * dt + np.abs(b) * ds, sizes)
-    error[away] += _total(ds, sizes) * _total(dt, sizes) * ratio
+    sums = np.stack([np.abs(a) * dt + np.abs(b) * ds, ds, dt], axis=1)
+    sizes = np.stack([size[patch, 1:], added[patch, 1:]], axis=2)
+    across, along, other = np.matmul(sums, sizes).swapaxes(0, 1)  # (3, Q, 2)
+    bound = size[patch, powers.lead] * across[:, 1] + added[patch, powers.lead] * across[:, 0]
+    bound += (along[:, 0] * other[:, 1] + along[:, 1] * other[:, 0]) * ratio[:, 0]
+    error[away] = 2 * bound[:, None]
     return found, error
 
 
@@ -437,9 +446,7 @@ def _scaled_power(base: Fraction, n: Array) -> tuple[Array, Array]:
     if not base:
         return np.where(n == 0, 1.0, 0.0), np.zeros_like(n)
     (high,), (low,) = _high_and_low([base]).tolist()
-    mantissa, exponent = kernels.scaled_power(high, low, n)
-    mantissa, more = np.frexp(mantissa)
-    return mantissa, exponent + more
+    return kernels.scaled_power(high, low, n)
 
 
 def _exact_eigenvalues(table: EigenTable) -> list[Fraction]:
@@ -457,6 +464,14 @@ def eigen_coefficients(table: EigenTable, points: Array) -> Array:
     ring = table.sector.ring
     modes = table.ring.coefficients(points[:, :ring])
     outer = np.matmul(table.outer, points[:, ring:]) - np.matmul(table.links, modes)
+    return np.asarray(np.concatenate([modes, outer], axis=1)[:, table.order])
+
+
+def eigen_sizes(table: EigenTable, sizes: Array) -> Array:
+    """Sizes (P, K) of what is added up to these coefficients, from those of the points (P, K)."""
+    ring = table.sector.ring
+    modes = table.ring.sizes(sizes[:, :ring])
+    outer = sizes[:, ring:] @ np.abs(table.outer.T) + modes @ np.abs(table.links.T)
     return np.asarray(np.concatenate([modes, outer], axis=1)[:, table.order])
 
 

@@ -56,8 +56,9 @@ class Corners:
     powers: basis.EigenPowers
     origin: Array  # (P, d) first control points of the patches concerned
     low: Array  # (P, d) what rounding took from them
+    points: Array  # (P, K, d) control points relative to the first
+    ids: Array  # (P, K) which they are
     modes: Array  # (P, K, d) their coefficients in the eigenbasis
-    size: Array  # (P, 1, 1) largest distances of control points from the first
     which: Array  # (q,) patch of each query
 
 
@@ -203,11 +204,15 @@ class Groups:
 
 
 class Values:
-    """Values of a group's queries from control points, float64 (n_vertices, d) of the cage."""
+    """Values of a group's queries from control points, float64 (n_vertices, d) of the cage.
+
+    The points are multiplied by 2 ** `balance` before anything is added up.
+    """
 
     def __init__(self, groups: Groups, points: Array) -> None:
         self._groups = groups
-        self._points = points
+        self.balance = kernels.balance(points)
+        self._points = np.ldexp(points, self.balance) if self.balance else points
 
     @cached_property
     def _control_points(self) -> tuple[Array, Array]:
@@ -228,6 +233,19 @@ class Values:
             done = new.stop
         return high, low
 
+    @cached_property
+    def _errors(self) -> Array:
+        """Bounds (n_points,) of what rounding did to control points, in units of `NOISE`."""
+        high, low = self._control_points
+        found = np.zeros(len(high))
+        done = len(self._points)
+        for operator in self._groups.patches.extras:
+            rows = operator.indptr, operator.indices, operator.data
+            new = slice(done, done + operator.shape[0])
+            found[new] = kernels.reach(*rows, high, low) + abs(operator) @ found[:done]
+            done = new.stop
+        return found
+
     def derivatives(self, g: Group, orders: Sequence[Order]) -> list[Array]:
         """Derivatives (q, d) of the queries of a group, in float64."""
         values = []
@@ -235,8 +253,11 @@ class Values:
             high, low, points = self._differences(self._groups.controls(g), _FIRST_CORNER)
             for nu in orders:
                 value = _contract(self._groups.spline_weights(g, nu), points)
-                at = nu == (0, 0)
-                values.append(value + low + high if at else _scaled(value, g.depth * sum(nu)))
+                if nu == (0, 0):
+                    value = value + low + high
+                if nu != (0, 0) or self.balance:
+                    value = _scaled(value, g.depth * sum(nu) - self.balance)
+                values.append(value)
             return values
         # in patch parameters first: all orders at once, then each query picks by its turn
         turned = [basis.turned(nu) for nu in orders]
@@ -247,11 +268,16 @@ class Values:
             rows = np.stack([x.rows for x in eigen], axis=1)  # (q, orders, K - 1)
             found = np.matmul(rows, c.modes[c.which, 1:])  # (q, orders, d)
             for k, (order, x) in enumerate(zip(needed, eigen, strict=True)):
-                found[:, k] = _scaled(found[:, k], x.exponent + g.depth[c.query] * sum(order))
-                if x.with_limit:
-                    found[:, k] += c.modes[c.which, 0]
-                    found[:, k] += c.low[c.which]
-                    found[:, k] += c.origin[c.which]
+                exponent = x.exponent + g.depth[c.query] * sum(order)
+                if not x.with_limit:
+                    found[:, k] = _scaled(found[:, k], exponent - self.balance)
+                    continue
+                found[:, k] = _scaled(found[:, k], exponent)
+                found[:, k] += c.modes[c.which, 0]
+                found[:, k] += c.low[c.which]
+                found[:, k] += c.origin[c.which]
+                if self.balance:
+                    found[:, k] = np.ldexp(found[:, k], -self.balance)
             parts[c.query] = found
         for choices, sign in turned:
             pick = np.array([needed.index(order) for order in choices])[g.turn]
@@ -259,20 +285,21 @@ class Values:
         return values
 
     def directions(self, g: Group) -> list[Array]:
-        """Directions of d/du and d/dv (q, d) of a group, and their rounding errors (q, 1)."""
-        noise = basis.NOISE
+        """Directions of d/du and d/dv (q, d) of a group, and bounds of their errors (q, 1)."""
+        noise = kernels.NOISE
         if g.kind in (REGULAR, STRIP):
-            *_, points = self._differences(self._groups.controls(g), _FIRST_CORNER)
-            size = np.abs(points).max(axis=2, initial=0, keepdims=True)  # (q, 16, 1)
+            ids = self._groups.controls(g)
+            *_, points = self._differences(ids, _FIRST_CORNER)
+            size = np.abs(points).max(axis=2, initial=0) + self._errors[ids]  # (q, 16)
             weights = [self._groups.spline_weights(g, nu) for nu in ((1, 0), (0, 1))]
             return [_contract(w, points) for w in weights] + [
-                noise * _contract(np.abs(w), size) for w in weights
+                noise * _contract(np.abs(w), size[..., None]) + kernels.TINY for w in weights
             ]
         found = np.empty((2, len(g.query), self._points.shape[1]))
         errors = np.empty((2, len(g.query), 1))
         for c in self._corners(g):
             found[:, c.query], errors[:, c.query] = basis.eigen_directions(
-                c.table, c.place, c.powers, c.modes, c.size, c.which
+                c.table, c.place, c.powers, c.modes, self._added(c), c.which
             )
         (ds, dt), (noise_s, noise_t) = found, noise * errors
         odd, turn = (g.turn % 2 == 1)[:, None], g.turn[:, None]
@@ -287,9 +314,10 @@ class Values:
             return [kernels.unit_normals(along, across, (noise, other))]
         result = np.empty((len(g.query), 3))
         for c in self._corners(g):
-            found, error = basis.eigen_normals(c.table, c.place, c.powers, c.modes, c.which)
-            scale = basis.NOISE * error.max(axis=1, keepdims=True)
-            result[c.query] = kernels.unit(found, scale)
+            found, error = basis.eigen_normals(
+                c.table, c.place, c.powers, c.modes, self._added(c), c.which
+            )
+            result[c.query] = kernels.unit(found, kernels.NOISE * error)
         return [result]
 
     def curvatures(self, g: Group) -> list[Array]:
@@ -298,14 +326,14 @@ class Values:
         if g.kind in (REGULAR, STRIP):
             *_, points = self._differences(self._groups.controls(g), _FIRST_CORNER)
             jet = [_contract(self._groups.spline_weights(g, nu), points) for nu in JET]
-            return [curvatures(np.stack(jet), normal)]
+            return [curvatures(np.stack(jet), normal, self.balance)]
         form, axis = np.full((3, len(normal)), np.nan), np.full((len(normal), 3), np.nan)
         exponent = np.zeros(len(normal), dtype=np.int64)
         for c in self._corners(g):
             form[:, c.query], exponent[c.query], axis[c.query] = basis.eigen_curvatures(
                 c.table, c.place, c.modes, c.which
             )
-        return [_principal(form, exponent, axis, normal)]
+        return [_principal(form, exponent + self.balance, axis, normal)]
 
     def _differences(self, ids: Array, base: int) -> tuple[Array, Array, Array]:
         """A control point of each patch, high and low (P, d), and all relative to it (P, K, d)."""
@@ -329,7 +357,6 @@ class Values:
         patch, which = np.unique(g.row, return_inverse=True)
         origin, low, points = self._differences(controls[patch], 0)
         modes = basis.eigen_coefficients(table, points)
-        size = np.abs(points).max(axis=(1, 2), initial=0)[:, None, None]
         occurs = (modes[:, 1:] != 0).any(axis=2)
         leads = 1 + occurs.argmax(axis=1)
         place = basis.CornerPlace.of(g.s, g.t, g.turn)
@@ -337,7 +364,13 @@ class Values:
             query = np.flatnonzero(leads[which] == lead)
             here = place[query]
             powers = basis.EigenPowers.of(table, here, lead)
-            yield Corners(query, table, here, powers, origin, low, modes, size, which[query])
+            own = origin, low, points, controls[patch], modes
+            yield Corners(query, table, here, powers, *own, which[query])
+
+    def _added(self, c: Corners) -> Array:
+        """Sizes (P, K) of what was added up to coefficients."""
+        sizes = np.abs(c.points).max(axis=2, initial=0) + self._errors[c.ids]
+        return basis.eigen_sizes(c.table, sizes)
 
 
 class ExactValues:
@@ -355,16 +388,17 @@ class ExactValues:
         return [(self._groups.weights(g, nu)[:, :, None] * points).sum(axis=1) for nu in orders]
 
 
-def curvatures(jet: Array, normal: Array) -> Array:
+def curvatures(jet: Array, normal: Array, balance: int = 0) -> Array:
     """Curvatures k1, k2, mean, Gaussian and directions d1, d2 (q, 10) from derivatives.
 
-    `jet` has those of `JET`, (5, q, 3); `normal` (q, 3), NaN where there is none.
+    `jet` has those of `JET`, (5, q, 3), of points times 2 ** balance; `normal` (q, 3), NaN where
+    there is none.
     """
     # neither overflow nor underflow in squares
     exponent = -np.frexp(np.abs(jet[:2]).max(axis=(0, 2)))[1]
     jet = kernels.scale_by_two(jet, exponent[:, None])
     form, axis = kernels.shape_operators(jet[:2], jet[2:], np.ones((3, len(normal))))
-    return _principal(form, exponent, axis, normal)
+    return _principal(form, exponent + balance, axis, normal)
 
 
 def _principal(form: Array, exponent: Array, axis: Array, normal: Array) -> Array:

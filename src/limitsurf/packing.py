@@ -515,8 +515,8 @@ def _mantissas(table: tables.EigenTable) -> tuple[Array, Array]:
     """Powers of the first eigenvalue as mantissas (levels,) and exponents of two (levels,)."""
     high, low = table.rates[:, 1].tolist()
     powers = [kernels.scaled_power(high, low, n) for n in _levels()]
-    mantissas, more = np.frexp(np.concatenate([mantissa for mantissa, _ in powers]))
-    return mantissas, more + np.concatenate([exponent for _, exponent in powers])
+    mantissas, exponents = zip(*powers, strict=True)
+    return np.concatenate(mantissas), np.concatenate(exponents)
 
 
 def _levels() -> tuple[Array, Array]:

@@ -493,7 +493,7 @@ class LimitSurface:
         face, u, v = self._inexact_queries(face, u, v, "curvature")
         self._check_ranges(face, u, v, False)
         groups, compute = self._groups[False], self._values.curvatures
-        if not _kernels.compiled(face.size):
+        if self._values.balance or not _kernels.compiled(face.size):
             (found,) = groups.answers(face, u, v, [10], compute)
             return found.reshape(*face.shape, 10)
         found, start = np.empty((face.size, 10)), 0
@@ -659,7 +659,8 @@ class LimitSurface:
         """
         count = threads(workers)
         known = orders is None or all(nu in _PLACES for nu in orders)
-        if exact or not all(widths) or not known or not _kernels.compiled(face.size):
+        known = known and not exact and all(widths) and not self._values.balance
+        if not known or not _kernels.compiled(face.size):
             self._check_ranges(face, u, v, exact)
             return self._groups_of(exact).answers(face, u, v, widths, compute)
         found = self._packing.evaluate(

@@ -99,6 +99,11 @@ class FourierRing:
         waves = self.frequency, self.parity, self.left, self.half_turn
         return kernels.ring_coefficients(points, *waves)
 
+    def sizes(self, sizes: Array) -> Array:
+        """Sizes (P, ring) of what is added up to coefficients, from those of points (P, ring)."""
+        parts = sizes[:, 0], sizes[:, 1::2].sum(axis=1), sizes[:, 2::2].sum(axis=1)
+        return np.asarray(np.stack(parts, axis=1) @ np.abs(self.left.T))
+
     def weights(self, rows: Array) -> Array:
         """Weights (Q, ring) of the points from those of the coefficients (Q, ring)."""
         waves = self.frequency, self.parity, self.left, self.half_turn
@@ -114,6 +119,10 @@ class DenseRing:
     def coefficients(self, points: Array) -> Array:
         """Coefficients (P, ring, d) of ring points (P, ring, d)."""
         return np.asarray(np.matmul(self.left, points))
+
+    def sizes(self, sizes: Array) -> Array:
+        """Sizes (P, ring) of what is added up to coefficients, from those of points (P, ring)."""
+        return np.asarray(sizes @ np.abs(self.left.T))
 
     def weights(self, rows: Array) -> Array:
         """Weights (Q, ring) of the points from those of the coefficients (Q, ring)."""

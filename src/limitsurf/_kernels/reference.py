@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
+NOISE = 16 * np.finfo(float).eps  # of sums of products of rounded numbers, relative
+TINY = 2.0**-1000  # beside what underflow takes from such sums
+
 
 def exact(values: Any) -> Array:
     """Object array of Fractions; ints and floats count as the rationals they are, NaN stays."""
@@ -83,13 +86,14 @@ def power(high: Array, low: Array, n: Array) -> Array:
 
 
 def scaled_power(high: float, low: float, n: Array) -> tuple[Array, Array]:
-    """``(high + low) ** n`` as mantissa (n,) and power of two (n,), beyond float64's range too."""
+    """``(high + low) ** n`` as mantissas (n,), below 1, and powers of two (n,), however small."""
     mantissa, exponent = np.frexp(high)
     if mantissa * mantissa < 0.5:
         mantissa, exponent = mantissa * 2, exponent - 1
     # |mantissa| in [0.7, 1.42): its 1100th power is within range
     low = np.ldexp(low, -exponent)
-    return mantissa**n * (1 + n * (low / mantissa)), exponent * n
+    power, more = np.frexp(mantissa**n * (1 + n * (low / mantissa)))
+    return power, exponent * n + more
 
 
 def split_corner(s: Array, t: Array, up_s: Array, up_t: Array) -> tuple[Array, Array, Array, Array]:
@@ -228,6 +232,32 @@ def differences(
     return np.asarray(np.add.reduceat(terms, indptr[:-1], axis=0))
 
 
+def reach(indptr: Array, columns: Array, values: Array, high: Array, low: Array) -> Array:
+    """Sizes (rows,) of what `differences` adds up, each relative to the first point of its row.
+
+    `NOISE` times as much bounds the rounding errors of sums of up to 16 terms, which grow with
+    their number.
+    """
+    if not len(columns):
+        return np.zeros(len(indptr) - 1)
+    counts = np.diff(indptr)
+    near = np.repeat(columns[indptr[:-1]], counts)
+    far = np.abs(high[columns] - high[near] + (low[columns] - low[near])).max(axis=1, initial=0)
+    sums = np.add.reduceat(np.abs(values) * far, indptr[:-1])
+    return np.asarray(sums * np.maximum(counts / 16, 1))
+
+
+def balance(points: Array) -> int:
+    """The power of two by which coordinates are multiplied so that none of their sums overflow.
+
+    Nor do products with rounding errors underflow where all of them are tiny. 0 in general: within
+    2^-900 and 2^1000 there is room for both.
+    """
+    size = np.abs(points).max(initial=0)
+    exponent = int(np.frexp(size)[1])
+    return 0 if size == 0 or -900 <= exponent <= 1000 else (960 if exponent > 0 else 0) - exponent
+
+
 def two_sum(a: Array, b: Array) -> tuple[Array, Array]:
     """The rounded sum and its rounding error, exactly (Knuth 1969)."""
     total = a + b
@@ -245,16 +275,20 @@ def unit(vectors: Array, noise: Array) -> Array:
 
 
 def unit_normals(along: Array, across: Array, noise: tuple[Array, Array]) -> Array:
-    """Unit vectors (Q, 3) along the cross products.
+    """Unit vectors (Q, 3) along the cross products: the rule of when a normal is in doubt.
 
-    NaN where the vectors are dependent up to their rounding errors `noise`, two of (Q, 1).
+    `noise`, two of (Q, 1), bounds the rounding errors of the vectors' components, from the sizes of
+    what was added up to them, not of what is left. NaN where within these the vectors might be
+    dependent: errors of unit vectors are at most sqrt(3) < 2 times as large, relative to the
+    largest component.
     """
     with np.errstate(all="ignore"):
         angle = sum(
             n / np.abs(x).max(axis=-1, keepdims=True, initial=0)
             for x, n in zip((along, across), noise, strict=True)
         )
-    return unit(np.cross(unit(along, noise[0]), unit(across, noise[1])), np.asarray(angle))
+    cross = np.cross(unit(along, noise[0]), unit(across, noise[1]))
+    return unit(cross, 2 * np.asarray(angle))
 
 
 def shape_operators(first: Array, second: Array, ratios: Array) -> tuple[Array, Array]:
