@@ -236,15 +236,7 @@ class Values:
     @cached_property
     def _errors(self) -> Array:
         """Bounds (n_points,) of what rounding did to control points, in units of `NOISE`."""
-        high, low = self._control_points
-        found = np.zeros(len(high))
-        done = len(self._points)
-        for operator in self._groups.patches.extras:
-            rows = operator.indptr, operator.indices, operator.data
-            new = slice(done, done + operator.shape[0])
-            found[new] = kernels.reach(*rows, high, low) + abs(operator) @ found[:done]
-            done = new.stop
-        return found
+        return kernels.errors(self._groups.patches.extras, *self._control_points)
 
     def derivatives(self, g: Group, orders: Sequence[Order]) -> list[Array]:
         """Derivatives (q, d) of the queries of a group, in float64."""

@@ -367,9 +367,9 @@ class LimitSurface:
         count = (order + 1) * (order + 2) // 2
         if count > _MOST:
             raise ValueError(
-                f"a jet of order {order} has {count:,} derivatives, more than {_MOST:,}; all but 16 "
-                "are 0, as those beyond the third in u or in v are: ask for order 6, or evaluate "
-                "those you need by nu="
+                f"a jet of order {order} has {count:,} derivatives, more than {_MOST:,}; those "
+                "beyond the third in u or in v are 0: ask for order 6, which has all others, or "
+                "evaluate those you need by nu="
             )
         if lazy.is_lazy(face, u, v):
             options = {"order": order, "channel": channel, "workers": workers}

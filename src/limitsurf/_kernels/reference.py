@@ -5,6 +5,7 @@ Shapes: Q queries, K control points of a patch, d channels of the points.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from numbers import Rational
 from typing import Any
@@ -232,19 +233,25 @@ def differences(
     return np.asarray(np.add.reduceat(terms, indptr[:-1], axis=0))
 
 
-def reach(indptr: Array, columns: Array, values: Array, high: Array, low: Array) -> Array:
-    """Sizes (rows,) of what `differences` adds up, each relative to the first point of its row.
+def errors(operators: Sequence[Any], high: Array, low: Array) -> Array:
+    """Bounds (n,) of what rounding did to points high + low, in units of `NOISE`.
 
-    `NOISE` times as much bounds the rounding errors of sums of up to 16 terms, which grow with
-    their number.
+    The first are given, and exact; the others come from those before them by sparse operators, as
+    `differences` from the first point of each row.
     """
-    if not len(columns):
-        return np.zeros(len(indptr) - 1)
-    counts = np.diff(indptr)
-    near = np.repeat(columns[indptr[:-1]], counts)
-    far = np.abs(high[columns] - high[near] + (low[columns] - low[near])).max(axis=1, initial=0)
-    sums = np.add.reduceat(np.abs(values) * far, indptr[:-1])
-    return np.asarray(sums * np.maximum(counts / 16, 1))
+    found = np.zeros(len(high))
+    done = len(high) - sum(operator.shape[0] for operator in operators)
+    for operator in operators:
+        indptr, columns, weights = operator.indptr, operator.indices, np.abs(operator.data)
+        counts = np.diff(indptr)
+        near = np.repeat(columns[indptr[:-1]], counts)
+        far = np.abs(high[columns] - high[near] + (low[columns] - low[near]))
+        # sums of more than 16 terms have larger errors
+        far = far.max(axis=1, initial=0) * np.repeat(np.maximum(counts / 16, 1), counts)
+        sums = np.add.reduceat(weights * (far + found[columns]), indptr[:-1])
+        found[done : done + len(counts)] = sums
+        done += len(counts)
+    return found
 
 
 def balance(points: Array) -> int:
