@@ -209,7 +209,7 @@ def eigen_weights(
     else NaN.
     """
     order = sum(nu)
-    rows = _eigen_rows(table, place, powers, nu)
+    rows = eigen_rows(table, place, powers, nu)
     high, low = table.rates[:, powers.lead].tolist()
     mantissa, exponent = kernels.scaled_power(high, low, powers.level)
     rows *= mantissa[:, None]
@@ -239,7 +239,7 @@ def eigen_directions(
     negative = (powers.level % 2 == 1) & (table.rates[0, powers.lead] < 0)
     found, error = np.empty((2, *points[:, 0].shape)), np.empty((2, len(which), 1))
     for axis, nu in enumerate(((1, 0), (0, 1))):
-        rows = _eigen_rows(table, place, powers, nu)
+        rows = eigen_rows(table, place, powers, nu)
         rows[negative] *= -1
         corner = np.flatnonzero(place.level < 0)
         for limit in corner_directions(table, axis):
@@ -259,7 +259,7 @@ def _total(rows: Array, values: Array) -> Array:
     return np.asarray(np.matmul(rows[:, None], values)[:, 0])
 
 
-def _eigen_rows(
+def eigen_rows(
     table: EigenTable, place: CornerPlace, powers: EigenPowers, nu: tuple[int, int]
 ) -> Array:
     """Derivatives in (S, T) of the eigenfunctions after the first, times `powers`, (Q, K - 1)."""

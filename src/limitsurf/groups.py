@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from math import factorial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -311,6 +312,70 @@ class Values:
             )
             result[c.query] = kernels.unit(found, kernels.NOISE * error)
         return [result]
+
+    def jets(self, g: Group) -> tuple[Array, Array, Array]:
+        """Derivatives (q, 4, 4, d) of orders 0 to 3 in u and v, in parameters of their piece.
+
+        Those are u and v times 2 ** exponent (q,), returned last; before it bounds (q, 4, 4) of
+        rounding errors. The position, of order (0, 0), is left 0.
+        """
+        shape = len(g.query), 4, 4, self._points.shape[1]
+        found, error, exponent = np.zeros(shape), np.zeros(shape[:3]), g.depth.copy()
+        orders = [(i, j) for i in range(4) for j in range(4) if i or j]
+        if g.kind in (REGULAR, STRIP):
+            ids = self._groups.controls(g)
+            *_, points = self._differences(ids, _FIRST_CORNER)
+            sizes = np.abs(points).max(axis=2, initial=0) + self._errors[ids]
+            for nu in orders:
+                weights = self._groups.spline_weights(g, nu)
+                found[:, *nu] = _contract(weights, points)
+                error[:, *nu] = (np.abs(weights) * sizes).sum(axis=1)
+            return found, kernels.NOISE * error, exponent
+        for c in self._corners(g):
+            added = self._added(c)[c.which, 1:]
+            rows = [basis.eigen_rows(c.table, c.place, c.powers, nu) for nu in orders]
+            rows = [np.where((c.place.level < 0)[:, None], np.nan, x) for x in rows]
+            for nu, row in zip(orders, rows, strict=True):
+                found[c.query, *nu] = _contract(row, c.modes[c.which, 1:])
+                error[c.query, *nu] = (np.abs(row) * added).sum(axis=1)
+            exponent[c.query] += c.place.level + 1
+        error *= kernels.NOISE
+        turned, bounds = np.empty_like(found), np.empty_like(error)
+        for nu in orders:
+            choices, sign = basis.turned(nu)
+            for turn, order in enumerate(choices):
+                here = g.turn == turn
+                turned[here, *nu] = sign[turn] * found[here, *order]
+                bounds[here, *nu] = error[here, *order]
+        return turned, bounds, exponent
+
+    def edge_normals(self, g: Group, side: Array, away: Array) -> Array:
+        """Limits (q, 3) of normals towards sides of limit faces on which derivatives vanish.
+
+        Queries of a group on the sides v = 0, u = 1, v = 1, u = 0, of numbers `side` 0 to 3 (q,),
+        of which the normal is wanted so far `away` (q,) from the side; NaN where there is none.
+        Derived in ``derivations/limit_normals.py``, section 8.
+        """
+        found, error, exponent = self.jets(g)
+        # x along the side, y away from it
+        along_v, back = side % 2 == 1, (side == 1) | (side == 2)
+        found = np.where(along_v[:, None, None, None], found.swapaxes(1, 2), found)
+        error = np.where(along_v[:, None, None], error.swapaxes(1, 2), error)
+        found[:, :, 1::2] *= np.where(back, -1, 1)[:, None, None, None]
+        y = kernels.scale_by_two(away, exponent)
+        parts = []
+        for first in (found[:, 1:], error[:, 1:]), (found[:, :, 1:], error[:, :, 1:]):
+            # polynomials in x, of which the first that are 0 everywhere are left out
+            seen = (np.abs(first[0]).max(axis=3) > first[1]).any(axis=1)
+            terms = np.cumsum(seen, axis=1) > 0
+            power = np.cumsum(terms, axis=1) - 1
+            scale = np.where(terms, y[:, None] ** np.maximum(power, 0), 0)
+            scale /= [factorial(k) for k in range(terms.shape[1])]
+            parts.append((first[0][:, 0] * scale[..., None]).sum(axis=1))
+            parts.append((first[1][:, 0] * scale).sum(axis=1)[:, None])
+        along, noise, across, other = parts
+        normals = kernels.unit_normals(along, across, (noise, other))
+        return normals * np.where((side == 2) | (side == 3), -1, 1)[:, None]
 
     def curvatures(self, g: Group) -> list[Array]:
         """What `curvatures` returns for a group, (q, 10)."""

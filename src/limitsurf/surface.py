@@ -20,7 +20,7 @@ from limitsurf.mesh import Mesh, checked_integer
 from limitsurf.packing import TERMS, Packing, threads
 from limitsurf.patches import PatchTable
 from limitsurf.refine import ExactOperator, eliminated, refined, sparse_operator, stacked
-from limitsurf.rules import Rules
+from limitsurf.rules import Rules, Sharpness
 from limitsurf.topology import LimitFaces
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ Numbers: TypeAlias = ArrayLike | Fraction | Sequence[Fraction]
 _PORTION = 1 << 20  # queries whose jets are in memory at once
 _MOST = 10_000  # derivatives in a jet
 # what is kept of the points
-_OF_POINTS = ("_values", "_exact_values", "_packed")
+_OF_POINTS = ("_values", "_exact_values", "_packed", "_corner_normals")
 # derivatives that kernels know, in the order of `jet`
 _PLACES = {nu: place for place, nu in enumerate(TERMS)}
 
@@ -445,7 +445,10 @@ class LimitSurface:
         if lazy.is_lazy(face, u, v):
             return lazy.mapped(self, "normal", face, u, v, workers=workers)
         face, u, v = self._inexact_queries(face, u, v, "normal")
-        (normals,) = self._answers(face, u, v, False, [3], self._values.normals, None, workers)
+        normals = self._regular_normals(face, u, v, workers)
+        lost = np.isnan(normals[:, 0])
+        if lost.any():
+            self._find_limits(*(x.flat[lost] for x in (face, u, v)), lost, normals)
         return normals.reshape(*face.shape, 3)
 
     def curvature(self, face: ArrayLike, u: Numbers, v: Numbers, workers: int = 1) -> Curvature:
@@ -502,7 +505,7 @@ class LimitSurface:
             here = slice(start, start + len(part))
             f, x, y = face.flat[here], u.flat[here], v.flat[here]
             jet = np.stack(self._derivatives(f, x, y, JET, workers))
-            part[:] = curvatures(jet, self.normal(f, x, y, workers=workers))
+            part[:] = curvatures(jet, self._regular_normals(f, x, y, workers))
             special = np.flatnonzero(groups.special(f, x, y))
             (part[special],) = groups.answers(f[special], x[special], y[special], [10], compute)
             start = here.stop
@@ -680,6 +683,70 @@ class LimitSurface:
             for result, part in zip(results, parts, strict=True):
                 result[rest] = part
         return list(results)
+
+    def _regular_normals(self, face: Array, u: Array, v: Array, workers: int) -> Array:
+        """Normals (Q, 3) where derivatives are independent."""
+        (normals,) = self._answers(face, u, v, False, [3], self._values.normals, None, workers)
+        return normals
+
+    def _find_limits(self, face: Array, u: Array, v: Array, lost: Array, normals: Array) -> None:
+        """Fill in normals (Q, 3) that are `lost` at queries where they are limits all the same.
+
+        At and beside sharp sides (boundaries are) along which derivatives vanish, and at vertices
+        of sides that are points.
+        """
+        at = np.isfinite(u) & np.isfinite(v) & (self.patches.codes[face] != -1)
+        away = np.where(self._sharp_sides[face].T, [v, 1 - u, 1 - v, u], np.inf)
+        side, nearest = away.argmin(axis=0), away.min(axis=0)
+        # beyond, only directions that differ by rounding are in doubt
+        at &= nearest < 2.0**-10
+        corner = at & ((u == 0) | (u == 1)) & ((v == 0) | (v == 1))
+        found = np.full((len(face), 3), np.nan)
+        if corner.any():
+            which = np.where(v[corner] == 0, u[corner], 3 - u[corner]).astype(int)
+            found[corner] = self._corner_normals[face[corner], which]
+        here = np.flatnonzero(at & ~corner)
+        face, side, nearest = face[here], side[here], nearest[here]
+        u = np.choose(side, [u[here], 1.0, u[here], 0.0])
+        v = np.choose(side, [0.0, v[here], 1.0, v[here]])
+        groups, limits = self._groups[False], np.full((len(here), 3), np.nan)
+        for part, _, pieces in groups.chunks(face, u, v, 64):
+            for g in pieces:
+                given = side[part][g.query], nearest[part][g.query]
+                limits[part.start + g.query] = self._values.edge_normals(g, *given)
+        found[here] = limits
+        normals[lost] = found
+
+    @cached_property
+    def _sharp_sides(self) -> Array:
+        """Whether the sides v = 0, u = 1, v = 1, u = 0 of limit faces are sharp for ever, (n, 4)."""
+        mesh, faces = self.mesh, self.limit_faces
+        sharpness = Sharpness.of(mesh, self._rules, np.dtype(float))
+        sharp = np.zeros(mesh.n_corners, dtype=bool)
+        sharp[sharpness.sides] = tables.is_infinite(sharpness.edge_sharpness)[sharpness.edge]
+        quad = faces.corner < 0
+        first = mesh.offsets[faces.face] + np.where(quad, 0, faces.corner)
+        sides = np.zeros((len(faces), 4), dtype=bool)
+        sides[quad] = sharp[first[quad, None] + np.arange(4)]
+        # only those at the corner are on edges of an n-gon
+        sides[~quad, 0] = sharp[first[~quad]]
+        sides[~quad, 3] = sharp[mesh.previous_corner[first[~quad]]]
+        return sides
+
+    @cached_property
+    def _corner_normals(self) -> Array:
+        """Limit normals at the corners (0, 0), (1, 0), (1, 1), (0, 1) of limit faces, (n, 4, 3)."""
+        quads = bool((self.mesh.sizes == 4).all())
+        fine = refined(self.mesh, 0 if quads else 1, **vars(self._rules))
+        normals = fine.limit_normals.reshape(-1, 4, 3)
+        if quads:
+            return normals
+        faces, sizes = self.limit_faces, self.mesh.sizes
+        child = self.mesh.offsets[faces.face] + np.maximum(faces.corner, 0)
+        result = normals[child]
+        quad = np.flatnonzero(sizes[faces.face] == 4)
+        result[quad] = normals[child[quad, None] + np.arange(4), 0]
+        return result
 
     @property
     def _packing(self) -> Packing:

@@ -686,6 +686,32 @@ def normal_masks(scheme: Scheme, kind: str, faces: int) -> Array:
     return masks.reshape(-1, 2, sector.ring)
 
 
+def collapsed_masks(scheme: Scheme, kind: str, faces: int) -> Array:
+    """Weights of the ring where sharp edges are points: e_0 or e_k coincide with v, (4, 2, ring).
+
+    Pairs of vectors whose cross product points along the limit normal where both edges are points
+    (waves 2 and 1), where the first is, and where the second is (those in corners of one face); 0
+    where there is no normal. Then ``e_0 - v`` and ``e_k - v``, which tell. Derived in
+    ``derivations/limit_normals.py``, section 8.
+    """
+    sector = Sector(kind, faces)
+    masks = np.zeros((4, 2, sector.ring))
+    if not sector.open:
+        return masks
+    table = eigen_table(scheme, sector)
+    masks[3, [0, 1], [1, -1]], masks[3, :, 0] = 1, -1
+    # modes of the ring: three of the curve, then waves by frequency, two each but for the last
+    waves = [int(np.flatnonzero(table.order == 1 + 2 * m)[0]) for m in range(1, min(faces, 2) + 1)]
+    # each positive beside the first edge
+    sign = np.sign(table.pieces[0, 4, waves])
+    first, *second = table.left_vectors(np.array(waves))[:, : sector.ring] * sign[:, None]
+    if second:
+        masks[0] = second[0], first
+    elif kind == "corner":
+        masks[1], masks[2] = (first, masks[3, 1]), (masks[3, 0], first)
+    return masks
+
+
 def one(dtype: Any) -> Array:
     """The weight 1, (1,)."""
     return _numbers([Fraction(1)], dtype)
