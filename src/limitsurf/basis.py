@@ -350,15 +350,22 @@ def eigen_normals(
 
 
 def eigen_curvatures(
-    table: EigenTable, place: CornerPlace, modes: Array, which: Array
+    table: EigenTable,
+    place: CornerPlace,
+    modes: Array,
+    added: Array,
+    size: Array,
+    which: Array,
 ) -> tuple[Array, Array, Array]:
     """Second fundamental forms of points with eigencoefficients `modes`, (P, K, 3).
 
     In a frame of each patch whose x-axis is along the coefficient that falls most slowly, whose
     plane holds the next one and whose z-axis the third, x, y and z fall by powers a1, a2, b of
     three eigenvalues, which are taken out: the normal part of second derivatives is not lost in
-    their tangential part, however near the corner; ``derivations/curvature.py``. At the corner
-    itself curvature is 0 where it tends to 0, else NaN.
+    their tangential part, however near the corner; ``derivations/curvature.py``. `added` (P, K, 3)
+    are the sizes of what was added up to coefficients, `size` (P,) those of the patches; forms in
+    doubt are as `kernels.honest` says. At the corner itself curvature is 0 where it tends to 0,
+    else NaN.
 
     Returns
     -------
@@ -370,38 +377,46 @@ def eigen_curvatures(
     """
     scale = np.frexp(np.abs(modes[:, 1:]).max(axis=(1, 2), initial=0))[1]
     points = kernels.scale_by_two(modes[:, 1:], -scale[:, None, None])  # (P, K - 1, 3), at most 1
-    axes, local, leads = _frames(table, points)
+    noise = NOISE * kernels.scale_by_two(added[:, 1:], -scale[:, None, None])
+    axes, local, leads = _frames(table, points, noise)
+    # errors of these coordinates, but where they are known to be 0
+    noise = np.matmul(noise, np.abs(axes).swapaxes(1, 2)) * (local != 0)
+    size = kernels.scale_by_two(size, -scale)
     form, axis = np.full((3, len(which)), np.nan), np.full((len(which), 3), np.nan)
     exponent = np.zeros(len(which), dtype=np.int64)
     values = _exact_eigenvalues(table)
     kinds, kind = np.unique(leads, axis=0, return_inverse=True)
-    for k, (first, second, third) in enumerate(kinds.tolist()):
+    for case, (first, second, third) in enumerate(kinds.tolist()):
         if not second or not values[second]:
             continue  # a line or a point: no surface
         flat, third = not third, third or second
         a1, a2, b = values[first], values[second], values[third]
-        here = np.flatnonzero(kind.ravel()[which] == k)
+        here = np.flatnonzero(kind.ravel()[which] == case)
         at_corner = place.level[here] < 0
         if [first, second] in table.normal_pairs[:1].tolist() and (flat or abs(b) < a2 * a2):
             form[:, here[at_corner]] = 0
         here = here[~at_corner]
         there, patch = place[here], which[here]
         powers = [EigenPowers.of(table, there, lead) for lead in (first, second, third)]
-        derivatives = np.empty((5, len(here), 3))
-        for row, nu in zip(derivatives, ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2)), strict=True):
+        derivatives, errors = np.empty((2, 5, len(here), 3))
+        for k, nu in enumerate(((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))):
             functions = _eigenfunctions(table, there, nu)
             for x, p in enumerate(powers):
-                row[:, x] = (_powered(table, functions, p) * local[patch, :, x]).sum(axis=1)
+                rows = _powered(table, functions, p)
+                derivatives[k, :, x] = (rows * local[patch, :, x]).sum(axis=1)
+                errors[k, :, x] = (np.abs(rows) * noise[patch, :, x]).sum(axis=1)
         level = there.level
         high, low = _high_and_low([a2 / a1, b / a1, b / a2])
-        parts, along = kernels.shape_operators(
-            derivatives[:2], derivatives[2:], kernels.power(high, low, level).T
+        parts, bounds, along = kernels.shape_operators(
+            derivatives[:2], derivatives[2:], kernels.power(high, low, level).T, errors
         )
         units = [_scaled_power(x, level) for x in (b / (a1 * a1), b / (a1 * a2), b / (a2 * a2))]
-        parts *= [mantissa for mantissa, _ in units]
         powers_of_two = np.array([n for _, n in units])
         largest = powers_of_two.max(axis=0)
-        parts = kernels.scale_by_two(parts, powers_of_two - largest)
+        mantissas = np.array([mantissa for mantissa, _ in units])
+        parts, bounds = parts * mantissas, bounds * np.abs(mantissas)
+        parts, bounds = (kernels.scale_by_two(x, powers_of_two - largest) for x in (parts, bounds))
+        parts = kernels.honest(parts, bounds, kernels.scale_by_two(size[patch], largest))
         if a1 * a2 < 0:  # areas are positive; in w12 their sign stands already
             parts[::2, level % 2 == 1] *= -1
         form[:, here], exponent[here] = parts, largest - scale[patch]
@@ -409,19 +424,18 @@ def eigen_curvatures(
     return form, exponent, axis
 
 
-def _frames(table: EigenTable, points: Array) -> tuple[Array, Array, Array]:
+def _frames(table: EigenTable, points: Array, noise: Array) -> tuple[Array, Array, Array]:
     """Axes (P, 3, 3) along the slowest coefficients (P, K - 1, 3), which are at most 1.
 
-    Also the coefficients in these axes, and the number of the eigenvalue with which each coordinate
-    begins (P, 3); 0 where all of it is 0.
+    `noise` bounds their errors, coordinate by coordinate: flat cages keep what bends them. Also the
+    coefficients in these axes, and the number of the eigenvalue with which each coordinate begins
+    (P, 3); 0 where all of it is 0.
     """
     axes, leads = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3), dtype=np.int64)
     local, patch = np.zeros_like(points), np.arange(len(points))
-    # coordinates are as precise as the largest of their own: flat cages keep what bends them
-    noise = NOISE * np.abs(points).max(axis=1, keepdims=True)  # (P, 1, 3)
     for x in range(3):
         if x < 2:  # a unit vector along the first coefficient that is not in the axes before
-            rest, error = points, x * noise
+            rest, error = points, noise
             for axis in [*axes[:, :x].swapaxes(0, 1)] * 2:  # twice, for the sake of rounding
                 axis = axis[:, None]  # (P, 1, 3)
                 rest = rest - (rest * axis).sum(axis=2, keepdims=True) * axis

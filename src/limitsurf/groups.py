@@ -236,7 +236,7 @@ class Values:
 
     @cached_property
     def _errors(self) -> Array:
-        """Bounds (n_points,) of what rounding did to control points, in units of `NOISE`."""
+        """Bounds (n_points, d) of what rounding did to control points, in units of `NOISE`."""
         return kernels.errors(self._groups.patches.extras, *self._control_points)
 
     def derivatives(self, g: Group, orders: Sequence[Order]) -> list[Array]:
@@ -283,7 +283,7 @@ class Values:
         if g.kind in (REGULAR, STRIP):
             ids = self._groups.controls(g)
             *_, points = self._differences(ids, _FIRST_CORNER)
-            size = np.abs(points).max(axis=2, initial=0) + self._errors[ids]  # (q, 16)
+            size = self._sizes(points, ids)  # (q, 16)
             weights = [self._groups.spline_weights(g, nu) for nu in ((1, 0), (0, 1))]
             return [_contract(w, points) for w in weights] + [
                 noise * _contract(np.abs(w), size[..., None]) + kernels.TINY for w in weights
@@ -325,7 +325,7 @@ class Values:
         if g.kind in (REGULAR, STRIP):
             ids = self._groups.controls(g)
             *_, points = self._differences(ids, _FIRST_CORNER)
-            sizes = np.abs(points).max(axis=2, initial=0) + self._errors[ids]
+            sizes = self._sizes(points, ids)
             for nu in orders:
                 weights = self._groups.spline_weights(g, nu)
                 found[:, *nu] = _contract(weights, points)
@@ -381,14 +381,20 @@ class Values:
         """What `curvatures` returns for a group, (q, 10)."""
         (normal,) = self.normals(g)
         if g.kind in (REGULAR, STRIP):
-            *_, points = self._differences(self._groups.controls(g), _FIRST_CORNER)
-            jet = [_contract(self._groups.spline_weights(g, nu), points) for nu in JET]
-            return [curvatures(np.stack(jet), normal, self.balance)]
+            ids = self._groups.controls(g)
+            *_, points = self._differences(ids, _FIRST_CORNER)
+            weights = [self._groups.spline_weights(g, nu) for nu in JET]
+            jet = np.stack([_contract(w, points) for w in weights])
+            sizes = np.abs(points) + self._errors[ids]
+            errors = kernels.NOISE * np.stack([_contract(np.abs(w), sizes) for w in weights])
+            return [curvatures(jet, normal, errors, sizes.max(axis=(1, 2)), self.balance)]
         form, axis = np.full((3, len(normal)), np.nan), np.full((len(normal), 3), np.nan)
         exponent = np.zeros(len(normal), dtype=np.int64)
         for c in self._corners(g):
+            sizes = np.abs(c.points) + self._errors[c.ids]
+            added = np.stack([basis.eigen_sizes(c.table, x) for x in np.moveaxis(sizes, 2, 0)], 2)
             form[:, c.query], exponent[c.query], axis[c.query] = basis.eigen_curvatures(
-                c.table, c.place, c.modes, c.which
+                c.table, c.place, c.modes, added, sizes.max(axis=(1, 2)), c.which
             )
         return [_principal(form, exponent + self.balance, axis, normal)]
 
@@ -424,10 +430,13 @@ class Values:
             own = origin, low, points, controls[patch], modes
             yield Corners(query, table, here, powers, *own, which[query])
 
+    def _sizes(self, points: Array, ids: Array) -> Array:
+        """Sizes (P, K) of control points `ids` relative to one of them, their errors included."""
+        return np.asarray((np.abs(points) + self._errors[ids]).max(axis=2, initial=0))
+
     def _added(self, c: Corners) -> Array:
         """Sizes (P, K) of what was added up to coefficients."""
-        sizes = np.abs(c.points).max(axis=2, initial=0) + self._errors[c.ids]
-        return basis.eigen_sizes(c.table, sizes)
+        return basis.eigen_sizes(c.table, self._sizes(c.points, c.ids))
 
 
 class ExactValues:
@@ -445,16 +454,29 @@ class ExactValues:
         return [(self._groups.weights(g, nu)[:, :, None] * points).sum(axis=1) for nu in orders]
 
 
-def curvatures(jet: Array, normal: Array, balance: int = 0) -> Array:
+def curvatures(
+    jet: Array,
+    normal: Array,
+    errors: Array | None = None,
+    size: Array | None = None,
+    balance: int = 0,
+) -> Array:
     """Curvatures k1, k2, mean, Gaussian and directions d1, d2 (q, 10) from derivatives.
 
     `jet` has those of `JET`, (5, q, 3), of points times 2 ** balance; `normal` (q, 3), NaN where
-    there is none.
+    there is none. If `errors`, bounds of those of the jet, and the `size` (q,) of the patch are
+    given, curvatures in doubt are as `kernels.honest` says.
     """
     # neither overflow nor underflow in squares
     exponent = -np.frexp(np.abs(jet[:2]).max(axis=(0, 2)))[1]
     jet = kernels.scale_by_two(jet, exponent[:, None])
-    form, axis = kernels.shape_operators(jet[:2], jet[2:], np.ones((3, len(normal))))
+    ones = np.ones((3, len(normal)))
+    if errors is not None and size is not None:
+        errors = kernels.scale_by_two(errors, exponent[:, None])
+        form, noise, axis = kernels.shape_operators(jet[:2], jet[2:], ones, errors)
+        form = kernels.honest(form, noise, kernels.scale_by_two(size, exponent))
+    else:
+        form, _, axis = kernels.shape_operators(jet[:2], jet[2:], ones)
     return _principal(form, exponent + balance, axis, normal)
 
 

@@ -506,7 +506,9 @@ class LimitSurface:
             f, x, y = face.flat[here], u.flat[here], v.flat[here]
             jet = np.stack(self._derivatives(f, x, y, JET, workers))
             part[:] = curvatures(jet, self._regular_normals(f, x, y, workers))
-            special = np.flatnonzero(groups.special(f, x, y))
+            # and where errors may outweigh what bends the surface
+            thin = kernels.nearly_dependent(*jet[:2])
+            special = np.flatnonzero(groups.special(f, x, y) | thin)
             (part[special],) = groups.answers(f[special], x[special], y[special], [10], compute)
             start = here.stop
         return found.reshape(*face.shape, 10)
@@ -719,7 +721,7 @@ class LimitSurface:
 
     @cached_property
     def _sharp_sides(self) -> Array:
-        """Whether the sides v = 0, u = 1, v = 1, u = 0 of limit faces are sharp for ever, (n, 4)."""
+        """Whether the sides v = 0, u = 1, v = 1, u = 0 of limit faces stay sharp, (n, 4)."""
         mesh, faces = self.mesh, self.limit_faces
         sharpness = Sharpness.of(mesh, self._rules, np.dtype(float))
         sharp = np.zeros(mesh.n_corners, dtype=bool)

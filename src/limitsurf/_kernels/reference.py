@@ -234,12 +234,12 @@ def differences(
 
 
 def errors(operators: Sequence[Any], high: Array, low: Array) -> Array:
-    """Bounds (n,) of what rounding did to points high + low, in units of `NOISE`.
+    """Bounds (n, d) of what rounding did to points high + low, in units of `NOISE`.
 
     The first are given, and exact; the others come from those before them by sparse operators, as
     `differences` from the first point of each row.
     """
-    found = np.zeros(len(high))
+    found = np.zeros_like(high)
     done = len(high) - sum(operator.shape[0] for operator in operators)
     for operator in operators:
         indptr, columns, weights = operator.indptr, operator.indices, np.abs(operator.data)
@@ -247,8 +247,8 @@ def errors(operators: Sequence[Any], high: Array, low: Array) -> Array:
         near = np.repeat(columns[indptr[:-1]], counts)
         far = np.abs(high[columns] - high[near] + (low[columns] - low[near]))
         # sums of more than 16 terms have larger errors
-        far = far.max(axis=1, initial=0) * np.repeat(np.maximum(counts / 16, 1), counts)
-        sums = np.add.reduceat(weights * (far + found[columns]), indptr[:-1])
+        far *= np.repeat(np.maximum(counts / 16, 1), counts)[:, None]
+        sums = np.add.reduceat(weights[:, None] * (far + found[columns]), indptr[:-1])
         found[done : done + len(counts)] = sums
         done += len(counts)
     return found
@@ -298,7 +298,17 @@ def unit_normals(along: Array, across: Array, noise: tuple[Array, Array]) -> Arr
     return unit(cross, 2 * np.asarray(angle))
 
 
-def shape_operators(first: Array, second: Array, ratios: Array) -> tuple[Array, Array]:
+def nearly_dependent(along: Array, across: Array) -> Array:
+    """Whether vectors (Q, 3) span an area below 1e-3 of the square of the longer one, (Q,)."""
+    size = np.maximum(np.abs(along).max(axis=1), np.abs(across).max(axis=1))[:, None]
+    with np.errstate(all="ignore"):
+        area = np.cross(along / size, across / size)
+    return ~(np.abs(area).max(axis=1) > 1e-3) & ~np.isnan(along[:, 0] + across[:, 0])
+
+
+def shape_operators(
+    first: Array, second: Array, ratios: Array, errors: Array | None = None
+) -> tuple[Array, Array, Array]:
     """Second fundamental forms in orthonormal frames of tangent planes, and these frames' x-axes.
 
     Coordinates have units a1, a2, b of their own, so that what falls by different powers towards a
@@ -313,11 +323,15 @@ def shape_operators(first: Array, second: Array, ratios: Array) -> tuple[Array, 
     second : (3, Q, 3)
         d2/ds2, d2/dsdt, d2/dt2.
     ratios : (3, Q)
+    errors : (5, Q, 3), optional
+        Bounds of the rounding errors of all these derivatives.
 
     Returns
     -------
     (3, Q)
         w11 in units of b / a1^2, w12 of b / (a1 a2), w22 of b / a2^2.
+    (3, Q)
+        Bounds of their rounding errors, as far as they come from `errors`.
     (Q, 3)
         q1 in these coordinates, all in units of a1.
     """
@@ -340,7 +354,43 @@ def shape_operators(first: Array, second: Array, ratios: Array) -> tuple[Array, 
             (m12 - slope * m11) / d**2,
             (m22 - slope * (2 * m12 - slope * m11)) * e / d**3,
         ]
-        return np.array(forms), along / np.sqrt(e)[:, None]
+        bounds = np.zeros((3, len(e)))
+        if errors is not None:
+            # of the determinants, and of the slope, whose terms may cancel
+            es, et = np.where(turn[:, None], errors[1::-1], errors[:2])
+            ess, est, ett = np.where(turn[:, None], errors[:1:-1], errors[2:])
+            wrong = sum(
+                np.abs(x[:, i] * y[:, j])
+                for x, y in ((ds, et), (es, dt))
+                for i, j in (([1, 2, 0], [2, 0, 1]), ([2, 0, 1], [1, 2, 0]))
+            )
+            n11, n12, n22 = (
+                (np.abs(cross) * y + wrong * np.abs(x)).sum(axis=1)
+                for x, y in ((dss, ess), (dst, est), (dtt, ett))
+            )
+            tilt = ((np.abs(along) * et + es * np.abs(across)) * lengths).sum(axis=1) / e
+            sizes = np.abs([slope, m11, m12])
+            bounds = np.array([
+                n11 / (d * e),
+                (n12 + sizes[0] * n11 + tilt * sizes[1]) / d**2,
+                (n22 + sizes[0] * (2 * n12 + sizes[0] * n11)
+                 + 2 * tilt * (sizes[2] + sizes[0] * sizes[1])) * e / d**3,
+            ])  # fmt: skip
+        return np.array(forms), bounds, along / np.sqrt(e)[:, None]
+
+
+def honest(form: Array, noise: Array, size: Array) -> Array:
+    """Second fundamental forms (3, Q) of patches of some size (Q,), but where errors outweigh them.
+
+    There they are 0 if what the errors might hide, too, is flat beside the size, else NaN.
+    """
+    doubt = ~(np.abs(form).max(axis=0) > noise.max(axis=0)) & ~np.isnan(form).any(axis=0)
+    with np.errstate(all="ignore"):
+        flat = noise.max(axis=0) * size <= _FLAT
+    return np.where(doubt, np.where(flat, 0.0, np.nan), form)
+
+
+_FLAT = 1e-6  # curvature times size
 
 
 def principal(form: Array, axis: Array, normal: Array) -> Array:
