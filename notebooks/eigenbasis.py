@@ -57,7 +57,7 @@ basis
 
 # %%
 table = basis.float64
-power = table.V @ np.diag(table.eigenvalues ** 40) @ table.Vinv
+power = table.V @ np.diag(table.eigenvalues**40) @ table.Vinv
 assert np.allclose(power, np.linalg.matrix_power(table.A, 40), atol=1e-14)
 
 # %% [markdown]
