@@ -787,8 +787,8 @@ for gone, p, q in (((0,), 1, 0), ((1, 2), 0, 2), ((1,), 0, 1)):
 # On a smooth edge the face on the other side counts as well. There $y < 0$, and if $p + q$ is odd
 # its limit is the opposite one, as derivatives of first and second order are continuous: the
 # surface is folded, as where a polygon is glued to its own back ($f_y = 0$, $p = 0$, $q = 1$), and
-# has no normal. A reflection $M$ that maps the net onto itself, $f(x, -y) = M f(x, y)$, takes the normal
-# of one side to that of the other, since for $\det M = -1$
+# has no normal. A reflection $M$ that maps the net onto itself, $f(x, -y) = M f(x, y)$, takes the
+# normal of one side to that of the other, since for $\det M = -1$
 #
 # $$
 # M a \times (-M b) = M (a \times b) :

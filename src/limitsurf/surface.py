@@ -420,11 +420,17 @@ class LimitSurface:
         """Unit normals, along d/du x d/dv: outwards where faces are counter-clockwise from outside.
 
         The normal is that of its own (u, v) at every distance from a special vertex, and the limit
-        at the vertex itself. On sharp edges each side has its own, that of the face asked. NaN
-        where the derivatives are dependent up to rounding, and where no limit normal exists, as it
-        depends on the direction of approach: at boundary and crease vertices with 5 or more faces
-        on that side, at corners with 3 or more between two sharp edges, at cones, and where there
-        are but 2 faces around a smooth vertex or a dart. `LimitSurface` has the table.
+        at the vertex itself. On sharp edges each side has its own, that of the face asked; also
+        where derivatives vanish along the edge, as at the pole of a sphere of quads, a boundary row
+        of points that coincide, or a single one that its faces repeat: there the normal is its
+        limit along the face, which may differ with the place on the edge.
+
+        NaN where the derivatives might be dependent within their rounding errors, which are bounded
+        by the sizes of what was added up, as on the edges of two polygons glued back to back; and
+        where no limit normal exists, as it depends on the direction of approach: at boundary and
+        crease vertices with 5 or more faces on that side, at corners with 3 or more between two
+        sharp edges, at cones, and where there are but 2 faces around a smooth vertex or a dart.
+        `LimitSurface` has the table, ``derivations/limit_normals.py`` the proofs.
 
         Arguments and errors are those of `evaluate`; the points must have shape (n, 3).
 
@@ -468,7 +474,9 @@ class LimitSurface:
             `k1` >= `k2`, of the shape of the query; their directions `d1`, `d2`, unit vectors in
             the tangent plane, (..., 3), with d1 x d2 the normal; `mean`, (k1 + k2) / 2, and
             `gaussian`, k1 k2. Where k1 = k2 the directions are some of all. Curvatures are +-inf
-            beyond float64's range. NaN where there is no normal, and at vertices where they have no
+            beyond float64's range. What is flat within rounding errors is exactly 0 in calls without
+        kernels. NaN where these errors outweigh what the surface is bent by (beside an edge that is
+        a point), where derivatives are dependent, and at vertices where they have no
             limit: in general all but those of smooth valence 4 and 3, where they tend to 0 and
             directions are NaN. `LimitSurface` has the table.
 
