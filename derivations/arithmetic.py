@@ -195,7 +195,7 @@ assert 2**550 < 10**166
 mp.dps = 60
 lost = 0
 for faces in (3, 5, 50):
-    high, low = eigen_table(CATMULL_CLARK, Sector("interior", faces)).eigenvalues[:, 1].tolist()
+    high, low = eigen_table(CATMULL_CLARK, Sector("interior", faces)).rates[:, 1].tolist()
     s = mp.cospi(mpf(1) / faces)
     value = (s + mp.sqrt(4 + s * s)) ** 2 / 16
     for power in (1, 2, 53, 500, 1074):

@@ -36,7 +36,7 @@ Run this file: it says nothing unless an assertion fails.
 
 # %%
 from itertools import pairwise
-from math import comb
+from math import comb, factorial
 
 from mpmath import (
     atan2,
@@ -54,7 +54,7 @@ from mpmath import (
     sinpi,
     sqrt,
 )
-from sympy import QQ, Matrix, Poly, Rational, Symbol
+from sympy import QQ, Matrix, Poly, Rational, Symbol, expand, symbols
 from sympy.polys.matrices import DomainMatrix
 
 iv.dps = mp.dps = 50
@@ -753,3 +753,72 @@ for turned in (ring, ring[:1] + ring[:0:-1]):
     normal = normals("corner", 3, turned, 200)[0, 0, 0, 0]
     assert abs(angle(normal, difference(turned[1], turned[0])) - 90) < 1e-8
     assert abs(angle(normal, difference(turned[-1], turned[0])) - 90) > 5
+
+# %% [markdown]
+# ## 8. Edges along which derivatives vanish
+#
+# Beside a side $y = 0$ of a face, $x$ along it and $y$ inwards, the surface is
+# $\sum_j \frac{y^j}{j!} S_j(x)$. Let $S_p'$ be the first of the $S_j'$ that is not zero for all
+# $x$, and $S_{q+1}$ the first of $S_1, S_2, \ldots$ Then
+#
+# $$
+# f_x \times f_y = y^{p+q} \left( \frac{S_p' \times S_{q+1}}{p! \, q!} + O(y) \right) ,
+# $$
+#
+# so from inside the normal tends to $S_p' \times S_{q+1}$ wherever that is not zero. Where the
+# points of a boundary or crease coincide ($p = 1$, $q = 0$) it is $f_{xy} \times f_y$; where the
+# row beside a boundary repeats it ($q = 2$, as $f_{yy}$ is zero on boundaries)
+# $f_x \times f_{yyy}$.
+
+# %%
+X, Y, *S = symbols("x y a:12")
+for gone, p, q in (((0,), 1, 0), ((1, 2), 0, 2), ((1,), 0, 1)):
+    parts = [(Matrix(S[3 * j : 3 * j + 3]) + X * Matrix(S[j : j + 3])) for j in range(4)]
+    parts = [part * int(j not in gone) for j, part in enumerate(parts)]
+    f = sum((parts[j] * Y**j / factorial(j) for j in range(4)), Matrix([0, 0, 0]))
+    normal = f.diff(X).cross(f.diff(Y))
+    limit = parts[p].diff(X).cross(parts[q + 1]) / (factorial(p) * factorial(q))
+    for component, expected in zip(normal, limit, strict=True):
+        powers = Poly(component, Y)
+        assert all(powers.coeff_monomial(Y**k) == 0 for k in range(p + q))
+        assert expand(powers.coeff_monomial(Y ** (p + q)) - expected) == 0
+
+# %% [markdown]
+# On a smooth edge the face on the other side counts as well. There $y < 0$, and if $p + q$ is odd
+# its limit is the opposite one, as derivatives of first and second order are continuous: the
+# surface is folded, as where a polygon is glued to its own back ($f_y = 0$, $p = 0$, $q = 1$), and
+# has no normal. A reflection $M$ that maps the net onto itself, $f(x, -y) = M f(x, y)$, takes the
+# normal of one side to that of the other, since for $\det M = -1$
+#
+# $$
+# M a \times (-M b) = M (a \times b) :
+# $$
+#
+# they agree where the normal lies in the mirror plane, and there alone.
+
+# %%
+a, b = Matrix(S[:3]), Matrix(S[3:6])
+mirror = Matrix.diag(1, 1, -1)
+assert (mirror * a).cross(-mirror * b).expand() == (mirror * a.cross(b)).expand()
+
+# %% [markdown]
+# *At a vertex* whose sharp edges are points on both sides, $e_0 = e_k = v$, only the waves are
+# left. Of these the pair (1, 2) wins. Its minor is negative but on the edges, where all minors
+# vanish, and this one of first order: so the normal tends to $P_2 \times P_1$, for each $k \ge 2$
+# that is tried here. In a corner of one face, where
+# $f = u S_0 + v S_1 + u v P$ is what matters, it is $P \times S_1$ if $S_0$ is zero, and
+# $S_0 \times P$ if $S_1$ is.
+
+# %%
+for k in range(2, 9):
+    # for k = 2 the surface is a spline, with v and uv
+    second = wave(k, 2) if k > 2 else (intervals(0, 0, 1, 0, -1, 0), FOURTH)
+    for i in range(k):
+        face = Face("crease", k, i)
+        both = zip(face.eigenfunction(*wave(k, 1)), face.eigenfunction(*second), strict=True)
+        for quarter, (one, other) in enumerate(both):
+            net = list(minor([one], [other]))
+            edge = [*range(0, 36, 6)] if face.low and quarter == 0 else []
+            edge += range(6) if face.left and quarter == 2 else []
+            assert all(abs(net[m]) < 1e-40 for m in edge)
+            assert positive(-m for j, m in enumerate(net) if j not in edge)

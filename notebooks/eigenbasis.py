@@ -57,7 +57,7 @@ basis
 
 # %%
 table = basis.float64
-power = table.V @ np.diag(table.eigenvalues[0] ** 40) @ table.Vinv
+power = table.V @ np.diag(table.eigenvalues**40) @ table.Vinv
 assert np.allclose(power, np.linalg.matrix_power(table.A, 40), atol=1e-14)
 
 # %% [markdown]
@@ -94,7 +94,7 @@ assert sorted(monomials, reverse=True) == list(ls.eigenbasis("catmull-clark", 4)
 # %%
 for valence in (3, 4, 5, 6, 7, 8):
     values, counts = np.unique(
-        ls.eigenbasis("catmull-clark", valence=valence).float64.eigenvalues[0], return_counts=True
+        ls.eigenbasis("catmull-clark", valence=valence).float64.eigenvalues, return_counts=True
     )
     spectrum = zip(values[::-1], counts[::-1], strict=True)
     print(valence, "  ".join(f"{v:.4f}" + (f" x{c}" if c > 1 else "") for v, c in spectrum))
@@ -131,7 +131,7 @@ pair
 
 # %%
 valences = np.arange(3, 41)
-spectra = [ls.eigenbasis("catmull-clark", valence=int(N)).float64.eigenvalues[0] for N in valences]
+spectra = [ls.eigenbasis("catmull-clark", valence=int(N)).float64.eigenvalues for N in valences]
 lam, mu = np.array([spectrum[[1, 3]] for spectrum in spectra]).T
 cup = (3 * valences - 7 + np.sqrt(5 * valences**2 - 30 * valences + 49)) / (8 * valences)
 assert np.isclose(mu[0], cup[0])
@@ -163,7 +163,7 @@ plt.show()
 
 # %%
 limit = (6 + np.sqrt(20)) / 16
-far = ls.eigenbasis("catmull-clark", valence=400).float64.eigenvalues[0]
+far = ls.eigenbasis("catmull-clark", valence=400).float64.eigenvalues
 print(f"{limit:.6f}, at valence 400: {far[1]:.6f} and {far[3]:.6f}")
 assert abs(far[1] - limit) < 1e-4
 
@@ -264,7 +264,7 @@ for valence in (3, 4, 5, 8, 12, 16):
 two = ls.eigenbasis("catmull-clark", valence=2)
 times, vectors = independent(two, eighth)
 assert (times, vectors) == (3, 2)
-two.float64.eigenvalues[0]
+two.float64.eigenvalues
 
 # %% [markdown]
 # And the eigenvalue -1/4 is as large as the subdominant pair: a part of the surface changes its
@@ -287,9 +287,9 @@ for n in range(50, 54):
 # %%
 crease = ls.eigenbasis("catmull-clark", kind="crease", faces=3)
 smooth = ls.eigenbasis("catmull-clark", valence=6)
-print(crease.float64.eigenvalues[0].round(5))
-for value in crease.float64.eigenvalues[0]:
-    assert np.isclose(smooth.float64.eigenvalues[0], value).any() or np.isclose(value, 0.5)
+print(crease.float64.eigenvalues.round(5))
+for value in crease.float64.eigenvalues:
+    assert np.isclose(smooth.float64.eigenvalues, value).any() or np.isclose(value, 0.5)
 
 # %% [markdown]
 # The eigenvalue 1/2 is the tangent of the curve. It may meet another 1/2 from inside, and then
@@ -310,7 +310,7 @@ for kind in ("crease", "corner"):
         blocks = []
         for faces in range(1, 13):
             table = ls.eigenbasis("catmull-clark", kind=kind, faces=faces).float64
-            if np.isclose(table.eigenvalues[0, table.chains], value).any():
+            if np.isclose(table.eigenvalues[table.chains], value).any():
                 blocks.append(faces)
         print(f"{kind}: blocks of eigenvalue {value} with {blocks} faces")
 

@@ -91,7 +91,7 @@ for k in (1, 3, 10, 30, 100, 300):
 # %%
 def subdominant(valence: int) -> tuple[float, float]:
     """The eigenvalue lambda of the tangent plane, and mu, the next one."""
-    values = ls.eigenbasis("catmull-clark", valence=valence).float64.eigenvalues[0]
+    values = ls.eigenbasis("catmull-clark", valence=valence).float64.eigenvalues
     return float(values[1]), float(values[3])
 
 
@@ -265,7 +265,7 @@ for faces in (3, 5):
 basis = ls.eigenbasis("catmull-clark", kind="crease", faces=5)
 assert np.allclose(basis.float64.V[[0, 1, 11], 1:3], 0)
 assert len(basis.float64.tangent_masks) == 0
-basis.float64.eigenvalues[0, :4]
+basis.float64.eigenvalues[:4]
 
 # %% [markdown]
 # The notebook on [creases](creases.py) has the pictures, the [tour of the

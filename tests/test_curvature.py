@@ -212,3 +212,19 @@ def test_dask_arrays():
     now = surface.curvature(1, u, 0.25)
     for a, b in zip(lazy, now, strict=True):
         np.testing.assert_allclose(a.compute(), b, rtol=1e-13)
+
+
+@pytest.mark.parametrize("repeat", [False, True])
+def test_a_flat_cage_beside_a_collapsed_edge(repeat, monkeypatch):
+    """What is exactly flat is 0, or nothing where errors outweigh it; never noise."""
+    points, faces = zoo.ball(8, 5, repeat)
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    flat = points * [1, 1, 0] @ turn + [1, 2, 3]
+    surface, v = ls.LimitSurface(ls.Mesh(flat, faces)), np.linspace(0, 1, 9)
+    for compiled in (False, True):
+        monkeypatch.setattr(_kernels, "_always", compiled)
+        for u in (1e-300, 1e-12, 1e-8, 1e-6, 1e-3, 0.1, 0.3, 0.9):
+            found = surface.curvature(0, u, v)
+            for k in (found.k1, found.k2, found.mean):
+                assert (np.isnan(k) | (np.abs(k) < 1e-10)).all()
+                assert u < 1e-3 or not np.isnan(k).any()

@@ -699,3 +699,35 @@ def test_zoo_has_all_kinds():
 def test_cages_with_a_regular_boundary(cage):
     mesh = Mesh(*cage)
     assert set(mesh.vertex_faces[mesh.boundary_vertex]) <= {1, 2}
+
+
+MASKED = [
+    ("points", 5, "coordinates: the entry at index 1, 2 is masked"),
+    ("faces", 6, "vertex indices of faces: the entry at index 1, 2 is masked"),
+    ("face", 1, "vertices of face 0: the entry at index 1 is masked"),
+    ("sharpness", 0, "sharpness of creases: the entry at index 0 is masked"),
+    ("corners", 1, "vertices of corners: the entry at index 1 is masked"),
+    ("holes", 0, "holes: the entry at index 0 is masked"),
+]
+
+
+@pytest.mark.parametrize(("what", "place", "match"), MASKED, ids=[x[0] for x in MASKED])
+def test_nothing_is_masked(what, place, match):
+    points, faces = map(np.asarray, zoo.cube())
+
+    def given(name, values):
+        values = np.ma.array(values)
+        if name == what:
+            values[np.unravel_index(place, values.shape)] = np.ma.masked
+        return values
+
+    rows = given("faces", faces)
+    cage = given("points", points), [given("face", rows[0]), *faces[1:]] if what == "face" else rows
+    tags = {
+        "creases": ([[0, 1]], given("sharpness", [1.0])),
+        "corners": (given("corners", [0, 1]), [1.0, 1.0]),
+        "holes": given("holes", [0, 1]),
+    }
+    with pytest.raises(MeshError, match=match):
+        Mesh(*cage, **tags)
+    assert Mesh(np.ma.array(points), np.ma.array(faces)).n_faces == 6

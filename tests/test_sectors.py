@@ -928,9 +928,13 @@ def test_table_is_the_exact_basis_rounded(sector):
             for x, y in zip(got.ravel(), needed.ravel(), strict=True):
                 assert abs(x - y) <= 3e-16 * abs(y) + mpmath.mpf(10) ** -60
         values = [abs(x) if x.imag else x for x in numbers(exact.eigenvalues)[:, 0]]
-        for high, low, value in zip(*table.eigenvalues.tolist(), values, strict=True):
+        for high, low, value in zip(*table.rates.tolist(), values, strict=True):
             assert high == float(value)
             assert abs(high + mpmath.mpf(low) - value) < 1e-31
+        own = numbers(exact.eigenvalues)[:, 0]
+        assert table.eigenvalues.shape == (size,)
+        assert np.iscomplexobj(table.eigenvalues) == any(x.imag for x in own)
+        assert all(abs(x - y) < 1e-15 for x, y in zip(table.eigenvalues.tolist(), own, strict=True))
     assert abs(table.residual).max() < 1e-13
     assert abs(table.V @ table.Vinv - np.eye(size)).max() < 1e-12
     assert exact.residual.is_zero_matrix

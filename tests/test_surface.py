@@ -1146,3 +1146,215 @@ def test_patches_that_refinement_never_parts_are_refused(monkeypatch):
     monkeypatch.setattr("limitsurf.patches._DEEPEST", 1)
     with pytest.raises(NotImplementedError, match="1 refinements leave faces"):
         ls.LimitSurface(ls.Mesh(*zoo.single_face(5), corners={0: 3.5}))
+
+
+# --- Nothing made of rounding
+
+
+@pytest.fixture(params=[False, True], ids=["numpy", "compiled"])
+def engine(request, monkeypatch):
+    """Either of both engines, for calls of any size."""
+    monkeypatch.setattr(_kernels, "_always", request.param)
+    monkeypatch.setattr(_kernels, "_PAYS", 10**18)
+
+
+def direction(a, b):
+    """The unit vector across two of Fractions."""
+    cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    size = max(map(abs, cross))
+    cross = np.array([float(x / size) for x in cross])
+    return cross / np.linalg.norm(cross)
+
+
+def pillow(n, seed):
+    """A polygon glued to its own back."""
+    points = np.random.default_rng(seed).integers(-64, 64, (n, 3)) / 16
+    return ls.Mesh(points, [list(range(n)), list(range(n))[::-1]])
+
+
+@pytest.mark.parametrize("n", [3, 4, 5, 6])
+def test_folded_edges_have_no_normal(n, engine):
+    u = np.linspace(0.05, 0.95, 10)
+    for seed in range(6):
+        surface = ls.LimitSurface(pillow(n, 10 * n + seed))
+        precise = surface.with_points(fractions(surface.points))
+        assert not precise.evaluate(0, fractions(u), F(0), nu=(0, 1)).any()
+        assert np.isnan(surface.normal(0, u, 0.0)).all()
+        assert np.isnan(surface.tangents(0, u, 0.0)[1]).all()
+        for v in (1e-3, 0.3):
+            jet = precise.jet(0, F(0.3), F(v), order=1)
+            off = surface.normal(0, 0.3, v) - direction(jet[1, 0], jet[0, 1])
+            assert np.abs(off).max() < 1e-11
+        fine = ls.refined(surface.mesh, 2)
+        edges = (fine.parent_v == 0)[fine.indices] & ~np.isnan(fine.limit_normals[:, 0])
+        assert not edges.any()
+
+
+@pytest.mark.parametrize("seed", [None, 0])
+@pytest.mark.parametrize("repeat", [False, True], ids=["row", "point"])
+def test_normals_where_a_row_of_points_coincides(repeat, seed, engine):
+    """There d/dv = 0 along the side u = 0; the limit is that of d/du x d2/dudv."""
+    points, faces = zoo.ball(7, 4, repeat, seed)
+    surface = ls.LimitSurface(ls.Mesh(points, faces))
+    precise = surface.with_points(fractions(points))
+    v = np.array([0, 0.25, 0.5, 0.8, 1])
+    for face in (0, 3):
+        zero = precise.evaluate(face, F(0), fractions(v[1:-1]), nu=(0, 1))
+        assert not zero.any()
+        along = precise.evaluate(face, F(0), fractions(v[1:-1]), nu=(1, 0))
+        mixed = precise.evaluate(face, F(0), fractions(v[1:-1]), nu=(1, 1))
+        expected = np.array([direction(a, b) for a, b in zip(along, mixed, strict=True)])
+        found = surface.normal(face, 0.0, v)
+        assert np.abs(found[1:-1] - expected).max() < 1e-12
+        # beside it, and at the vertices from both faces
+        for u in (5e-324, 1e-200, 1e-30, 1e-18):
+            jet = precise.jet(face, F(u), F(0.25), order=1)
+            off = surface.normal(face, u, 0.25) - direction(jet[1, 0], jet[0, 1])
+            assert np.abs(off).max() < 1e-12
+        ends = np.array([surface.normal(face, 1e-8, x) for x in (0.0, 1.0)])
+        assert np.abs(found[[0, -1]] - ends).max() < 1e-6
+        assert np.abs(surface.normal((face + 1) % 7, 0.0, 0.0) - found[-1]).max() < 1e-12
+        assert np.isnan(surface.tangents(face, 0.0, v[1:-1])[1]).all()
+        assert np.isnan(surface.curvature(face, 0.0, v).k1).all()
+    normals = ls.refined(surface.mesh, 0).limit_normals.reshape(-1, 4, 3)
+    corners = surface.normal(np.arange(len(faces))[:, None], [0, 1, 1, 0], [0, 0, 1, 1])
+    assert np.abs(normals - corners).max() < 1e-12
+    fine = ls.refined(surface.mesh, 2)
+    assert np.isfinite(fine.limit_normals).all()
+    if seed is None:  # a cone about the axis
+        poles = surface.normal(np.arange(7), 0.0, 0.0)
+        assert np.abs(poles.mean(axis=0) / poles[0, 2] - [0, 0, 1]).max() < 1e-12
+
+
+def test_normals_at_a_flat_pole_are_the_axis(engine):
+    points, faces = zoo.ball(9, 4)
+    points[:18, 2] = 1
+    found = ls.LimitSurface(ls.Mesh(points, faces)).normal(0, [0, 0, 0, 1e-300], [0, 0.3, 1, 0.4])
+    np.testing.assert_allclose(found, [[0, 0, 1]] * 4, atol=1e-14)
+
+
+def test_normals_where_rows_coincide(engine):
+    """A boundary row that is given twice, and open corners of a row of coinciding points."""
+    points, faces = zoo.grid(3, 4)
+    points = points.reshape(4, 5, 3)
+    twice, point = points.copy(), points.copy()
+    twice[1] = twice[0]
+    point[0] = point[0, 0]
+    for given, nu in ((twice, ((0, 1), (3, 0))), (point, ((1, 1), (1, 0)))):
+        surface = ls.LimitSurface(ls.Mesh(given.reshape(-1, 3), faces))
+        precise = surface.with_points(fractions(surface.points))
+        sides = [surface._sharp_sides[:, k].nonzero()[0] for k in range(4)]
+        for side, x in itertools.product(range(4), (0.3, 0.7)):
+            for face in sides[side]:
+                u, v = [(x, 0), (1, x), (x, 1), (0, x)][side]
+                moved = 1e-9
+                w, y = [(x, moved), (1 - moved, x), (x, 1 - moved), (moved, x)][side]
+                jet = precise.jet(face, F(w), F(y), order=1)
+                expected = direction(jet[1, 0], jet[0, 1])
+                assert np.abs(surface.normal(face, u, v) - expected).max() < 1e-7, (face, u, v, nu)
+        normals = ls.refined(surface.mesh, 0).limit_normals.reshape(-1, 4, 3)
+        every = surface.normal(np.arange(len(faces))[:, None], [0, 1, 1, 0], [0, 0, 1, 1])
+        assert (np.isnan(normals) == np.isnan(every)).all()
+        assert np.nanmax(np.abs(normals - every)) < 1e-12
+    assert np.isfinite(every).all()
+
+
+def test_a_collapsed_edge_inside_is_like_any_other(engine):
+    points, faces = zoo.grid(4, 4)
+    mesh = ls.Mesh(points, faces)
+    inner = np.flatnonzero(~np.isin(mesh.edges, np.flatnonzero(mesh.boundary_vertex)).any(axis=1))
+    a, b = mesh.edges[inner[0]]
+    points[a] = points[b]
+    surface, oracle = both(points, faces)
+    for face in np.flatnonzero(np.isin(faces, [a, b]).any(axis=1)):
+        for u, v in itertools.product((0.0, 0.4, 1.0), repeat=2):
+            expected = np.array(oracle.normal(face, F(u), F(v)), dtype=float)
+            assert distance(surface.normal(face, u, v), expected) < 1e-11
+
+
+@pytest.mark.parametrize("name", sorted({*zoo.ZOO, *zoo.TAGGED}))
+def test_limit_normals_and_normals_agree_on_where_there_is_one(name):
+    points, faces, tags = (*zoo.ZOO[name](), {}) if name in zoo.ZOO else zoo.TAGGED[name]()
+    surface = ls.LimitSurface(ls.Mesh(zoo.random_points(len(points), name), faces, **tags))
+    fine = ls.refined(surface.mesh, 1, **surface.rules)
+    normals = fine.limit_normals.reshape(-1, 4, 3)
+    corner, face = np.maximum(surface.limit_faces.corner, 0), surface.limit_faces.face
+    # the child at the first corner of a quad, or that which a limit face of a polygon is
+    child = surface.mesh.offsets[face] + corner
+    half = np.where(surface.limit_faces.corner < 0, 0.5, 1)[:, None]
+    u, v = half * [0, 1, 1, 0], half * [0, 0, 1, 1]
+    found = surface.normal(np.arange(len(face))[:, None], u, v)
+    assert (np.isnan(found) == np.isnan(normals[child])).all()
+    assert np.nanmax(np.abs(found - normals[child]), initial=0) < 1e-7
+
+
+HUGE = 1.797e308
+
+
+@pytest.mark.parametrize("scale", [1e290, 1e307, HUGE, 1e-300, 1e-310, 5e-322])
+@pytest.mark.parametrize("tags", [{}, {"corners": {0: math.inf}}, {"creases": {(0, 1): 2.5}}])
+def test_any_finite_coordinates(tags, scale, engine):
+    points, faces = zoo.cube()
+    rng = np.random.default_rng(0)
+    points = np.where(rng.random((8, 3)) < 0.5, rng.random((8, 3)), 2 * points - 1) * scale
+    surface = ls.LimitSurface(ls.Mesh(points, faces, **tags))
+    precise = surface.with_points(fractions(points))
+    ordinary = surface.with_points(points / scale)
+    u, v = np.array([[0, 5e-324, 1e-200, 1e-50, 0.3, 1], [0.2, 1e-100, 5e-324, 1e-50, 0.7, 1]])
+    found = surface.evaluate(0, u, v)
+    for place, exact in zip(found, precise.evaluate(0, fractions(u), fractions(v)), strict=True):
+        for x, y in zip(place, exact, strict=True):
+            assert abs(F(x) - y) <= F(1e-14) * 2 * F(scale) + 2 * F(float(np.spacing(abs(x))))
+    if scale >= 1e-310:
+        close = 1e-9 if scale < 1e-307 else 1e-12
+        np.testing.assert_allclose(surface.normal(0, u, v), ordinary.normal(0, u, v), atol=close)
+    fine = ls.refined(surface.mesh, 2)
+    assert np.isfinite(fine.points).all()
+    assert np.isfinite(fine.limit_points).all()
+    np.testing.assert_allclose(
+        fine.limit_points / scale, ls.refined(ordinary.mesh, 2).limit_points, atol=1e-2
+    )
+
+
+@pytest.mark.parametrize("nu", [(10**9, 0), (0, 10**40), (10**9, 1), (4, 4)])
+def test_derivatives_of_any_order(nu, engine):
+    surface = cube_with(creases={(0, 1): 2.5}, corners={7: math.inf})
+    u, v = np.array([[0, 0, 0.5, 1, np.nan], [0, 0.3, 0.5, 1, 0]])
+    for face in range(6):
+        assert not surface.evaluate(face, u[:4], v[:4], nu).any()
+        assert np.isnan(surface.evaluate(face, u[4], v[4], nu)).all()
+        assert not surface.weights(face, u[:4], v[:4], nu).count_nonzero()
+        assert not surface.evaluate(face, F(0), F(1, 3), nu).any()
+
+
+def test_orders_of_jets():
+    surface = cube_with()
+    assert len(surface.jet(0, 0.2, 0.3, order=30)) == 496
+    with pytest.raises(ValueError, match=r"1000000000 has 500,000,001,500,000,001 derivatives"):
+        surface.jet(0, 0.2, 0.3, order=10**9)
+
+
+def test_masked_queries_have_no_answer(engine):
+    surface = cube_with()
+    u = np.ma.array([0.1, 0.2, 7], mask=[False, True, True])
+    face = np.ma.array([0, 99, 1], mask=[False, True, False])
+    for given, gone in (((0, u, 0.3), [1, 2]), ((face, 0.1, 0.3), [1]), ((face, 0.2, u), [1, 2])):
+        known = np.setdiff1d(np.arange(3), gone)
+        plain = np.ma.filled(given[0], 0), *(np.ma.filled(x, 0.5) for x in given[1:])
+        calls = [
+            lambda s, *q: s.evaluate(*q),
+            lambda s, *q: s.jet(*q, order=1)[1, 0],
+            lambda s, *q: s.normal(*q),
+            lambda s, *q: s.tangents(*q)[1],
+            lambda s, *q: s.curvature(*q).d1,
+            lambda s, *q: s.weights(*q).toarray().sum(axis=1),
+        ]
+        for call in calls:
+            found = call(surface, *given)
+            assert type(found) is np.ndarray
+            assert np.isnan(found[gone]).all()
+            np.testing.assert_array_equal(found[known], call(surface, *plain)[known])
+    assert np.isnan(surface.evaluate(0, np.ma.masked, 0.5)).all()
+    assert np.isnan(surface.evaluate(0, [np.ma.masked, 0.5], 0.5)[0]).all()
+    exact = np.ma.array([HALF, F(7)], mask=[False, True], dtype=object)
+    assert [x != x for x in surface.evaluate(0, exact, HALF)[:, 0]] == [False, True]

@@ -148,7 +148,7 @@ def test_tables_are_the_spectrum_correctly_rounded(scheme, N):
     with mpmath.workprec(BITS):
         high = [float(x) for x in exact.eigenvalues]
         low = [float(x - h) for x, h in zip(exact.eigenvalues, high, strict=True)]
-    assert table.eigenvalues.tolist() == [high, low]
+    assert table.rates.tolist() == [high, low]
     assert table.chains.tolist() == exact.chains
     assert table.normal.tolist() == list(exact.normal)
     assert not table.pairs.size
@@ -166,7 +166,7 @@ def test_float_basis(N):
     assert table.tangent_masks.shape == ((2, table.size) if N > 2 else (0, table.size))
     assert table.tangent_masks == pytest.approx(table.Vinv[1:3][: 2 * (N > 2)], abs=1e-15)
     assert table.A.sum(axis=1) == pytest.approx(np.ones(table.size), abs=1e-15)
-    jordan = np.diag(table.eigenvalues[0])
+    jordan = np.diag(table.rates[0])
     if N == 2:
         jordan[4, 5] = 1
     assert np.array_equal(table.J, jordan)
@@ -242,7 +242,7 @@ def test_a_valence_of_hundreds(cache, monkeypatch):
     with mpmath.workdps(50):
         ring = [x for values in oracles.ring_eigenvalues(360).values() for x in values]
         needed = sorted(map(float, [*ring, *oracles.OUTER_EIGENVALUES]))
-    assert sorted(table.eigenvalues[0]) == pytest.approx(needed, rel=1e-15)
+    assert sorted(table.rates[0]) == pytest.approx(needed, rel=1e-15)
     assert table.limit_mask[:3] == pytest.approx([*map(float, oracles.limit_mask(360))], rel=1e-13)
     assert (table.pieces[:, 0, 0] == 1).all()
     assert not table.pieces[:, 1:, 0].any()
@@ -314,7 +314,7 @@ COLD = """if True:
     from limitsurf.tables import SCHEMES, Sector, eigen_table
     table = eigen_table(SCHEMES["catmull-clark"], Sector("interior", 37))
     assert abs(table.limit_mask.sum() - 1) < 1e-14
-    arrays = [table.eigenvalues, table.pieces, table.ring.left, table.links, table.outer]
+    arrays = [table.rates, table.pieces, table.ring.left, table.links, table.outer]
     print(hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest())
     print("derived" if "mpmath" in sys.modules else "read", "sympy" in sys.modules)
 """

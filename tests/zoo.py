@@ -150,6 +150,21 @@ def sphere(n, rings):
 # --- Open shapes
 
 
+def ball(n, rings, repeat=False, seed=None):
+    """A cage of quads with a pole: a boundary row of coinciding points, or one point n times."""
+    angle, height = np.meshgrid(np.arange(n) / n, np.arange(rings) / rings)
+    angle, height = 2 * np.pi * angle, np.pi * height
+    points = [np.sin(height) * np.cos(angle), np.sin(height) * np.sin(angle), np.cos(height)]
+    points = np.stack(points, axis=-1)
+    if seed is not None:
+        points[1:] += np.random.default_rng(seed).normal(size=points[1:].shape) / 10
+    points[0] = points[0, 0]
+    i, j = np.arange(n), np.arange(rings - 1)[:, None] * n
+    after = (i + 1) % n
+    faces = np.stack([j + i, j + n + i, j + n + after, j + after], axis=-1).reshape(-1, 4)
+    return points.reshape(-1, 3), np.where(faces < n, 0, faces) if repeat else faces
+
+
 def grid(m, n, seed=0):
     """m by n quads over a bumpy rectangle."""
     bump = random.Random(seed)

@@ -30,7 +30,7 @@ from limitsurf.tables import EigenTable, RationalTable, StripTables
 
 Array = NDArray[Any]
 
-NOISE = 16 * np.finfo(float).eps  # of sums of products of rounded numbers, relative
+NOISE = kernels.NOISE
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class EigenPowers:
         high, low = ratios(table, lead)
         heads = table.chains - 1
         before = kernels.power(high[heads], low[heads], np.maximum(levels - 1, 0))
-        chained = levels[:, None] * before / table.eigenvalues[0, lead]
+        chained = levels[:, None] * before / table.rates[0, lead]
         angle = levels[:, None] * table.angles
         turned = np.stack([np.cos(angle), np.sin(angle)])[:, which]
         diagonal = kernels.power(high, low, levels)
@@ -161,7 +161,7 @@ def corner_derivative(table: EigenTable, nu: tuple[int, int]) -> Array:
     """
     nothing = np.zeros(table.size - 1)
     order = sum(nu)
-    growth = 2.0**order * np.abs(table.eigenvalues[0, 1:])
+    growth = 2.0**order * np.abs(table.rates[0, 1:])
     if max(nu) > 3 or (growth < 1).all():
         return nothing
     if min(nu) > 0:
@@ -185,7 +185,7 @@ def corner_directions(table: EigenTable, axis: int) -> Array:
     where that sum is 0 since the head of a Jordan chain has no part in the points, the other row.
     """
     side = _along_sides(table, ((1, 0), (0, 1))[axis])
-    heads, values = table.chains - 1, table.eigenvalues[0, 1:]
+    heads, values = table.chains - 1, table.rates[0, 1:]
     seen = (side != 0).any(axis=0)
     falling = np.abs(values) == np.abs(values[seen]).max(initial=0)
     if not seen.any() or (values[falling & seen] < 0).any():
@@ -209,8 +209,8 @@ def eigen_weights(
     else NaN.
     """
     order = sum(nu)
-    rows = _eigen_rows(table, place, powers, nu)
-    high, low = table.eigenvalues[:, powers.lead].tolist()
+    rows = eigen_rows(table, place, powers, nu)
+    high, low = table.rates[:, powers.lead].tolist()
     mantissa, exponent = kernels.scaled_power(high, low, powers.level)
     rows *= mantissa[:, None]
     exponent = exponent + order * (powers.level + 1)
@@ -224,24 +224,22 @@ def eigen_directions(
     place: CornerPlace,
     powers: EigenPowers,
     modes: Array,
-    size: Array,
+    added: Array,
     which: Array,
 ) -> tuple[Array, Array]:
     """Vectors (2, Q, d) along d/ds and d/dt of points with eigencoefficients `modes`, (P, K, d).
 
-    Both up to a common positive factor; also what their rounding errors are of the order of,
-    (2, Q, 1), from the sizes (P, 1, 1) of the points. At the corner itself they are the limits
-    along the sides t = 0 and s = 0.
+    Both up to a common positive factor; also the sizes (2, Q, 1) of what was added up to them, from
+    those of the coefficients, `added` (P, K). At the corner itself they are the limits along the
+    sides t = 0 and s = 0.
     """
-    points = modes[which, 1:]
-    # a coefficient is a sum over all control points: its error is of their size
-    sizes = (np.abs(modes[:, 1:]).max(axis=2, initial=0, keepdims=True) + size)[which]
+    points, sizes = modes[which, 1:], added[which, 1:, None]
     # the common factor, a power of the leading eigenvalue, is positive but for odd powers of a
     # negative one
-    negative = (powers.level % 2 == 1) & (table.eigenvalues[0, powers.lead] < 0)
+    negative = (powers.level % 2 == 1) & (table.rates[0, powers.lead] < 0)
     found, error = np.empty((2, *points[:, 0].shape)), np.empty((2, len(which), 1))
     for axis, nu in enumerate(((1, 0), (0, 1))):
-        rows = _eigen_rows(table, place, powers, nu)
+        rows = eigen_rows(table, place, powers, nu)
         rows[negative] *= -1
         corner = np.flatnonzero(place.level < 0)
         for limit in corner_directions(table, axis):
@@ -261,7 +259,7 @@ def _total(rows: Array, values: Array) -> Array:
     return np.asarray(np.matmul(rows[:, None], values)[:, 0])
 
 
-def _eigen_rows(
+def eigen_rows(
     table: EigenTable, place: CornerPlace, powers: EigenPowers, nu: tuple[int, int]
 ) -> Array:
     """Derivatives in (S, T) of the eigenfunctions after the first, times `powers`, (Q, K - 1)."""
@@ -294,26 +292,33 @@ def _powered(table: EigenTable, functions: Array, powers: EigenPowers) -> Array:
 
 
 def eigen_normals(
-    table: EigenTable, place: CornerPlace, powers: EigenPowers, modes: Array, which: Array
+    table: EigenTable,
+    place: CornerPlace,
+    powers: EigenPowers,
+    modes: Array,
+    added: Array,
+    which: Array,
 ) -> tuple[Array, Array]:
     """Vectors (Q, 3) along d/ds x d/dt of points with eigencoefficients `modes`, (P, K, 3).
 
-    Also what their rounding errors are of the order of, (Q, 3). With c the coefficient of the
-    leading eigenfunction, and a and b its derivatives, ``(a c + p) x (b c + q)`` is
-    ``c x (a q - b p) + p x q``: the product ``c x c``, which would swamp the rest near the corner,
-    never arises. At the corner itself the vector is that of the limit normal; 0 where there is
-    none.
+    Also bounds (Q, 1) of their rounding errors in units of `NOISE`, from the sizes (P, K) of what
+    was `added` up to coefficients. With c the coefficient of the leading eigenfunction, and a and b
+    its derivatives, ``(a c + p) x (b c + q)`` is ``c x (a q - b p) + p x q``: the product
+    ``c x c``, which would swamp the rest near the corner, never arises. At the corner itself the
+    vector is that of the limit normal; 0 where there is none.
     """
-    largest = np.abs(modes[:, 1:]).max(axis=(1, 2), initial=0)[:, None, None]
-    modes = modes / np.where(largest > 0, largest, 1)  # neither overflow nor underflow below
+    largest = np.abs(modes[:, 1:]).max(axis=(1, 2), initial=0)[:, None]
+    largest = np.where(largest > 0, largest, 1)  # neither overflow nor underflow below
+    modes, added = modes / largest[..., None], added / largest
     lead, size = powers.lead - 1, np.abs(modes).max(axis=2)
-    found, error = np.zeros((2, len(which), 3))
+    found, error = np.zeros((len(which), 3)), np.zeros((len(which), 1))
     corner = place.level < 0
     patch = which[corner]
-    for pair in table.normal_pairs[::-1]:
-        product = np.cross(modes[patch, pair[0]], modes[patch, pair[1]])
-        # coefficients are as precise as the largest of them, which is 1
-        bound = (size[patch, pair[0]] + size[patch, pair[1]])[:, None]
+    for one, other in table.normal_pairs[::-1]:
+        product = np.cross(modes[patch, one], modes[patch, other])
+        # each component is a difference of two products
+        bound = size[patch, one] * added[patch, other] + added[patch, one] * size[patch, other]
+        bound = 2 * bound[:, None]
         seen = np.abs(product).max(axis=1, keepdims=True) > NOISE * bound
         found[corner] = np.where(seen, product, found[corner])
         error[corner] = np.where(seen, bound, error[corner])
@@ -328,28 +333,39 @@ def eigen_normals(
     ds, dt = (_powered(table, f, rest) for f in functions)
     ds[:, lead] = dt[:, lead] = 0
 
-    points, sizes = modes[patch, 1:], size[patch, 1:, None]
+    points = modes[patch, 1:]
     found[away] = np.cross(points[:, lead], _total(a * dt - b * ds, points))
     found[away] += np.cross(_total(ds, points), _total(dt, points)) * ratio
     # the common factor, a product of powers of these eigenvalues, can be negative
-    if table.eigenvalues[0, [powers.lead, rest.lead]].prod() < 0:
+    if table.rates[0, [powers.lead, rest.lead]].prod() < 0:
         found[away[rest.level % 2 == 1]] *= -1
     ds, dt = np.abs(ds), np.abs(dt)
-    error[away] = sizes[:, lead] * _total(np.abs(a) * dt + np.abs(b) * ds, sizes)
-    error[away] += _total(ds, sizes) * _total(dt, sizes) * ratio
+    sums = np.stack([np.abs(a) * dt + np.abs(b) * ds, ds, dt], axis=1)
+    sizes = np.stack([size[patch, 1:], added[patch, 1:]], axis=2)
+    across, along, other = np.matmul(sums, sizes).swapaxes(0, 1)  # (3, Q, 2)
+    bound = size[patch, powers.lead] * across[:, 1] + added[patch, powers.lead] * across[:, 0]
+    bound += (along[:, 0] * other[:, 1] + along[:, 1] * other[:, 0]) * ratio[:, 0]
+    error[away] = 2 * bound[:, None]
     return found, error
 
 
 def eigen_curvatures(
-    table: EigenTable, place: CornerPlace, modes: Array, which: Array
+    table: EigenTable,
+    place: CornerPlace,
+    modes: Array,
+    added: Array,
+    size: Array,
+    which: Array,
 ) -> tuple[Array, Array, Array]:
     """Second fundamental forms of points with eigencoefficients `modes`, (P, K, 3).
 
     In a frame of each patch whose x-axis is along the coefficient that falls most slowly, whose
     plane holds the next one and whose z-axis the third, x, y and z fall by powers a1, a2, b of
     three eigenvalues, which are taken out: the normal part of second derivatives is not lost in
-    their tangential part, however near the corner; ``derivations/curvature.py``. At the corner
-    itself curvature is 0 where it tends to 0, else NaN.
+    their tangential part, however near the corner; ``derivations/curvature.py``. `added` (P, K, 3)
+    are the sizes of what was added up to coefficients, `size` (P,) those of the patches; forms in
+    doubt are as `kernels.honest` says. At the corner itself curvature is 0 where it tends to 0,
+    else NaN.
 
     Returns
     -------
@@ -361,38 +377,46 @@ def eigen_curvatures(
     """
     scale = np.frexp(np.abs(modes[:, 1:]).max(axis=(1, 2), initial=0))[1]
     points = kernels.scale_by_two(modes[:, 1:], -scale[:, None, None])  # (P, K - 1, 3), at most 1
-    axes, local, leads = _frames(table, points)
+    noise = NOISE * kernels.scale_by_two(added[:, 1:], -scale[:, None, None])
+    axes, local, leads = _frames(table, points, noise)
+    # errors of these coordinates, but where they are known to be 0
+    noise = np.matmul(noise, np.abs(axes).swapaxes(1, 2)) * (local != 0)
+    size = kernels.scale_by_two(size, -scale)
     form, axis = np.full((3, len(which)), np.nan), np.full((len(which), 3), np.nan)
     exponent = np.zeros(len(which), dtype=np.int64)
     values = _exact_eigenvalues(table)
     kinds, kind = np.unique(leads, axis=0, return_inverse=True)
-    for k, (first, second, third) in enumerate(kinds.tolist()):
+    for case, (first, second, third) in enumerate(kinds.tolist()):
         if not second or not values[second]:
             continue  # a line or a point: no surface
         flat, third = not third, third or second
         a1, a2, b = values[first], values[second], values[third]
-        here = np.flatnonzero(kind.ravel()[which] == k)
+        here = np.flatnonzero(kind.ravel()[which] == case)
         at_corner = place.level[here] < 0
         if [first, second] in table.normal_pairs[:1].tolist() and (flat or abs(b) < a2 * a2):
             form[:, here[at_corner]] = 0
         here = here[~at_corner]
         there, patch = place[here], which[here]
         powers = [EigenPowers.of(table, there, lead) for lead in (first, second, third)]
-        derivatives = np.empty((5, len(here), 3))
-        for row, nu in zip(derivatives, ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2)), strict=True):
+        derivatives, errors = np.empty((2, 5, len(here), 3))
+        for k, nu in enumerate(((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))):
             functions = _eigenfunctions(table, there, nu)
             for x, p in enumerate(powers):
-                row[:, x] = (_powered(table, functions, p) * local[patch, :, x]).sum(axis=1)
+                rows = _powered(table, functions, p)
+                derivatives[k, :, x] = (rows * local[patch, :, x]).sum(axis=1)
+                errors[k, :, x] = (np.abs(rows) * noise[patch, :, x]).sum(axis=1)
         level = there.level
         high, low = _high_and_low([a2 / a1, b / a1, b / a2])
-        parts, along = kernels.shape_operators(
-            derivatives[:2], derivatives[2:], kernels.power(high, low, level).T
+        parts, bounds, along = kernels.shape_operators(
+            derivatives[:2], derivatives[2:], kernels.power(high, low, level).T, errors
         )
         units = [_scaled_power(x, level) for x in (b / (a1 * a1), b / (a1 * a2), b / (a2 * a2))]
-        parts *= [mantissa for mantissa, _ in units]
         powers_of_two = np.array([n for _, n in units])
         largest = powers_of_two.max(axis=0)
-        parts = kernels.scale_by_two(parts, powers_of_two - largest)
+        mantissas = np.array([mantissa for mantissa, _ in units])
+        parts, bounds = parts * mantissas, bounds * np.abs(mantissas)
+        parts, bounds = (kernels.scale_by_two(x, powers_of_two - largest) for x in (parts, bounds))
+        parts = kernels.honest(parts, bounds, kernels.scale_by_two(size[patch], largest))
         if a1 * a2 < 0:  # areas are positive; in w12 their sign stands already
             parts[::2, level % 2 == 1] *= -1
         form[:, here], exponent[here] = parts, largest - scale[patch]
@@ -400,19 +424,18 @@ def eigen_curvatures(
     return form, exponent, axis
 
 
-def _frames(table: EigenTable, points: Array) -> tuple[Array, Array, Array]:
+def _frames(table: EigenTable, points: Array, noise: Array) -> tuple[Array, Array, Array]:
     """Axes (P, 3, 3) along the slowest coefficients (P, K - 1, 3), which are at most 1.
 
-    Also the coefficients in these axes, and the number of the eigenvalue with which each coordinate
-    begins (P, 3); 0 where all of it is 0.
+    `noise` bounds their errors, coordinate by coordinate: flat cages keep what bends them. Also the
+    coefficients in these axes, and the number of the eigenvalue with which each coordinate begins
+    (P, 3); 0 where all of it is 0.
     """
     axes, leads = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3), dtype=np.int64)
     local, patch = np.zeros_like(points), np.arange(len(points))
-    # coordinates are as precise as the largest of their own: flat cages keep what bends them
-    noise = NOISE * np.abs(points).max(axis=1, keepdims=True)  # (P, 1, 3)
     for x in range(3):
         if x < 2:  # a unit vector along the first coefficient that is not in the axes before
-            rest, error = points, x * noise
+            rest, error = points, noise
             for axis in [*axes[:, :x].swapaxes(0, 1)] * 2:  # twice, for the sake of rounding
                 axis = axis[:, None]  # (P, 1, 3)
                 rest = rest - (rest * axis).sum(axis=2, keepdims=True) * axis
@@ -437,13 +460,11 @@ def _scaled_power(base: Fraction, n: Array) -> tuple[Array, Array]:
     if not base:
         return np.where(n == 0, 1.0, 0.0), np.zeros_like(n)
     (high,), (low,) = _high_and_low([base]).tolist()
-    mantissa, exponent = kernels.scaled_power(high, low, n)
-    mantissa, more = np.frexp(mantissa)
-    return mantissa, exponent + more
+    return kernels.scaled_power(high, low, n)
 
 
 def _exact_eigenvalues(table: EigenTable) -> list[Fraction]:
-    return [Fraction(high) + Fraction(low) for high, low in table.eigenvalues.T.tolist()]
+    return [Fraction(high) + Fraction(low) for high, low in table.rates.T.tolist()]
 
 
 def _high_and_low(values: list[Fraction]) -> Array:

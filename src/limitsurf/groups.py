@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from math import factorial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -56,8 +57,9 @@ class Corners:
     powers: basis.EigenPowers
     origin: Array  # (P, d) first control points of the patches concerned
     low: Array  # (P, d) what rounding took from them
+    points: Array  # (P, K, d) control points relative to the first
+    ids: Array  # (P, K) which they are
     modes: Array  # (P, K, d) their coefficients in the eigenbasis
-    size: Array  # (P, 1, 1) largest distances of control points from the first
     which: Array  # (q,) patch of each query
 
 
@@ -203,11 +205,15 @@ class Groups:
 
 
 class Values:
-    """Values of a group's queries from control points, float64 (n_vertices, d) of the cage."""
+    """Values of a group's queries from control points, float64 (n_vertices, d) of the cage.
+
+    The points are multiplied by 2 ** `balance` before anything is added up.
+    """
 
     def __init__(self, groups: Groups, points: Array) -> None:
         self._groups = groups
-        self._points = points
+        self.balance = kernels.balance(points)
+        self._points = np.ldexp(points, self.balance) if self.balance else points
 
     @cached_property
     def _control_points(self) -> tuple[Array, Array]:
@@ -228,6 +234,11 @@ class Values:
             done = new.stop
         return high, low
 
+    @cached_property
+    def _errors(self) -> Array:
+        """Bounds (n_points, d) of what rounding did to control points, in units of `NOISE`."""
+        return kernels.errors(self._groups.patches.extras, *self._control_points)
+
     def derivatives(self, g: Group, orders: Sequence[Order]) -> list[Array]:
         """Derivatives (q, d) of the queries of a group, in float64."""
         values = []
@@ -235,8 +246,11 @@ class Values:
             high, low, points = self._differences(self._groups.controls(g), _FIRST_CORNER)
             for nu in orders:
                 value = _contract(self._groups.spline_weights(g, nu), points)
-                at = nu == (0, 0)
-                values.append(value + low + high if at else _scaled(value, g.depth * sum(nu)))
+                if nu == (0, 0):
+                    value = value + low + high
+                if nu != (0, 0) or self.balance:
+                    value = _scaled(value, g.depth * sum(nu) - self.balance)
+                values.append(value)
             return values
         # in patch parameters first: all orders at once, then each query picks by its turn
         turned = [basis.turned(nu) for nu in orders]
@@ -247,11 +261,16 @@ class Values:
             rows = np.stack([x.rows for x in eigen], axis=1)  # (q, orders, K - 1)
             found = np.matmul(rows, c.modes[c.which, 1:])  # (q, orders, d)
             for k, (order, x) in enumerate(zip(needed, eigen, strict=True)):
-                found[:, k] = _scaled(found[:, k], x.exponent + g.depth[c.query] * sum(order))
-                if x.with_limit:
-                    found[:, k] += c.modes[c.which, 0]
-                    found[:, k] += c.low[c.which]
-                    found[:, k] += c.origin[c.which]
+                exponent = x.exponent + g.depth[c.query] * sum(order)
+                if not x.with_limit:
+                    found[:, k] = _scaled(found[:, k], exponent - self.balance)
+                    continue
+                found[:, k] = _scaled(found[:, k], exponent)
+                found[:, k] += c.modes[c.which, 0]
+                found[:, k] += c.low[c.which]
+                found[:, k] += c.origin[c.which]
+                if self.balance:
+                    found[:, k] = np.ldexp(found[:, k], -self.balance)
             parts[c.query] = found
         for choices, sign in turned:
             pick = np.array([needed.index(order) for order in choices])[g.turn]
@@ -259,20 +278,21 @@ class Values:
         return values
 
     def directions(self, g: Group) -> list[Array]:
-        """Directions of d/du and d/dv (q, d) of a group, and their rounding errors (q, 1)."""
-        noise = basis.NOISE
+        """Directions of d/du and d/dv (q, d) of a group, and bounds of their errors (q, 1)."""
+        noise = kernels.NOISE
         if g.kind in (REGULAR, STRIP):
-            *_, points = self._differences(self._groups.controls(g), _FIRST_CORNER)
-            size = np.abs(points).max(axis=2, initial=0, keepdims=True)  # (q, 16, 1)
+            ids = self._groups.controls(g)
+            *_, points = self._differences(ids, _FIRST_CORNER)
+            size = self._sizes(points, ids)  # (q, 16)
             weights = [self._groups.spline_weights(g, nu) for nu in ((1, 0), (0, 1))]
             return [_contract(w, points) for w in weights] + [
-                noise * _contract(np.abs(w), size) for w in weights
+                noise * _contract(np.abs(w), size[..., None]) + kernels.TINY for w in weights
             ]
         found = np.empty((2, len(g.query), self._points.shape[1]))
         errors = np.empty((2, len(g.query), 1))
         for c in self._corners(g):
             found[:, c.query], errors[:, c.query] = basis.eigen_directions(
-                c.table, c.place, c.powers, c.modes, c.size, c.which
+                c.table, c.place, c.powers, c.modes, self._added(c), c.which
             )
         (ds, dt), (noise_s, noise_t) = found, noise * errors
         odd, turn = (g.turn % 2 == 1)[:, None], g.turn[:, None]
@@ -287,25 +307,96 @@ class Values:
             return [kernels.unit_normals(along, across, (noise, other))]
         result = np.empty((len(g.query), 3))
         for c in self._corners(g):
-            found, error = basis.eigen_normals(c.table, c.place, c.powers, c.modes, c.which)
-            scale = basis.NOISE * error.max(axis=1, keepdims=True)
-            result[c.query] = kernels.unit(found, scale)
+            found, error = basis.eigen_normals(
+                c.table, c.place, c.powers, c.modes, self._added(c), c.which
+            )
+            result[c.query] = kernels.unit(found, kernels.NOISE * error)
         return [result]
+
+    def jets(self, g: Group) -> tuple[Array, Array, Array]:
+        """Derivatives (q, 4, 4, d) of orders 0 to 3 in u and v, in parameters of their piece.
+
+        Those are u and v times 2 ** exponent (q,), returned last; before it bounds (q, 4, 4) of
+        rounding errors. The position, of order (0, 0), is left 0.
+        """
+        shape = len(g.query), 4, 4, self._points.shape[1]
+        found, error, exponent = np.zeros(shape), np.zeros(shape[:3]), g.depth.copy()
+        orders = [(i, j) for i in range(4) for j in range(4) if i or j]
+        if g.kind in (REGULAR, STRIP):
+            ids = self._groups.controls(g)
+            *_, points = self._differences(ids, _FIRST_CORNER)
+            sizes = self._sizes(points, ids)
+            for nu in orders:
+                weights = self._groups.spline_weights(g, nu)
+                found[:, *nu] = _contract(weights, points)
+                error[:, *nu] = (np.abs(weights) * sizes).sum(axis=1)
+            return found, kernels.NOISE * error, exponent
+        for c in self._corners(g):
+            added = self._added(c)[c.which, 1:]
+            rows = [basis.eigen_rows(c.table, c.place, c.powers, nu) for nu in orders]
+            rows = [np.where((c.place.level < 0)[:, None], np.nan, x) for x in rows]
+            for nu, row in zip(orders, rows, strict=True):
+                found[c.query, *nu] = _contract(row, c.modes[c.which, 1:])
+                error[c.query, *nu] = (np.abs(row) * added).sum(axis=1)
+            exponent[c.query] += c.place.level + 1
+        error *= kernels.NOISE
+        turned, bounds = np.empty_like(found), np.empty_like(error)
+        for nu in orders:
+            choices, sign = basis.turned(nu)
+            for turn, order in enumerate(choices):
+                here = g.turn == turn
+                turned[here, *nu] = sign[turn] * found[here, *order]
+                bounds[here, *nu] = error[here, *order]
+        return turned, bounds, exponent
+
+    def edge_normals(self, g: Group, side: Array, away: Array) -> Array:
+        """Limits (q, 3) of normals towards sides of limit faces on which derivatives vanish.
+
+        Queries of a group on the sides v = 0, u = 1, v = 1, u = 0, of numbers `side` 0 to 3 (q,),
+        of which the normal is wanted so far `away` (q,) from the side; NaN where there is none.
+        Derived in ``derivations/limit_normals.py``, section 8.
+        """
+        found, error, exponent = self.jets(g)
+        # x along the side, y away from it
+        along_v, back = side % 2 == 1, (side == 1) | (side == 2)
+        found = np.where(along_v[:, None, None, None], found.swapaxes(1, 2), found)
+        error = np.where(along_v[:, None, None], error.swapaxes(1, 2), error)
+        found[:, :, 1::2] *= np.where(back, -1, 1)[:, None, None, None]
+        y = kernels.scale_by_two(away, exponent)
+        parts = []
+        for first in (found[:, 1:], error[:, 1:]), (found[:, :, 1:], error[:, :, 1:]):
+            # polynomials in x, of which the first that are 0 everywhere are left out
+            seen = (np.abs(first[0]).max(axis=3) > first[1]).any(axis=1)
+            terms = np.cumsum(seen, axis=1) > 0
+            power = np.cumsum(terms, axis=1) - 1
+            scale = np.where(terms, y[:, None] ** np.maximum(power, 0), 0)
+            scale /= [factorial(k) for k in range(terms.shape[1])]
+            parts.append((first[0][:, 0] * scale[..., None]).sum(axis=1))
+            parts.append((first[1][:, 0] * scale).sum(axis=1)[:, None])
+        along, noise, across, other = parts
+        normals = kernels.unit_normals(along, across, (noise, other))
+        return normals * np.where((side == 2) | (side == 3), -1, 1)[:, None]
 
     def curvatures(self, g: Group) -> list[Array]:
         """What `curvatures` returns for a group, (q, 10)."""
         (normal,) = self.normals(g)
         if g.kind in (REGULAR, STRIP):
-            *_, points = self._differences(self._groups.controls(g), _FIRST_CORNER)
-            jet = [_contract(self._groups.spline_weights(g, nu), points) for nu in JET]
-            return [curvatures(np.stack(jet), normal)]
+            ids = self._groups.controls(g)
+            *_, points = self._differences(ids, _FIRST_CORNER)
+            weights = [self._groups.spline_weights(g, nu) for nu in JET]
+            jet = np.stack([_contract(w, points) for w in weights])
+            sizes = np.abs(points) + self._errors[ids]
+            errors = kernels.NOISE * np.stack([_contract(np.abs(w), sizes) for w in weights])
+            return [curvatures(jet, normal, errors, sizes.max(axis=(1, 2)), self.balance)]
         form, axis = np.full((3, len(normal)), np.nan), np.full((len(normal), 3), np.nan)
         exponent = np.zeros(len(normal), dtype=np.int64)
         for c in self._corners(g):
+            sizes = np.abs(c.points) + self._errors[c.ids]
+            added = np.stack([c.table.coefficient_sizes(x) for x in np.moveaxis(sizes, 2, 0)], 2)
             form[:, c.query], exponent[c.query], axis[c.query] = basis.eigen_curvatures(
-                c.table, c.place, c.modes, c.which
+                c.table, c.place, c.modes, added, sizes.max(axis=(1, 2)), c.which
             )
-        return [_principal(form, exponent, axis, normal)]
+        return [_principal(form, exponent + self.balance, axis, normal)]
 
     def _differences(self, ids: Array, base: int) -> tuple[Array, Array, Array]:
         """A control point of each patch, high and low (P, d), and all relative to it (P, K, d)."""
@@ -329,7 +420,6 @@ class Values:
         patch, which = np.unique(g.row, return_inverse=True)
         origin, low, points = self._differences(controls[patch], 0)
         modes = table.coefficients(points)
-        size = np.abs(points).max(axis=(1, 2), initial=0)[:, None, None]
         occurs = (modes[:, 1:] != 0).any(axis=2)
         leads = 1 + occurs.argmax(axis=1)
         place = basis.CornerPlace.of(g.s, g.t, g.turn)
@@ -337,7 +427,16 @@ class Values:
             query = np.flatnonzero(leads[which] == lead)
             here = place[query]
             powers = basis.EigenPowers.of(table, here, lead)
-            yield Corners(query, table, here, powers, origin, low, modes, size, which[query])
+            own = origin, low, points, controls[patch], modes
+            yield Corners(query, table, here, powers, *own, which[query])
+
+    def _sizes(self, points: Array, ids: Array) -> Array:
+        """Sizes (P, K) of control points `ids` relative to one of them, their errors included."""
+        return np.asarray((np.abs(points) + self._errors[ids]).max(axis=2, initial=0))
+
+    def _added(self, c: Corners) -> Array:
+        """Sizes (P, K) of what was added up to coefficients."""
+        return c.table.coefficient_sizes(self._sizes(c.points, c.ids))
 
 
 class ExactValues:
@@ -355,16 +454,30 @@ class ExactValues:
         return [(self._groups.weights(g, nu)[:, :, None] * points).sum(axis=1) for nu in orders]
 
 
-def curvatures(jet: Array, normal: Array) -> Array:
+def curvatures(
+    jet: Array,
+    normal: Array,
+    errors: Array | None = None,
+    size: Array | None = None,
+    balance: int = 0,
+) -> Array:
     """Curvatures k1, k2, mean, Gaussian and directions d1, d2 (q, 10) from derivatives.
 
-    `jet` has those of `JET`, (5, q, 3); `normal` (q, 3), NaN where there is none.
+    `jet` has those of `JET`, (5, q, 3), of points times 2 ** balance; `normal` (q, 3), NaN where
+    there is none. If `errors`, bounds of those of the jet, and the `size` (q,) of the patch are
+    given, curvatures in doubt are as `kernels.honest` says.
     """
     # neither overflow nor underflow in squares
     exponent = -np.frexp(np.abs(jet[:2]).max(axis=(0, 2)))[1]
     jet = kernels.scale_by_two(jet, exponent[:, None])
-    form, axis = kernels.shape_operators(jet[:2], jet[2:], np.ones((3, len(normal))))
-    return _principal(form, exponent, axis, normal)
+    ones = np.ones((3, len(normal)))
+    if errors is not None and size is not None:
+        errors = kernels.scale_by_two(errors, exponent[:, None])
+        form, noise, axis = kernels.shape_operators(jet[:2], jet[2:], ones, errors)
+        form = kernels.honest(form, noise, kernels.scale_by_two(size, exponent))
+    else:
+        form, _, axis = kernels.shape_operators(jet[:2], jet[2:], ones)
+    return _principal(form, exponent + balance, axis, normal)
 
 
 def _principal(form: Array, exponent: Array, axis: Array, normal: Array) -> Array:

@@ -80,7 +80,7 @@ def mapped(surface: LimitSurface, method: str, face: Any, u: Any, v: Any, **opti
     import dask.array as da
     from dask import delayed
 
-    queries = [da.asarray(x if is_lazy(x) else np.asarray(x)) for x in (face, u, v)]
+    queries = [x if is_lazy(x) else da.from_array(_array(x), asarray=False) for x in (face, u, v)]
     if not np.isnan([n for x in queries for n in x.shape]).any():
         np.broadcast_shapes(
             *(x.shape for x in queries)
@@ -112,6 +112,11 @@ def mapped(surface: LimitSurface, method: str, face: Any, u: Any, v: Any, **opti
         return answers
     arrays = [answers[k] for k in range(len(parts))]
     return dict(zip(sample, arrays, strict=True)) if isinstance(sample, dict) else tuple(arrays)
+
+
+def _array(values: Any) -> Any:
+    """An array, masked if the values are."""
+    return values if isinstance(values, np.ma.MaskedArray) else np.asarray(values)
 
 
 def limit_answers(

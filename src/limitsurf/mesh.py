@@ -14,7 +14,7 @@ from typing import Any, Generic, Self, TypeAlias, TypeVar, cast, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import _kernels
+from limitsurf import _kernels, masked
 
 __all__ = ["Mesh", "MeshError"]
 
@@ -716,8 +716,17 @@ def _choice(value: T, name: str, allowed: tuple[T, ...]) -> T:
     return value
 
 
+def _complete(values: T, what: str) -> T:
+    """The values, none of which may be masked."""
+    wrong = masked.refusal(values, what)
+    if wrong:
+        raise MeshError(wrong)
+    return values
+
+
 def _numbers(values: ArrayLike, row: str, prefix: str = "") -> NDArray[Any]:
     """A copy of coordinates as float64 or objects, all finite; messages call an entry a ``row``."""
+    values = _complete(values, f"{prefix}coordinates")
     try:
         array = np.array(values)
     except ValueError as error:
@@ -763,6 +772,7 @@ def checked_integer(name: str, value: Any, least: int | None = None) -> int:
 
 def _integers(values: Any, what: str) -> IntArray:
     """A copy of ``values`` as int64; an empty list, whose type numpy cannot know, passes."""
+    values = _complete(values, what)
     try:
         array = np.array(values)
     except ValueError as error:
@@ -791,6 +801,8 @@ def _face_arrays(faces: Faces) -> tuple[IntArray, IntArray]:
     else:
         try:
             rows = list(cast(Sequence[Sequence[int]], faces))
+            if any(isinstance(row, np.ma.MaskedArray) for row in rows):
+                rows = [_complete(x, f"vertices of face {f}") for f, x in enumerate(rows)]
             sizes = np.array(list(map(len, rows)), dtype=np.int64)
             indices = _integers(list(chain.from_iterable(rows)), "vertex indices of faces")
         except TypeError as error:
@@ -824,7 +836,7 @@ def _check_faces(mesh: Mesh) -> None:
 
 def _sharpness(values: Any, what: str, names: IntArray) -> NDArray[Any]:
     """Validated sharpness, float64 or objects, one for each of ``names``, numbers or pairs."""
-    array = np.array(values) if len(values) else np.zeros(0)
+    array = np.array(_complete(values, f"sharpness of {what}s")) if len(values) else np.zeros(0)
     if array.shape != (len(names),):
         raise MeshError(f"{what}s: got sharpness of shape {array.shape}, need ({len(names)},)")
     if array.dtype.kind not in "iufO":

@@ -144,6 +144,7 @@ class Packing:
             np.zeros((n, levels)),
             np.zeros((n, levels), dtype=np.int64),
             np.zeros((n, 6, wide)),
+            np.zeros((n, wide)),
             np.zeros((n, pairs)),
             np.zeros((n, chains), dtype=np.int64),
             np.zeros((n, pairs), dtype=np.int64),
@@ -158,16 +159,17 @@ class Packing:
             kinds[k, evaluation.PAIRS] = len(table.pairs)
             first, second = (*table.normal, -1, -1)[:2]
             kinds[k, [evaluation.ALONG, evaluation.ACROSS]] = first, second
-            kinds[k, evaluation.FLIP] = table.eigenvalues[0, 1:3].prod() < 0
+            kinds[k, evaluation.FLIP] = table.rates[0, 1:3].prod() < 0
             kinds[k, evaluation.PATCH] = patches
             patches += len(self._patches.controls[k])
             rows += len(self._patches.controls[k]) * (_rounded(size) + 3)
             made.pieces[k, :, :, :size] = table.pieces[:, :, 1:]
             for lead in (1, 2):
                 made.ratios[k, lead - 1, :, :size] = _powers(table, lead)
-                value = table.eigenvalues[0, lead]
+                value = table.rates[0, lead]
                 made.inverses[k, lead - 1] = 1 / value if value else 0
             made.mantissas[k], made.exponents[k] = _mantissas(table)
+            made.sizes[k, :size] = table.coefficient_sizes(np.ones((1, table.size)))[0, 1:]
             for place, nu in enumerate(TERMS[1:], start=1):
                 made.corners[k, place, :size] = basis.corner_derivative(table, nu)
             made.angles[k, : len(table.pairs)] = table.angles
@@ -189,6 +191,7 @@ class Packing:
             indptr, indices = (x.astype(np.int64) for x in (operator.indptr, operator.indices))
             coefficients.extend(indptr, indices, operator.data, high, extras, start)
             start += operator.shape[0]
+        errors = self._errors(high, extras) if d == 3 else np.zeros(len(extras))
         modes = _aligned((self._n_rows, width))
         copied = self._n_special * evaluation.FINE
         fine = _aligned((copied + len(self._copied) * evaluation.FINE, width))
@@ -207,10 +210,19 @@ class Packing:
             matrix = _projections(table)
             near = np.zeros(matrix.shape[1] * evaluation.LANES)
             coefficients.coefficients(
-                ids, high, extras, matrix, blocks.reshape(len(ids), -1, width),
+                ids, high, extras, errors, matrix, blocks.reshape(len(ids), -1, width),
                 grids.reshape(len(ids), -1, width), near, sums,
             )  # fmt: skip
-        return evaluation.Points(high, extras, modes.reshape(-1), fine)
+        return evaluation.Points(high, extras, errors, modes.reshape(-1), fine)
+
+    def _errors(self, high: Array, extras: Array) -> Array:
+        """What rounding did to control points beyond the cage (m,), in units of `NOISE`."""
+        if not len(extras):
+            return np.zeros(0)
+        width = high.shape[1]
+        rounded = np.concatenate([high, extras[:, :width]])
+        low = np.concatenate([np.zeros_like(high), extras[:, width:]])
+        return kernels.errors(self._patches.extras, rounded, low)[len(high) :].max(axis=1)
 
     @cached_property
     def _controls(self) -> rows.Controls:
@@ -513,10 +525,10 @@ def _powers(table: tables.EigenTable, lead: int) -> Array:
 @lru_cache(maxsize=1024)
 def _mantissas(table: tables.EigenTable) -> tuple[Array, Array]:
     """Powers of the first eigenvalue as mantissas (levels,) and exponents of two (levels,)."""
-    high, low = table.eigenvalues[:, 1].tolist()
+    high, low = table.rates[:, 1].tolist()
     powers = [kernels.scaled_power(high, low, n) for n in _levels()]
-    mantissas, more = np.frexp(np.concatenate([mantissa for mantissa, _ in powers]))
-    return mantissas, more + np.concatenate([exponent for _, exponent in powers])
+    mantissas, exponents = zip(*powers, strict=True)
+    return np.concatenate(mantissas), np.concatenate(exponents)
 
 
 def _levels() -> tuple[Array, Array]:

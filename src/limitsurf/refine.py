@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, Self, overload
@@ -360,19 +360,21 @@ def _limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arr
     return result
 
 
-def _normal_operators(sharpness: Sharpness, rules: Rules, wanted: Array) -> list[Any]:
-    """Four operators (n_fans, n_vertices) on differences from the vertex of an all-quad mesh.
+def _normal_operators(
+    sharpness: Sharpness, rules: Rules, wanted: Array, masks: Callable[[Scheme, str, int], Array]
+) -> list[Any]:
+    """Operators (n_fans, n_vertices) on differences from the vertex of an all-quad mesh.
 
-    They give two pairs of vectors for each fan of the `Sectors`: the cross product of the first
-    pair points along the limit normal, or that of the second if it is 0. A fan without a normal
-    has no entries, nor have others than those `wanted` (n_fans,) bool.
+    They give pairs of vectors for each fan of the `Sectors`, two if `masks` are those of
+    `tables.normal_masks`, and four of `tables.collapsed_masks`. A fan without a normal has no
+    entries, nor have others than those `wanted` (n_fans,) bool.
     """
     mesh, sectors = sharpness.mesh, Sectors.of(sharpness)
-    parts: list[list[tuple[Array, Array, Array]]] = [[] for _ in range(4)]
+    parts: list[list[tuple[Array, Array, Array]]] = [[] for _ in range(8)]
     for kind, faces, fans in sectors.groups(np.flatnonzero(wanted & (sectors.kind >= 0))):
         ring = sectors.ring(kind, faces, fans)
-        masks = tables.normal_masks(rules.scheme, kind, faces).reshape(-1, ring.shape[1])
-        for part, mask in zip(parts, masks, strict=False):
+        rows = masks(rules.scheme, kind, faces).reshape(-1, ring.shape[1])
+        for part, mask in zip(parts, rows, strict=False):
             used = np.flatnonzero(mask != 0)
             values = np.broadcast_to(mask[used], (len(fans), len(used)))
             part.append((np.repeat(fans, len(used)), ring[:, used].ravel(), values.ravel()))
@@ -389,7 +391,7 @@ def _normal_operators(sharpness: Sharpness, rules: Rules, wanted: Array) -> list
         fan = np.full(len(child_fans.vertex), -1)
         fan[child_fans.fan[4 * first]] = pending
         both = stacked([_identity(near.mesh.n_vertices, float), faces_stage])
-        limits = _normal_operators(later, rules, fan >= 0)
+        limits = _normal_operators(later, rules, fan >= 0, masks)
         for part, finer in zip(parts, limits, strict=True):
             rows, columns, values = entries((finer @ stage) @ both)
             part.append((fan[rows], near.vertices[columns], values))
@@ -401,21 +403,39 @@ def _normal_operators(sharpness: Sharpness, rules: Rules, wanted: Array) -> list
     return operators
 
 
-def _limit_normals(sharpness: Sharpness, rules: Rules, points: Array, wanted: Array) -> Array:
-    """Limit normals by corner, (n_corners, 3), at the `wanted` vertices of an all-quad mesh."""
-    mesh, fans = sharpness.mesh, Sectors.of(sharpness).fans
-    operators = _normal_operators(sharpness, rules, wanted[fans.vertex])
-    vectors = [_from_own(operator, points, fans.vertex) for operator in operators]
-    ring = np.zeros((mesh.n_vertices, 1))
-    edge = points[mesh.edges[:, 0]] - points[mesh.edges[:, 1]]
-    length = np.abs(edge).max(axis=1, initial=0)[:, None]
-    for end in mesh.edges.T:
-        np.maximum.at(ring, end, length)
-    noise = 16 * np.finfo(float).eps * ring[fans.vertex]
-    first, second = (
-        kernels.unit_normals(vectors[k], vectors[k + 1], (noise, noise)) for k in (0, 2)
-    )
-    return np.asarray(np.where(np.isnan(first), second, first)[fans.fan])
+def _limit_normals(
+    sharpness: Sharpness, rules: Rules, points: Array, errors: Array, wanted: Array
+) -> Array:
+    """Limit normals by corner, (n_corners, 3), at the `wanted` vertices of an all-quad mesh.
+
+    `errors` (n_vertices,) bound those of the points, in units of `NOISE`.
+    """
+    fans = Sectors.of(sharpness).fans
+
+    def vectors(wanted: Array, masks: Callable[[Scheme, str, int], Array]) -> list[Array]:
+        found = []
+        for operator in _normal_operators(sharpness, rules, wanted, masks):
+            vector, size, error = _from_own(operator, points, errors, fans.vertex)
+            found += [vector, kernels.NOISE * (size + error), kernels.NOISE * error]
+        return found
+
+    def crossed(found: list[Array], k: int) -> Array:
+        (a, noise, _), (b, other, _) = (found[3 * j : 3 * j + 3] for j in (2 * k, 2 * k + 1))
+        return kernels.unit_normals(a, b, (noise, other))
+
+    wanted = wanted[fans.vertex]
+    found = vectors(wanted, tables.normal_masks)
+    # the second where the first pair is dependent
+    result = crossed(found, 0)
+    result = np.where(np.isnan(result), crossed(found, 1), result)
+    lost = wanted & np.isnan(result[:, 0])
+    if lost.any():
+        found = vectors(lost, tables.collapsed_masks)
+        first, second = ((np.abs(found[j]) <= found[j + 2]).all(axis=1) for j in (18, 21))
+        cases = first & second, first & ~second, second & ~first
+        for k, case in enumerate(cases):
+            result = np.where((lost & case)[:, None], crossed(found, k), result)
+    return np.asarray(result[fans.fan])
 
 
 def _smooth_valences(mesh: Mesh, rough: Array) -> tuple[int, list[int]]:
@@ -469,6 +489,7 @@ class RefinedMesh(Mesh):
     _sharpness: Sharpness
     _channel_meshes: dict[str, ChannelMesh]
     _lineage: tuple[Mesh, ...]  # from the cage to this mesh, without points
+    _rounded: bool  # whether the points come from refinement, and not from outside
 
     @cached_property
     def _parents(self) -> tuple[Array, Array, Array]:
@@ -515,7 +536,8 @@ class RefinedMesh(Mesh):
         if self._steps[0] != 4:
             finer = refined(self, **vars(self._rules))
             return np.asarray(finer.limit_points[: self.n_vertices])
-        points, rules = self.points.reshape(self.n_vertices, -1), self._rules
+        points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
+        rules = self._rules
         sharpness = Sharpness.of(self, rules, points.dtype)
         if points.dtype == object or not self._large:
             result = _limit_points(sharpness, rules, points, self.vertex_faces > 0)
@@ -535,6 +557,8 @@ class RefinedMesh(Mesh):
                 limits = _limit_points(inner, rules, points[near.vertices], own)
                 result[near.vertices[own]] = limits[own]
         result[rules.loose_vertices(self)] = np.nan
+        if balance:
+            result = np.ldexp(result, -balance)
         return np.asarray(result.reshape(self.points.shape))
 
     @cached_property
@@ -543,8 +567,10 @@ class RefinedMesh(Mesh):
 
         At creases the faces on each side have their own. NaN where no limit normal exists: at
         interior vertices and darts of valence 2, boundary and crease vertices with 5 or more faces
-        on that side, sharp corners with 3 or more, sharp vertices amid smooth faces; degenerate
-        points; faces without a limit. See `LimitSurface.normal`.
+        on that side, sharp corners with 3 or more, sharp vertices amid smooth faces; where vectors
+        might be dependent within their rounding errors, those of refined points included; faces
+        without a limit. Where the points of boundaries and creases coincide they are limits all
+        the same. See `LimitSurface.normal`.
 
         Raises
         ------
@@ -562,14 +588,18 @@ class RefinedMesh(Mesh):
             # the first corner of child h is corner h
             return np.asarray(finer.limit_normals[::4])
         rules, sharpness = self._rules, Sharpness.of(self, self._rules, float)
+        points = np.ldexp(self.points, kernels.balance(self.points))
+        # what refinement rounded; a cage is exact
+        errors = np.abs(points).max(axis=1) * self._rounded
         if not self._large:
-            result = _limit_normals(sharpness, rules, self.points, self.vertex_faces > 0)
+            result = _limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
         else:
             from limitsurf._kernels import refinement
 
             by_vertex, seen = np.empty((self.n_vertices, 3)), sharpness.sharp_vertices
             masks = _normal_weights(self, rules, sharpness.concerned)
-            refinement.limit_normals(self.points, self.indices, self.twin, *masks, seen, by_vertex)
+            known = points, errors, self.indices, self.twin
+            refinement.limit_normals(*known, *masks, seen, by_vertex)
             result = by_vertex.take(self.indices, axis=0)
             # sharp ones, and those for which the first pair of vectors will not do
             rough = sharpness.sharp_vertices
@@ -577,8 +607,8 @@ class RefinedMesh(Mesh):
             if rough.any():
                 near = MeshPart.of(self, rough[self.indices])
                 inner, own = sharpness.part(near), rough[near.vertices]
-                around = self.points[near.vertices]
-                normals = _limit_normals(inner, rules, around, own)
+                around = points[near.vertices], errors[near.vertices]
+                normals = _limit_normals(inner, rules, *around, own)
                 own = own[near.mesh.indices]
                 result[near.corners[own]] = normals[own]
         result.reshape(-1, 4, 3)[rules.without_limit(self)] = np.nan
@@ -589,6 +619,7 @@ class RefinedMesh(Mesh):
         mesh = super().with_points(points)
         for name in ("limit_points", "limit_normals"):
             mesh.__dict__.pop(name, None)
+        mesh._rounded = False
         return mesh
 
 
@@ -675,9 +706,7 @@ def refined(
     levels = checked_integer("levels", levels, 0)
     rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
     dtype = mesh.points.dtype
-    points = mesh.points.reshape(mesh.n_vertices, -1)
-    if dtype == object:
-        points = kernels.exact(points)
+    points, balance = _balanced(mesh.points.reshape(mesh.n_vertices, -1))
     total = _identity(mesh.n_vertices, dtype) if operator else None
     # decided once, so that equal calls have equal results, to the last digit
     compiled = dtype != object and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
@@ -694,6 +723,8 @@ def refined(
         lineage.append(without_points(coarse))
         coarse = child_mesh(coarse, points)
         sharpness = sharpness.children(coarse)
+    if balance:
+        points = np.ldexp(points, -balance)
     channels = {
         name: _refined_channel(ChannelMesh.of(mesh, name, rules), levels, holes)
         for name in mesh.channels
@@ -718,7 +749,16 @@ def refined(
     vars(fine).update(read_only(tags))
     fine._rules, fine._sharpness, fine._channel_meshes = rules, sharpness, channels
     fine._lineage = *lineage, without_points(coarse)
+    fine._rounded = levels > 0 or getattr(mesh, "_rounded", False)
     return (fine, total) if operator else fine
+
+
+def _balanced(points: Array) -> tuple[Array, int]:
+    """Points times a power of two, where their sums might overflow, and its exponent; or exact."""
+    if points.dtype == object:
+        return kernels.exact(points), 0
+    balance = kernels.balance(points)
+    return (np.ldexp(points, balance) if balance else points), balance
 
 
 def _corners(mesh: Mesh, faces: Array) -> Array:
@@ -733,9 +773,7 @@ def _corners(mesh: Mesh, faces: Array) -> Array:
 def _refined_channel(channel: ChannelMesh, levels: int, holes: Array) -> ChannelMesh:
     """The values of a channel, refined."""
     dtype = channel.points.dtype
-    values = channel.points.reshape(channel.n_vertices, -1)
-    if dtype == object:
-        values = kernels.exact(values)
+    values, balance = _balanced(channel.points.reshape(channel.n_vertices, -1))
     mesh: Mesh = channel
     sharpness = Sharpness.of(channel, channel._rules, dtype)
     compiled = dtype != object and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
@@ -743,6 +781,8 @@ def _refined_channel(channel: ChannelMesh, levels: int, holes: Array) -> Channel
         values = refined_values(mesh, channel._rules, sharpness, values, compiled)
         mesh = child_mesh(mesh, values)
         sharpness = sharpness.children(mesh)
+    if balance:
+        values = np.ldexp(values, -balance)
     values = values.reshape(len(values), *channel.points.shape[1:])
     return channel.refined(mesh, values, sharpness, holes)
 
@@ -822,10 +862,21 @@ def _identity(n: int, dtype: Any) -> Any:
     return sparse_operator(every, every, np.broadcast_to(tables.one(dtype), n), (n, n))
 
 
-def _from_own(operator: Any, points: Array, own: Array) -> Array:
-    """Each row of an operator applied to differences from a point of its own, (rows, d)."""
-    result = np.zeros((operator.shape[0], points.shape[1]))
+def _from_own(
+    operator: Any, points: Array, errors: Array, own: Array
+) -> tuple[Array, Array, Array]:
+    """Each row of an operator applied to differences from a point of its own, (rows, d).
+
+    Also the size of what is added up, and what errors of the points do to it, both (rows, 1).
+    """
+    result = np.zeros((operator.shape[0], points.shape[1] + 2))
     used = np.diff(operator.indptr) > 0
-    rows = operator.indptr[np.concatenate([used, [True]])], operator.indices, operator.data
-    result[used] = kernels.differences(*rows, points, np.zeros_like(points), own[used])
-    return result
+    starts, columns = operator.indptr[np.concatenate([used, [True]])], operator.indices
+    rows = starts, columns, operator.data
+    result[used, :-2] = kernels.differences(*rows, points, np.zeros_like(points), own[used])
+    if len(columns):
+        near, weights = np.repeat(own[used], np.diff(starts)), np.abs(operator.data)
+        sizes = np.abs(points[columns] - points[near]).max(axis=1, initial=0)
+        for k, terms in ((-2, sizes), (-1, errors[columns] + errors[near])):
+            result[used, k] = np.add.reduceat(weights * terms, starts[:-1])
+    return result[:, :-2], result[:, -2:-1], result[:, -1:]

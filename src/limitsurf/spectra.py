@@ -64,7 +64,7 @@ class Eigenbasis:
         return SectorBasis(self.scheme, self.sector)
 
     def _distinct(self) -> list[tuple[float, int]]:
-        values, counts = np.unique(self.float64.eigenvalues[0], return_counts=True)
+        values, counts = np.unique(self.float64.rates[0], return_counts=True)
         return sorted(zip(values.tolist(), counts.tolist(), strict=True), key=lambda p: -abs(p[0]))
 
     def __repr__(self) -> str:
@@ -148,7 +148,7 @@ def eigenbasis(
     eigenvalue 1/8 has a Jordan block. So have creases at 1/4 for odd numbers of faces and at 1/2
     for multiples of four, and corners at 1/2 for even numbers. Darts of 6 and more faces can have
     one pair of complex eigenvalues: there ``J`` has a rotation, and ``eigenvalues`` of `.float64`
-    holds the modulus.
+    is complex.
 
     Examples
     --------
@@ -158,7 +158,7 @@ def eigenbasis(
     <Eigenbasis of catmull-clark at interior valence 5: 18 control points, eigenvalues 1, ...>
     >>> print(basis.exact.eigenvalues[1].evalf(20))
     0.54998835451829717789
-    >>> ls.eigenbasis("catmull-clark", kind="crease", faces=4).float64.eigenvalues[0, :4]
+    >>> ls.eigenbasis("catmull-clark", kind="crease", faces=4).float64.eigenvalues[:4]
     array([1.        , 0.61111653, 0.5       , 0.5       ])
     """
     number = faces if valence is None else valence

@@ -15,11 +15,12 @@ from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
 from limitsurf.groups import JET, ExactValues, Group, Groups, Order, Values, curvatures
-from limitsurf.mesh import Mesh
+from limitsurf.masked import unmasked
+from limitsurf.mesh import Mesh, checked_integer
 from limitsurf.packing import TERMS, Packing, threads
 from limitsurf.patches import PatchTable
 from limitsurf.refine import ExactOperator, eliminated, refined, sparse_operator, stacked
-from limitsurf.rules import Rules
+from limitsurf.rules import Rules, Sharpness
 from limitsurf.topology import LimitFaces
 
 if TYPE_CHECKING:
@@ -32,8 +33,9 @@ Array = NDArray[Any]
 Numbers: TypeAlias = ArrayLike | Fraction | Sequence[Fraction]
 
 _PORTION = 1 << 20  # queries whose jets are in memory at once
+_MOST = 10_000  # derivatives in a jet
 # what is kept of the points
-_OF_POINTS = ("_values", "_exact_values", "_packed")
+_OF_POINTS = ("_values", "_exact_values", "_packed", "_corner_normals")
 # derivatives that kernels know, in the order of `jet`
 _PLACES = {nu: place for place, nu in enumerate(TERMS)}
 
@@ -140,8 +142,8 @@ class LimitSurface:
     is sharp; ``exact/creases.py`` tells which are. Whatever is semi-sharp becomes one of all these
     in ceil(sharpness) refinements. Powers of n beside others are left out.
 
-    **NaN** is returned for NaN or infinite u or v, on faces without a limit, and where a value
-    does not exist; nowhere else.
+    **NaN** is returned for NaN or infinite u or v, where face, u or v is masked (``numpy.ma``), on
+    faces without a limit, and where a value does not exist; nowhere else.
 
     **Many queries**, 100,000 in a call and more, are answered by compiled kernels, in as many
     threads as `workers` says; fewer by NumPy, to spare small jobs the loading of a compiler
@@ -350,7 +352,9 @@ class LimitSurface:
     ) -> dict[Order, Any]:
         """All derivatives up to a total order in one pass, as {(i, j): array}.
 
-        Arguments, shapes and errors are those of `evaluate`; (0, 0) is the position.
+        Arguments, shapes and errors are those of `evaluate`; (0, 0) is the position. Derivatives
+        beyond the third in u or in v are 0 where there are any, so that no more than order 6 says
+        anything; orders above 139, of more than 10,000 derivatives, are refused.
 
         Examples
         --------
@@ -359,14 +363,21 @@ class LimitSurface:
         >>> {nu: round(float(x[0]), 12) for nu, x in surface.jet(0, 0.25, 0.0, order=1).items()}
         {(0, 0): 0.25, (1, 0): 1.0, (0, 1): 0.0}
         """
-        if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 0:
-            raise ValueError(f"order must be an integer >= 0, got {order!r}")
+        order = checked_integer("order", order, 0)
+        count = (order + 1) * (order + 2) // 2
+        if count > _MOST:
+            raise ValueError(
+                f"a jet of order {order} has {count:,} derivatives, more than {_MOST:,}; those "
+                "beyond the third in u or in v are 0: ask for order 6, which has all others, or "
+                "evaluate those you need by nu="
+            )
         if lazy.is_lazy(face, u, v):
             options = {"order": order, "channel": channel, "workers": workers}
             found: dict[Order, Any] = lazy.mapped(self, "jet", face, u, v, **options)
             return found
-        orders = [(m - j, j) for m in range(int(order) + 1) for j in range(m + 1)]
-        derivatives = self.of_channel(channel)._derivatives(face, u, v, orders, workers)
+        orders = [(m - j, j) for m in range(order + 1) for j in range(m + 1)]
+        within = [_order(nu) for nu in orders]
+        derivatives = self.of_channel(channel)._derivatives(face, u, v, within, workers)
         return dict(zip(orders, derivatives, strict=True))
 
     def tangents(self, face: ArrayLike, u: Numbers, v: Numbers) -> tuple[Any, Any]:
@@ -409,11 +420,17 @@ class LimitSurface:
         """Unit normals, along d/du x d/dv: outwards where faces are counter-clockwise from outside.
 
         The normal is that of its own (u, v) at every distance from a special vertex, and the limit
-        at the vertex itself. On sharp edges each side has its own, that of the face asked. NaN
-        where the derivatives are dependent up to rounding, and where no limit normal exists, as it
-        depends on the direction of approach: at boundary and crease vertices with 5 or more faces
-        on that side, at corners with 3 or more between two sharp edges, at cones, and where there
-        are but 2 faces around a smooth vertex or a dart. `LimitSurface` has the table.
+        at the vertex itself. On sharp edges each side has its own, that of the face asked; also
+        where derivatives vanish along the edge, as at the pole of a sphere of quads, a boundary row
+        of points that coincide, or a single one that its faces repeat: there the normal is its
+        limit along the face, which may differ with the place on the edge.
+
+        NaN where the derivatives might be dependent within their rounding errors, which are bounded
+        by the sizes of what was added up, as on the edges of two polygons glued back to back; and
+        where no limit normal exists, as it depends on the direction of approach: at boundary and
+        crease vertices with 5 or more faces on that side, at corners with 3 or more between two
+        sharp edges, at cones, and where there are but 2 faces around a smooth vertex or a dart.
+        `LimitSurface` has the table, ``derivations/limit_normals.py`` the proofs.
 
         Arguments and errors are those of `evaluate`; the points must have shape (n, 3).
 
@@ -434,7 +451,10 @@ class LimitSurface:
         if lazy.is_lazy(face, u, v):
             return lazy.mapped(self, "normal", face, u, v, workers=workers)
         face, u, v = self._inexact_queries(face, u, v, "normal")
-        (normals,) = self._answers(face, u, v, False, [3], self._values.normals, None, workers)
+        normals = self._regular_normals(face, u, v, workers)
+        lost = np.isnan(normals[:, 0])
+        if lost.any():
+            self._find_limits(*(x.flat[lost] for x in (face, u, v)), lost, normals)
         return normals.reshape(*face.shape, 3)
 
     def curvature(self, face: ArrayLike, u: Numbers, v: Numbers, workers: int = 1) -> Curvature:
@@ -454,7 +474,9 @@ class LimitSurface:
             `k1` >= `k2`, of the shape of the query; their directions `d1`, `d2`, unit vectors in
             the tangent plane, (..., 3), with d1 x d2 the normal; `mean`, (k1 + k2) / 2, and
             `gaussian`, k1 k2. Where k1 = k2 the directions are some of all. Curvatures are +-inf
-            beyond float64's range. NaN where there is no normal, and at vertices where they have no
+            beyond float64's range. What is flat within rounding errors is exactly 0 in calls without
+        kernels. NaN where these errors outweigh what the surface is bent by (beside an edge that is
+        a point), where derivatives are dependent, and at vertices where they have no
             limit: in general all but those of smooth valence 4 and 3, where they tend to 0 and
             directions are NaN. `LimitSurface` has the table.
 
@@ -482,7 +504,7 @@ class LimitSurface:
         face, u, v = self._inexact_queries(face, u, v, "curvature")
         self._check_ranges(face, u, v, False)
         groups, compute = self._groups[False], self._values.curvatures
-        if not _kernels.compiled(face.size):
+        if self._values.balance or not _kernels.compiled(face.size):
             (found,) = groups.answers(face, u, v, [10], compute)
             return found.reshape(*face.shape, 10)
         found, start = np.empty((face.size, 10)), 0
@@ -491,8 +513,10 @@ class LimitSurface:
             here = slice(start, start + len(part))
             f, x, y = face.flat[here], u.flat[here], v.flat[here]
             jet = np.stack(self._derivatives(f, x, y, JET, workers))
-            part[:] = curvatures(jet, self.normal(f, x, y, workers=workers))
-            special = np.flatnonzero(groups.special(f, x, y))
+            part[:] = curvatures(jet, self._regular_normals(f, x, y, workers))
+            # and where errors may outweigh what bends the surface
+            thin = kernels.nearly_dependent(*jet[:2])
+            special = np.flatnonzero(groups.special(f, x, y) | thin)
             (part[special],) = groups.answers(f[special], x[special], y[special], [10], compute)
             start = here.stop
         return found.reshape(*face.shape, 10)
@@ -577,7 +601,7 @@ class LimitSurface:
         self, face: ArrayLike, u: Numbers, v: Numbers
     ) -> tuple[Array, Array, Array, bool]:
         """Arrays of numbers of one shape; whether they are to be answered exactly."""
-        faces, us, vs = np.asarray(face), np.asarray(u), np.asarray(v)
+        (faces, us, vs), masks = zip(*map(unmasked, (face, u, v)), strict=True)
         if faces.size == 0 and faces.dtype == float:
             faces = faces.astype(np.int64)
         if faces.dtype.kind not in "iu":
@@ -597,6 +621,9 @@ class LimitSurface:
                 f"face, u and v of shapes {faces.shape}, {us.shape} and {vs.shape} "
                 "cannot be broadcast together"
             ) from None
+        for mask in masks:
+            if mask is not None:  # a query without an answer
+                us = np.where(mask, np.nan, us)
         return faces, us, vs, exact
 
     def _check_ranges(self, faces: Array, us: Array, vs: Array, exact: bool) -> None:
@@ -645,7 +672,8 @@ class LimitSurface:
         """
         count = threads(workers)
         known = orders is None or all(nu in _PLACES for nu in orders)
-        if exact or not all(widths) or not known or not _kernels.compiled(face.size):
+        known = known and not exact and all(widths) and not self._values.balance
+        if not known or not _kernels.compiled(face.size):
             self._check_ranges(face, u, v, exact)
             return self._groups_of(exact).answers(face, u, v, widths, compute)
         found = self._packing.evaluate(
@@ -665,6 +693,70 @@ class LimitSurface:
             for result, part in zip(results, parts, strict=True):
                 result[rest] = part
         return list(results)
+
+    def _regular_normals(self, face: Array, u: Array, v: Array, workers: int) -> Array:
+        """Normals (Q, 3) where derivatives are independent."""
+        (normals,) = self._answers(face, u, v, False, [3], self._values.normals, None, workers)
+        return normals
+
+    def _find_limits(self, face: Array, u: Array, v: Array, lost: Array, normals: Array) -> None:
+        """Fill in normals (Q, 3) that are `lost` at queries where they are limits all the same.
+
+        At and beside sharp sides (boundaries are) along which derivatives vanish, and at vertices
+        of sides that are points.
+        """
+        at = np.isfinite(u) & np.isfinite(v) & (self.patches.codes[face] != -1)
+        away = np.where(self._sharp_sides[face].T, [v, 1 - u, 1 - v, u], np.inf)
+        side, nearest = away.argmin(axis=0), away.min(axis=0)
+        # beyond, only directions that differ by rounding are in doubt
+        at &= nearest < 2.0**-10
+        corner = at & ((u == 0) | (u == 1)) & ((v == 0) | (v == 1))
+        found = np.full((len(face), 3), np.nan)
+        if corner.any():
+            which = np.where(v[corner] == 0, u[corner], 3 - u[corner]).astype(int)
+            found[corner] = self._corner_normals[face[corner], which]
+        here = np.flatnonzero(at & ~corner)
+        face, side, nearest = face[here], side[here], nearest[here]
+        u = np.choose(side, [u[here], 1.0, u[here], 0.0])
+        v = np.choose(side, [0.0, v[here], 1.0, v[here]])
+        groups, limits = self._groups[False], np.full((len(here), 3), np.nan)
+        for part, _, pieces in groups.chunks(face, u, v, 64):
+            for g in pieces:
+                given = side[part][g.query], nearest[part][g.query]
+                limits[part.start + g.query] = self._values.edge_normals(g, *given)
+        found[here] = limits
+        normals[lost] = found
+
+    @cached_property
+    def _sharp_sides(self) -> Array:
+        """Whether the sides v = 0, u = 1, v = 1, u = 0 of limit faces stay sharp, (n, 4)."""
+        mesh, faces = self.mesh, self.limit_faces
+        sharpness = Sharpness.of(mesh, self._rules, np.dtype(float))
+        sharp = np.zeros(mesh.n_corners, dtype=bool)
+        sharp[sharpness.sides] = tables.is_infinite(sharpness.edge_sharpness)[sharpness.edge]
+        quad = faces.corner < 0
+        first = mesh.offsets[faces.face] + np.where(quad, 0, faces.corner)
+        sides = np.zeros((len(faces), 4), dtype=bool)
+        sides[quad] = sharp[first[quad, None] + np.arange(4)]
+        # only those at the corner are on edges of an n-gon
+        sides[~quad, 0] = sharp[first[~quad]]
+        sides[~quad, 3] = sharp[mesh.previous_corner[first[~quad]]]
+        return sides
+
+    @cached_property
+    def _corner_normals(self) -> Array:
+        """Limit normals at the corners (0, 0), (1, 0), (1, 1), (0, 1) of limit faces, (n, 4, 3)."""
+        quads = bool((self.mesh.sizes == 4).all())
+        fine = refined(self.mesh, 0 if quads else 1, **vars(self._rules))
+        normals = fine.limit_normals.reshape(-1, 4, 3)
+        if quads:
+            return normals
+        faces, sizes = self.limit_faces, self.mesh.sizes
+        child = self.mesh.offsets[faces.face] + np.maximum(faces.corner, 0)
+        result = normals[child]
+        quad = np.flatnonzero(sizes[faces.face] == 4)
+        result[quad] = normals[child[quad, None] + np.arange(4), 0]
+        return result
 
     @property
     def _packing(self) -> Packing:
@@ -743,13 +835,13 @@ def precompile() -> None:
 
 
 def _order(nu: Any) -> Order:
-    """Two non-negative integers."""
+    """Two non-negative integers; those beyond the third are alike, for pieces are bicubic."""
     order = tuple(nu) if isinstance(nu, (tuple, list, np.ndarray)) else ()
     if len(order) != 2 or not all(
         isinstance(n, (int, np.integer)) and not isinstance(n, bool) and n >= 0 for n in order
     ):
         raise ValueError(f"nu must be two integers >= 0, got {nu!r}")
-    return int(order[0]), int(order[1])
+    return min(int(order[0]), 4), min(int(order[1]), 4)
 
 
 def _first(values: Array, bad: Array) -> str:

@@ -100,6 +100,11 @@ class FourierRing:
         waves = self.frequency, self.parity, self.left, self.half_turn
         return kernels.ring_coefficients(points, *waves)
 
+    def sizes(self, sizes: Array) -> Array:
+        """Sizes (P, ring) of what is added up to coefficients, from those of points (P, ring)."""
+        parts = sizes[:, 0], sizes[:, 1::2].sum(axis=1), sizes[:, 2::2].sum(axis=1)
+        return np.asarray(np.stack(parts, axis=1) @ np.abs(self.left.T))
+
     def weights(self, rows: Array) -> Array:
         """Weights (Q, ring) of the points from those of the coefficients (Q, ring)."""
         waves = self.frequency, self.parity, self.left, self.half_turn
@@ -115,6 +120,10 @@ class DenseRing:
     def coefficients(self, points: Array) -> Array:
         """Coefficients (P, ring, d) of ring points (P, ring, d)."""
         return np.asarray(np.matmul(self.left, points))
+
+    def sizes(self, sizes: Array) -> Array:
+        """Sizes (P, ring) of what is added up to coefficients, from those of points (P, ring)."""
+        return np.asarray(sizes @ np.abs(self.left.T))
 
     def weights(self, rows: Array) -> Array:
         """Weights (Q, ring) of the points from those of the coefficients (Q, ring)."""
@@ -137,8 +146,9 @@ class EigenTable:
         Name, masks, sector and format: everything that the numbers depend on.
     ring : FourierRing or DenseRing
         Left eigenvectors of the ring.
-    eigenvalues : (2, K)
-        Unevaluated sums high + low; of complex pairs (at darts) the modulus. The first is 1.
+    rates : (2, K)
+        By what a halving scales each eigenfunction: the eigenvalue, but the modulus of complex
+        pairs (at darts). Unevaluated sums high + low; the first is 1, and moduli fall.
     pieces : (3, 16, K)
         Eigenfunctions on the three regular pieces of the quad: coefficient ``4 j + i`` is that of
         ``S^i T^j``.
@@ -161,7 +171,7 @@ class EigenTable:
     sector: Sector
     provenance: Mapping[str, Any]
     ring: FourierRing | DenseRing
-    eigenvalues: Array
+    rates: Array
     pieces: Array
     chains: Array
     pairs: Array
@@ -198,13 +208,25 @@ class EigenTable:
         return self._dense[1]
 
     @cached_property
+    def eigenvalues(self) -> Array:
+        """Eigenvalues by decreasing modulus, (K,); complex if there are complex pairs."""
+        values = self.rates[0]
+        if len(self.pairs):
+            values = values.astype(complex)
+            turn = np.exp(1j * self.angles)
+            values[self.pairs] *= turn
+            values[self.pairs + 1] *= turn.conj()
+        values.flags.writeable = False
+        return values
+
+    @cached_property
     def J(self) -> Array:
         """Real Jordan matrix, (K, K): a pair a +- ib is the block [[a, b], [-b, a]]."""
-        J = np.diag(self.eigenvalues[0])
+        J = np.diag(self.rates[0])
         J[self.chains - 1, self.chains] = 1
         for k, angle in zip(self.pairs.tolist(), self.angles.tolist(), strict=True):
             turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-            J[k : k + 2, k : k + 2] = self.eigenvalues[0, k] * turn
+            J[k : k + 2, k : k + 2] = self.rates[0, k] * turn
         J.flags.writeable = False
         return J
 
@@ -255,6 +277,13 @@ class EigenTable:
         outer = np.matmul(self.outer, points[:, ring:]) - np.matmul(self.links, modes)
         return np.asarray(np.concatenate([modes, outer], axis=1)[:, self.order])
 
+    def coefficient_sizes(self, sizes: Array) -> Array:
+        """Sizes (P, K) of what is added up to these coefficients, from those of the points (P, K)."""
+        ring = self.sector.ring
+        modes = self.ring.sizes(sizes[:, :ring])
+        outer = sizes[:, ring:] @ np.abs(self.outer.T) + modes @ np.abs(self.links.T)
+        return np.asarray(np.concatenate([modes, outer], axis=1)[:, self.order])
+
     def left_vectors(self, which: Array) -> Array:
         """Left eigenvectors of some modes of the ring, (n, K)."""
         modes = self.order[which]
@@ -295,9 +324,8 @@ def _assembled(scheme: Scheme, sector: Sector, derived: bool = False) -> tuple[E
         key, formats = _ring_key(scheme, sector), _ring_formats(sector)
         left, more = _stored(key, formats, lambda: _derive_ring(scheme, sector), derived)
         ring, cached = DenseRing(**left), cached or more
-    return EigenTable(
-        scheme, sector, MappingProxyType(_key(scheme, sector)), ring, **arrays
-    ), cached
+    known, rates = MappingProxyType(_key(scheme, sector)), arrays.pop("eigenvalues")
+    return EigenTable(scheme, sector, known, ring, rates, **arrays), cached
 
 
 def _ring_key(scheme: Scheme, sector: Sector) -> dict[str, Any]:
@@ -466,11 +494,11 @@ def _holds(table: EigenTable) -> bool:
     starts = np.cumsum([0, *map(len, matrix.rows)])[:-1]
     refined = np.add.reduceat(weights[:, None] * before[columns], starts)
     modes, after = table.coefficients(np.array([before, refined[:size]]))
-    expected = table.eigenvalues[0][:, None] * modes
+    expected = table.rates[0][:, None] * modes
     expected[table.chains - 1] += modes[table.chains]
     first = table.pairs
     x, y = modes[first], modes[first + 1]
-    a, b = (table.eigenvalues[0, first] * [np.cos(table.angles), np.sin(table.angles)])[..., None]
+    a, b = (table.rates[0, first] * [np.cos(table.angles), np.sin(table.angles)])[..., None]
     expected[first], expected[first + 1] = a * x + b * y, a * y - b * x
     change = np.array(POWERS, dtype=float)
     control = refined[np.array(matrix.pieces)].reshape(3, 4, 4, 4)
@@ -483,7 +511,7 @@ def _holds(table: EigenTable) -> bool:
 
 def _is_ordered(table: EigenTable) -> bool:
     """Whether the indices of a table, each of which is in its range, make sense together."""
-    high, low = abs(table.eigenvalues)
+    high, low = abs(table.rates)
     chains, normal = table.chains, table.normal
     paired = np.concatenate([table.pairs, table.pairs + 1])
     if (
@@ -658,6 +686,32 @@ def normal_masks(scheme: Scheme, kind: str, faces: int) -> Array:
     table = eigen_table(scheme, sector)
     masks = table.left_vectors(table.normal_pairs.ravel())[:, : sector.ring]
     return masks.reshape(-1, 2, sector.ring)
+
+
+def collapsed_masks(scheme: Scheme, kind: str, faces: int) -> Array:
+    """Weights of the ring where sharp edges are points: e_0 or e_k coincide with v, (4, 2, ring).
+
+    Pairs of vectors whose cross product points along the limit normal where both edges are points
+    (waves 2 and 1), where the first is, and where the second is (those in corners of one face); 0
+    where there is no normal. Then ``e_0 - v`` and ``e_k - v``, which tell. Derived in
+    ``derivations/limit_normals.py``, section 8.
+    """
+    sector = Sector(kind, faces)
+    masks = np.zeros((4, 2, sector.ring))
+    if not sector.open:
+        return masks
+    table = eigen_table(scheme, sector)
+    masks[3, [0, 1], [1, -1]], masks[3, :, 0] = 1, -1
+    # modes of the ring: three of the curve, then waves by frequency, two each but for the last
+    waves = [int(np.flatnonzero(table.order == 1 + 2 * m)[0]) for m in range(1, min(faces, 2) + 1)]
+    # each positive beside the first edge
+    sign = np.sign(table.pieces[0, 4, waves])
+    first, *second = table.left_vectors(np.array(waves))[:, : sector.ring] * sign[:, None]
+    if second:
+        masks[0] = second[0], first
+    elif kind == "corner":
+        masks[1], masks[2] = (first, masks[3, 1]), (masks[3, 0], first)
+    return masks
 
 
 def one(dtype: Any) -> Array:

@@ -57,14 +57,15 @@ def extend(
 
 @lean
 def coefficients(
-    ids: Array, high: Array, extras: Array, matrix: Array, modes: Array, fine: Array, near: Array,
-    sums: Array,
+    ids: Array, high: Array, extras: Array, errors: Array, matrix: Array, modes: Array, fine: Array,
+    near: Array, sums: Array,
 ) -> None:  # fmt: skip
     """Coefficients and refined points of special patches with control points ids (P, K).
 
-    high (n, width) and extras (m, 2 width) as in ``evaluation.Points``; matrix (K + 25, rounded up
-    to `SIX`; K, rounded up to `LANES`) has left eigenvectors and rows of refined points; modes
-    (P, ROWS + 3, width) and fine (P, 27, width) are zero and get what ``evaluation.Points`` says.
+    high (n, width), extras (m, 2 width), errors (m,) as in ``evaluation.Points``; matrix (K + 25,
+    rounded up to `SIX`; K, rounded up to `LANES`) has left eigenvectors and rows of refined points;
+    modes (P, ROWS + 3, width) and fine (P, 27, width) are zero and get what ``evaluation.Points``
+    says.
     near (K, rounded up; `LANES`) is flat and zero, sums (`SIX`, `LANES`) are room.
     """
     K, size, width = ids.shape[1], matrix.shape[1], high.shape[1]
@@ -72,7 +73,7 @@ def coefficients(
     for p in range(len(ids)):
         own: int = ids[p, 0]
         first = -1
-        largest = 0.0
+        largest = size_of_points = 0.0
         for channel in range(0, width, LANES):
             for k in range(K):
                 i: int = ids[p, k]
@@ -80,6 +81,8 @@ def coefficients(
                     x = _high(high, extras, i, c) - _high(high, extras, own, c)
                     x += _low(high, extras, i, c) - _low(high, extras, own, c)
                     near[k * LANES + c - channel] = x
+                    error = errors[i - len(high)] if i >= len(high) else 0.0
+                    size_of_points = max(size_of_points, abs(x) + error)
             for begin in range(0, K + 25, SIX):
                 _sum6(matrix[begin : begin + SIX], size, near, 0, LANES, sums)
                 for r in range(begin, min(begin + SIX, K + 25)):
@@ -100,6 +103,7 @@ def coefficients(
                 fine[p, LOW_ORIGIN, c], fine[p, ORIGIN, c] = low, rounded
         modes[p, last, 0] = largest
         modes[p, last, 1] = max(1, first)
+        modes[p, last, 2] = size_of_points
 
 
 @lean

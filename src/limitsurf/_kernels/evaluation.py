@@ -38,14 +38,15 @@ Array = NDArray[Any]
 TURN, FAR, KIND = 32, 34, 35
 STEP = 32  # powers n of eigenvalues are products of those of n % STEP and of n - n % STEP
 STEPS = 35  # 2^-1074 is the least float64
-NOISE = 16 * 2.0**-52  # of sums of products of rounded numbers, relative
+NOISE, TINY = 16 * 2.0**-52, 2.0**-900  # as in the reference, but for less room
 LANES = 4  # channels that are evaluated at once
 
 # fields of a special kind: number of eigenfunctions but the constant one, and that rounded up to
 # whole lanes; first row of its blocks (coefficients from the constant one on, filled up with zeros,
-# the control point that they are relative to, their size and the first that occurs); numbers of
-# chains and of complex pairs; whether odd levels flip normals; number of the first patch in
-# `Points.fine`; coefficients whose cross product is along the normal at the corner itself, or -1
+# the control point that they are relative to, and: the largest of them, the first that occurs, the
+# largest size of a control point, errors included); numbers of chains and of complex pairs; whether
+# odd levels flip normals; number of the first patch in `Points.fine`; coefficients whose cross
+# product is along the normal at the corner itself, or -1
 SIZE, ROWS, MODES, CHAINS, PAIRS, FLIP, PATCH, ALONG, ACROSS, FIELDS = range(10)
 FIRST, SECOND = 0, 1  # the eigenvalue that powers are relative to
 FINE = 27  # rows of a patch in `Points.fine`: up to 25 points, and these
@@ -98,6 +99,7 @@ class Tables(NamedTuple):
     mantissas: Array  # (kinds, STEP + STEPS): of the first's powers, which are in [0.5, 1)
     exponents: Array  # (kinds, STEP + STEPS) int64: of two, with them
     corners: Array  # (kinds, 6, W): derivatives at the corner itself
+    sizes: Array  # (kinds, W): of what is added up to coefficients, of points of size 1
     angles: Array  # (kinds, pairs)
     chains: Array  # (kinds, chains) int64: ends of Jordan chains
     pairs: Array  # (kinds, pairs) int64
@@ -108,6 +110,7 @@ class Points(NamedTuple):
 
     high: Array  # (vertices, width)
     extras: Array  # (other control points, 2 width): each with what rounding took from it
+    errors: Array  # (other control points,): what rounding did to them at most, times 1 / NOISE
     modes: Array  # flat: blocks (ROWS + 3, width) of special patches
     # (27 of each patch, width): 5 x 5 refined points of special patches, or copies of 16 control
     # points; all relative to an origin, of which the last two rows have what is rounded, and itself
@@ -297,7 +300,7 @@ def _crossed(found: Array, noise: float, other: float, out: Array, query: int) -
     b0, b1, b2 = found[8] * b, found[9] * b, found[10] * b
     c0, c1, c2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
     length = sqrt(c0 * c0 + c1 * c1 + c2 * c2)
-    # the scaled vectors are at most sqrt(3) long
+    # the scaled vectors are at most sqrt(3) long, and so are errors of size 1
     if not length > 6 * (noise * a + other * b):
         return False
     scale = 1 / length
@@ -306,9 +309,10 @@ def _crossed(found: Array, noise: float, other: float, out: Array, query: int) -
 
 
 @inlined
-def _spline_normal(weights: Array, found: Array, out: Array, query: int) -> bool:
-    """The same of a bicubic patch, from its weights and sums of order 1."""
-    reach = max(found[3 * LANES], found[3 * LANES + 1], found[3 * LANES + 2]) * NOISE
+def _spline_normal(weights: Array, found: Array, error: float, out: Array, query: int) -> bool:
+    """The same of a bicubic patch, from its weights, sums of order 1 and errors of its points."""
+    reach = max(found[3 * LANES], found[3 * LANES + 1], found[3 * LANES + 2]) + error
+    reach = reach * NOISE + TINY
     values = slopes = rises = steep = 0.0
     for j in range(4):
         values += abs(weights[j])
@@ -325,7 +329,7 @@ def _eigen_normal(
 ) -> bool:  # fmt: skip
     """The same around a special corner, from rows of order 1; see `basis.eigen_normals`."""
     n = tables.kinds[kind, ROWS]
-    size = modes[at + (n + 1) * width]
+    size, added = modes[at + (n + 1) * width], modes[at + (n + 1) * width + 2]
     if tables.kinds[kind, SIZE] < 2 or not size > 0:
         return False
     # row 0 is free: rows 1 and 2 are the derivatives
@@ -336,13 +340,18 @@ def _eigen_normal(
         b = b * cos(angle) - rows[2, 1] * sin(angle)
     powered(kind, SECOND, level, 3, tables, rows)
     rows[1, 0] = rows[2, 0] = 0.0
-    bound = along = across = 0.0
+    sums = along = across = added_sums = added_along = added_across = 0.0
     for k in range(n):
-        ds, dt = rows[1, k], rows[2, k]
+        ds, dt, more = rows[1, k], rows[2, k], tables.sizes[kind, k]
         rows[0, k] = a * dt - b * ds
-        bound += abs(a * dt) + abs(b * ds)
-        along += abs(ds)
-        across += abs(dt)
+        own = abs(a * dt) + abs(b * ds)
+        ds, dt = abs(ds), abs(dt)
+        sums += own
+        along += ds
+        across += dt
+        added_sums += own * more
+        added_along += ds * more
+        added_across += dt * more
     _sum3(rows, n, modes, at, width, found)
     ratio = tables.ratios[kind, FIRST, level % STEP, 1]
     ratio *= tables.ratios[kind, FIRST, STEP + level // STEP, 1]
@@ -354,7 +363,9 @@ def _eigen_normal(
     x = c1 * g2 - c2 * g1 + (p1 * q2 - p2 * q1) * ratio
     y = c2 * g0 - c0 * g2 + (p2 * q0 - p0 * q2) * ratio
     z = c0 * g1 - c1 * g0 + (p0 * q1 - p1 * q0) * ratio
-    bound = max(abs(c0), abs(c1), abs(c2)) * bound + along * across * abs(ratio)
+    # (scaled coefficients are at most 1)
+    bound = max(abs(c0), abs(c1), abs(c2)) * added_sums + tables.sizes[kind, 0] * sums
+    bound = 2 * added * scale * (bound + (along * added_across + added_along * across) * abs(ratio))
     largest = max(abs(x), abs(y), abs(z))
     if not (largest > NOISE * bound and largest < np.inf and bound < np.inf):
         return False
@@ -497,7 +508,7 @@ def _simple(
         cubic_weights(room.t[k], order, 4 * order + 4, weights)
         _spline(order, normals, points.high, ids, at, 0, 0, weights, found)
         if normals:
-            if not _spline_normal(weights, found, out, query):
+            if not _spline_normal(weights, found, 0.0, out, query):
                 rest[left] = query
                 left += 1
             continue
@@ -558,7 +569,18 @@ def _splines(
                 grid, numbers, at, column = room.near, _SAME, 0, 0
             _spline(order, normals, grid, numbers, at, first, column, weights, found)
             if normals:
-                if not _spline_normal(weights, found, out, query):
+                error = 0.0
+                if kind > 1:
+                    # rows that refine have sums of at most 3, where points are reflected
+                    n = tables.kinds[kind, ROWS]
+                    block = tables.kinds[kind, MODES] + row * (n + 3)
+                    error = 3 * points.modes[(block + n + 2) * width + 2]
+                elif code >> FAR & 1:
+                    for j in range(row * 16, row * 16 + 16):
+                        number = np.int64(ids[j]) - inner
+                        if number >= 0:
+                            error = max(error, points.errors[number])
+                if not _spline_normal(weights, found, error, out, query):
                     rest[left] = query
                     left += 1
                 break
@@ -611,9 +633,14 @@ def _special(
             for c in range(3):
                 found[LANES + c] = modes[block + along * width + c]
                 found[2 * LANES + c] = modes[block + across * width + c]
-            noise = NOISE * modes[block + (n + 2) * width]
-            if along >= 0 and _crossed(found, noise, noise, out, query):
-                continue
+            noise = NOISE * modes[block + (n + 2) * width + 2]
+            if along >= 0:
+                noise, other = (
+                    noise * tables.sizes[kind, along - 1],
+                    noise * tables.sizes[kind, across - 1],
+                )
+                if _crossed(found, noise, other, out, query):
+                    continue
         if (
             at < 0
             or modes[block + (n + 2) * width + 1] != 1

@@ -101,7 +101,8 @@ def gridded(
                         near[j * 4 + c] = x
                         reach = max(reach, abs(x))
             else:
-                reach = points.modes[block + (size + 2) * width]
+                sizes = block + (size + 2) * width
+                reach = max(points.modes[sizes], points.modes[sizes + 2])
             stride, first = weights.places, block + width + channel
             for k in range(count):
                 for begin in range(0, stride, PLACES):

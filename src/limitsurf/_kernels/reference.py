@@ -5,6 +5,7 @@ Shapes: Q queries, K control points of a patch, d channels of the points.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from numbers import Rational
 from typing import Any
@@ -13,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
+
+NOISE = 16 * np.finfo(float).eps  # of sums of products of rounded numbers, relative
+TINY = 2.0**-1000  # beside what underflow takes from such sums
 
 
 def exact(values: Any) -> Array:
@@ -83,13 +87,14 @@ def power(high: Array, low: Array, n: Array) -> Array:
 
 
 def scaled_power(high: float, low: float, n: Array) -> tuple[Array, Array]:
-    """``(high + low) ** n`` as mantissa (n,) and power of two (n,), beyond float64's range too."""
+    """``(high + low) ** n`` as mantissas (n,), below 1, and powers of two (n,), however small."""
     mantissa, exponent = np.frexp(high)
     if mantissa * mantissa < 0.5:
         mantissa, exponent = mantissa * 2, exponent - 1
     # |mantissa| in [0.7, 1.42): its 1100th power is within range
     low = np.ldexp(low, -exponent)
-    return mantissa**n * (1 + n * (low / mantissa)), exponent * n
+    power, more = np.frexp(mantissa**n * (1 + n * (low / mantissa)))
+    return power, exponent * n + more
 
 
 def split_corner(s: Array, t: Array, up_s: Array, up_t: Array) -> tuple[Array, Array, Array, Array]:
@@ -228,6 +233,38 @@ def differences(
     return np.asarray(np.add.reduceat(terms, indptr[:-1], axis=0))
 
 
+def errors(operators: Sequence[Any], high: Array, low: Array) -> Array:
+    """Bounds (n, d) of what rounding did to points high + low, in units of `NOISE`.
+
+    The first are given, and exact; the others come from those before them by sparse operators, as
+    `differences` from the first point of each row.
+    """
+    found = np.zeros_like(high)
+    done = len(high) - sum(operator.shape[0] for operator in operators)
+    for operator in operators:
+        indptr, columns, weights = operator.indptr, operator.indices, np.abs(operator.data)
+        counts = np.diff(indptr)
+        near = np.repeat(columns[indptr[:-1]], counts)
+        far = np.abs(high[columns] - high[near] + (low[columns] - low[near]))
+        # sums of more than 16 terms have larger errors
+        far *= np.repeat(np.maximum(counts / 16, 1), counts)[:, None]
+        sums = np.add.reduceat(weights[:, None] * (far + found[columns]), indptr[:-1])
+        found[done : done + len(counts)] = sums
+        done += len(counts)
+    return found
+
+
+def balance(points: Array) -> int:
+    """The power of two by which coordinates are multiplied so that none of their sums overflow.
+
+    Nor do products with rounding errors underflow where all of them are tiny. 0 in general: within
+    2^-900 and 2^1000 there is room for both.
+    """
+    size = np.abs(points).max(initial=0)
+    exponent = int(np.frexp(size)[1])
+    return 0 if size == 0 or -900 <= exponent <= 1000 else (960 if exponent > 0 else 0) - exponent
+
+
 def two_sum(a: Array, b: Array) -> tuple[Array, Array]:
     """The rounded sum and its rounding error, exactly (Knuth 1969)."""
     total = a + b
@@ -245,19 +282,33 @@ def unit(vectors: Array, noise: Array) -> Array:
 
 
 def unit_normals(along: Array, across: Array, noise: tuple[Array, Array]) -> Array:
-    """Unit vectors (Q, 3) along the cross products.
+    """Unit vectors (Q, 3) along the cross products: the rule of when a normal is in doubt.
 
-    NaN where the vectors are dependent up to their rounding errors `noise`, two of (Q, 1).
+    `noise`, two of (Q, 1), bounds the rounding errors of the vectors' components, from the sizes of
+    what was added up to them, not of what is left. NaN where within these the vectors might be
+    dependent: errors of unit vectors are at most sqrt(3) < 2 times as large, relative to the
+    largest component.
     """
     with np.errstate(all="ignore"):
         angle = sum(
             n / np.abs(x).max(axis=-1, keepdims=True, initial=0)
             for x, n in zip((along, across), noise, strict=True)
         )
-    return unit(np.cross(unit(along, noise[0]), unit(across, noise[1])), np.asarray(angle))
+    cross = np.cross(unit(along, noise[0]), unit(across, noise[1]))
+    return unit(cross, 2 * np.asarray(angle))
 
 
-def shape_operators(first: Array, second: Array, ratios: Array) -> tuple[Array, Array]:
+def nearly_dependent(along: Array, across: Array) -> Array:
+    """Whether vectors (Q, 3) span an area below 1e-3 of the square of the longer one, (Q,)."""
+    size = np.maximum(np.abs(along).max(axis=1), np.abs(across).max(axis=1))[:, None]
+    with np.errstate(all="ignore"):
+        area = np.cross(along / size, across / size)
+    return ~(np.abs(area).max(axis=1) > 1e-3) & ~np.isnan(along[:, 0] + across[:, 0])
+
+
+def shape_operators(
+    first: Array, second: Array, ratios: Array, errors: Array | None = None
+) -> tuple[Array, Array, Array]:
     """Second fundamental forms in orthonormal frames of tangent planes, and these frames' x-axes.
 
     Coordinates have units a1, a2, b of their own, so that what falls by different powers towards a
@@ -272,11 +323,15 @@ def shape_operators(first: Array, second: Array, ratios: Array) -> tuple[Array, 
     second : (3, Q, 3)
         d2/ds2, d2/dsdt, d2/dt2.
     ratios : (3, Q)
+    errors : (5, Q, 3), optional
+        Bounds of the rounding errors of all these derivatives.
 
     Returns
     -------
     (3, Q)
         w11 in units of b / a1^2, w12 of b / (a1 a2), w22 of b / a2^2.
+    (3, Q)
+        Bounds of their rounding errors, as far as they come from `errors`.
     (Q, 3)
         q1 in these coordinates, all in units of a1.
     """
@@ -299,7 +354,43 @@ def shape_operators(first: Array, second: Array, ratios: Array) -> tuple[Array, 
             (m12 - slope * m11) / d**2,
             (m22 - slope * (2 * m12 - slope * m11)) * e / d**3,
         ]
-        return np.array(forms), along / np.sqrt(e)[:, None]
+        bounds = np.zeros((3, len(e)))
+        if errors is not None:
+            # of the determinants, and of the slope, whose terms may cancel
+            es, et = np.where(turn[:, None], errors[1::-1], errors[:2])
+            ess, est, ett = np.where(turn[:, None], errors[:1:-1], errors[2:])
+            wrong = sum(
+                np.abs(x[:, i] * y[:, j])
+                for x, y in ((ds, et), (es, dt))
+                for i, j in (([1, 2, 0], [2, 0, 1]), ([2, 0, 1], [1, 2, 0]))
+            )
+            n11, n12, n22 = (
+                (np.abs(cross) * y + wrong * np.abs(x)).sum(axis=1)
+                for x, y in ((dss, ess), (dst, est), (dtt, ett))
+            )
+            tilt = ((np.abs(along) * et + es * np.abs(across)) * lengths).sum(axis=1) / e
+            sizes = np.abs([slope, m11, m12])
+            bounds = np.array([
+                n11 / (d * e),
+                (n12 + sizes[0] * n11 + tilt * sizes[1]) / d**2,
+                (n22 + sizes[0] * (2 * n12 + sizes[0] * n11)
+                 + 2 * tilt * (sizes[2] + sizes[0] * sizes[1])) * e / d**3,
+            ])  # fmt: skip
+        return np.array(forms), bounds, along / np.sqrt(e)[:, None]
+
+
+def honest(form: Array, noise: Array, size: Array) -> Array:
+    """Second fundamental forms (3, Q) of patches of some size (Q,), but where errors outweigh them.
+
+    There they are 0 if what the errors might hide, too, is flat beside the size, else NaN.
+    """
+    doubt = ~(np.abs(form).max(axis=0) > noise.max(axis=0)) & ~np.isnan(form).any(axis=0)
+    with np.errstate(all="ignore"):
+        flat = noise.max(axis=0) * size <= _FLAT
+    return np.where(doubt, np.where(flat, 0.0, np.nan), form)
+
+
+_FLAT = 1e-6  # curvature times size
 
 
 def principal(form: Array, axis: Array, normal: Array) -> Array:

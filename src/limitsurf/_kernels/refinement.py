@@ -317,6 +317,7 @@ def limit_points(
 @lean
 def limit_normals(
     points: Array,
+    errors: Array,
     indices: Array,
     twin: Array,
     vertex_faces: Array,
@@ -328,8 +329,8 @@ def limit_normals(
     """Unit limit normals (V, 3) of the vertices of quads but those already `seen`.
 
     By number of faces at a vertex, `start` is where two masks begin, over its edge neighbours and
-    face corners counter-clockwise, itself first; or -1. NaN where the vectors vanish or are
-    dependent, up to their rounding errors.
+    face corners counter-clockwise, itself first; or -1. NaN where the vectors might be dependent
+    within their rounding errors; `errors` are those of the points, as in the reference.
     """
     for vertex in range(len(points)):
         for c in range(3):
@@ -343,7 +344,7 @@ def limit_normals(
         if start[valence] < 0:
             continue
         x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
-        ax = ay = az = bx = by = bz = size = 0.0
+        ax = ay = az = bx = by = bz = noise = other_noise = 0.0
         h, at = first, start[valence] + 1
         beside = at + 2 * valence + 1
         for _ in range(valence):
@@ -351,25 +352,25 @@ def limit_normals(
             for k in range(2):
                 other = indices[begin + (h + 1 + k) % 4]
                 dx, dy, dz = points[other, 0] - x, points[other, 1] - y, points[other, 2] - z
-                if k == 0:
-                    size = max(size, abs(dx), abs(dy), abs(dz))
+                size = max(abs(dx), abs(dy), abs(dz)) + errors[vertex] + errors[other]
                 a, b = masks[at + k], masks[beside + k]
+                noise, other_noise = noise + abs(a) * size, other_noise + abs(b) * size
                 ax, ay, az = ax + a * dx, ay + a * dy, az + a * dz
                 bx, by, bz = bx + b * dx, by + b * dy, bz + b * dz
             at += 2
             beside += 2
             h = twin[begin + (h + 3) % 4]
-        noise = 16 * 2.0**-52 * size
+        noise, other_noise = 16 * 2.0**-52 * noise, 16 * 2.0**-52 * other_noise
         # largest component first: neither overflow nor underflow in the squares
         a, b = max(abs(ax), abs(ay), abs(az)), max(abs(bx), abs(by), abs(bz))
-        if not (a > noise and b > noise):
+        if not (a > noise and b > other_noise):
             continue
         ax, ay, az = ax / a, ay / a, az / a
         bx, by, bz = bx / b, by / b, bz / b
         scale = sqrt(ax * ax + ay * ay + az * az) * sqrt(bx * bx + by * by + bz * bz)
         nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
         size = max(abs(nx), abs(ny), abs(nz))
-        if not size > (noise / a + noise / b) * scale:
+        if not size > 2 * (noise / a + other_noise / b) * scale:
             continue
         nx, ny, nz = nx / size, ny / size, nz / size
         scale = sqrt(nx * nx + ny * ny + nz * nz)

@@ -102,7 +102,7 @@ def draw_characteristic_map(figure: Any, fan: Fan, isolines: int, rings: int) ->
         axes.plot(*surface.evaluate(s, at, 0 * at).T, color=AXIS, lw=1.4, solid_capstyle="round")
         axes.plot(*surface.evaluate(s, 0 * at, at).T, color=AXIS, lw=1.4, solid_capstyle="round")
     u, v = np.concatenate([one, at[::-1]]), np.concatenate([at, one])
-    first, second = fan.basis.float64.eigenvalues[0, fan.basis.float64.normal].tolist()
+    first, second = fan.basis.float64.rates[0, fan.basis.float64.normal].tolist()
     similar = abs(first - second) < 1e-9
     named = math.inf  # the largest distance of a name from the vertex
     for ring in range(rings + 1):

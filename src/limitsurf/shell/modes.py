@@ -196,7 +196,7 @@ class Fan:
                 f"there is no tangent plane at {self.basis._place()}, so no characteristic map"
             )
         step = self.operator()
-        first, second = table.eigenvalues[0, table.normal].tolist()
+        first, second = table.rates[0, table.normal].tolist()
         if abs(first - second) > _SAME and np.isin(table.normal, table.chains).any():
             raise ValueError(
                 f"the tangent plane at {self.basis._place()} comes from a Jordan chain, not from "

@@ -46,7 +46,7 @@ def spectrum_facts(basis: Eigenbasis, digits: int, latex: bool = False) -> Facts
     }
     groups: dict[tuple[float, int], list[int]] = {}
     pairs = set(basis.float64.pairs.tolist())
-    for k, size in enumerate(basis.float64.eigenvalues[0].tolist()):
+    for k, size in enumerate(basis.float64.rates[0].tolist()):
         # of a complex pair it is the modulus
         groups.setdefault((size, (k in pairs) - (k - 1 in pairs)), []).append(k)
     for places in groups.values():
@@ -117,7 +117,7 @@ def _mask(basis: Eigenbasis, mask: tuple[Any, ...], digits: int, latex: bool) ->
 
 def _growth(basis: Eigenbasis) -> Facts:
     """By what things grow as the distance from the vertex is halved; `LimitSurface` says why."""
-    values = basis.float64.eigenvalues[0, 1:4]
+    values = basis.float64.rates[0, 1:4]
     l1, l2, l3 = map(float, abs(values))
     return {
         "l1": float(values[0]),

@@ -1,0 +1,58 @@
+"""Masked arrays: what is masked is missing, and is not taken for the number that lies under it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+
+def _may_be(values: Any) -> bool:
+    """Whether any entry may be masked."""
+    if isinstance(values, (list, tuple)):
+        return any(isinstance(x, np.ma.MaskedArray) for x in values)
+    return isinstance(values, np.ma.MaskedArray)
+
+
+def unmasked(values: Any) -> tuple[Array, Array | None]:
+    """An ordinary array with 0 where entries are masked, and where they are; None if none is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from limitsurf.masked import unmasked
+    >>> [x.tolist() for x in unmasked(np.ma.masked_greater([1, 5], 3))], unmasked([1, 5])[1]
+    ([[1, 0], [False, True]], None)
+    """
+    if not _may_be(values):
+        return np.asarray(values), None
+    if isinstance(values, (list, tuple)):
+        values = np.ma.stack([np.ma.asarray(x) for x in values])
+    mask: Array = np.ma.getmaskarray(values)
+    return np.asarray(values.filled(0)), mask if mask.any() else None
+
+
+def refusal(values: Any, what: str) -> str | None:
+    """What to say of the first masked entry where nothing may be missing; None if none is masked.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from limitsurf.masked import refusal
+    >>> refusal(np.ma.masked_greater([1, 5], 3), "holes")
+    'holes: the entry at index 1 is masked; fill it, or leave out what lacks it'
+    """
+    try:
+        mask = unmasked(values)[1] if _may_be(values) else None
+    except ValueError:  # arrays of different shapes, of which others complain
+        return None
+    if mask is None:
+        return None
+    place = ", ".join(map(str, np.argwhere(mask)[0].tolist()))
+    more = int(mask.sum()) - 1
+    where = (f" at index {place}" if place else "") + " is masked"
+    where += f" ({more} more like it)" if more else ""
+    return f"{what}: the entry{where}; fill it, or leave out what lacks it"
