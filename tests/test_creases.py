@@ -63,8 +63,10 @@ class Oracle(TaggedSurface):
         if r is None:
             return None
         corner = oracles_creases._corners(net.local)[r]
-        closed_kind = {"smooth": "interior", "corner": "cone"}
+        closed_kind = {"smooth": "interior", "corner": "cone", "crease": "pendant"}
         kind = closed_kind.get(corner.rule, corner.rule) if corner.closed else corner.rule
+        if kind == "crease" and corner.looped:
+            kind = "flap"
         n, position = len(corner.sector), corner.sector.index((0, r))
         sharp = not corner.closed and position == 0, not corner.closed and position == n - 1
         return kind, n, sharp[:: 1 - 2 * (r % 2)], level
@@ -82,7 +84,7 @@ class Oracle(TaggedSurface):
         step = F(1, 2 ** (level + 3))
         if (kind, n) in (("crease", 2), ("corner", 1)):
             return self.extrapolated(face, u, v, nu, (step, step))  # beside n-gons
-        if kind in ("crease", "corner") and min(nu) == 0 and sharp[nu[0] == 0]:
+        if kind in ("crease", "corner", "flap") and min(nu) == 0 and sharp[nu[0] == 0]:
             return self.extrapolated(face, u, v, nu, [step * (n > 0) for n in nu])
         return value
 

@@ -340,6 +340,8 @@ def _limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arr
         own = points[vertex[fans]]
         step = np.zeros_like(own)
         mask = tables.limit_mask(rules.scheme, kind, faces, points.dtype)
+        if tables.Sector(kind, faces).carried:  # the last point is the middle of two
+            mask = np.append(mask[:-1], [mask[-1] / 2] * 2)
         for weight, beside in zip(mask[1:], sectors.ring(kind, faces, fans).T[1:], strict=True):
             step = step + weight * (points[beside] - own)
         result[vertex[fans]] = own + step
@@ -371,7 +373,8 @@ def _normal_operators(sharpness: Sharpness, rules: Rules, wanted: Array) -> list
     parts: list[list[tuple[Array, Array, Array]]] = [[] for _ in range(4)]
     for kind, faces, fans in sectors.groups(np.flatnonzero(wanted & (sectors.kind >= 0))):
         ring = sectors.ring(kind, faces, fans)
-        masks = tables.normal_masks(rules.scheme, kind, faces).reshape(-1, ring.shape[1])
+        masks = tables.normal_masks(rules.scheme, kind, faces)
+        masks = masks.reshape(-1, masks.shape[2])
         for part, mask in zip(parts, masks, strict=False):
             used = np.flatnonzero(mask != 0)
             values = np.broadcast_to(mask[used], (len(fans), len(used)))

@@ -86,9 +86,6 @@ class LimitSurface:
     ------
     ValueError
         For an unknown option or scheme.
-    NotImplementedError
-        For faces that form a cone or a loop at a vertex that follows a crease of non-manifold
-        edges between which they do not lie.
 
     Notes
     -----
@@ -235,8 +232,6 @@ class LimitSurface:
         ------
         ValueError
             For a channel that the mesh does not have.
-        NotImplementedError
-            As for the surface itself.
 
         Examples
         --------
@@ -250,10 +245,7 @@ class LimitSurface:
             return self
         if channel not in self._channels:
             values = ChannelMesh.of(self.mesh, channel, self._rules)
-            try:
-                self._channels[channel] = LimitSurface(values, **vars(values.rules))
-            except NotImplementedError as error:
-                raise NotImplementedError(f"channel {channel!r}: {error}") from None
+            self._channels[channel] = LimitSurface(values, **vars(values.rules))
         return self._channels[channel]
 
     @property

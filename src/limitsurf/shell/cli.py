@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import warnings
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -270,11 +269,7 @@ def tessellate(
     surface = cage.surface(channels)
     refuse_beyond_memory(len(surface.limit_faces) * n * n, 250, "polygons")
     if suffix in WITH_UV and "uv" in surface.mesh.channels and "uv" not in channels:
-        try:
-            surface.of_channel("uv")
-            channels = ("uv", *channels)
-        except NotImplementedError as error:  # it was not asked for
-            warnings.warn(f"without texture coordinates: {error}", stacklevel=1)
+        channels = ("uv", *channels)
     with terminal.working("tessellating"):
         made = ls.tessellate(surface, n, normals=normals, channels=channels, workers=-1)
     write_mesh(
