@@ -315,7 +315,8 @@ def test_pieces_are_made_of_naively_refined_points(sector):
             assert row == {v: w for v, w in form.items() if w}
 
 
-@each([*CARRIED, *named("pendant 12.0, flap 9.8")])
+# (there is no flap of one face: where a face runs along an edge twice it has two edges)
+@each([*(s for s in CARRIED if s.faces > 1), *named("pendant 12.0, flap 9.8")])
 def test_carried_matrix_is_one_naive_refinement(sector):
     """As forms on vertices: the ends of a flap are one, the last of its ring is halfway of two."""
     cage, p = local_cage(sector.kind, sector.faces), sector.position

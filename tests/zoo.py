@@ -700,7 +700,7 @@ def fan(k, n=None):
 
 
 def carried(fans, flaps=(), rings=(), **tags):
-    """A crease from one vertex over vertex 0 to another, where fans of so many sectors begin and end.
+    """A crease from one vertex over vertex 0 to another, between which are fans of so many sectors.
 
     Sectors are of two by two quads. There are flaps, which begin and end at one of its two edges by
     turns, and closed rings, which share nothing but the vertex. An edge of three and more faces is

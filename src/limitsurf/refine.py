@@ -546,8 +546,9 @@ class RefinedMesh(Mesh):
 
         At creases the faces on each side have their own. NaN where no limit normal exists: at
         interior vertices and darts of valence 2, boundary and crease vertices with 5 or more faces
-        on that side, sharp corners with 3 or more, sharp vertices amid smooth faces; degenerate
-        points; faces without a limit. See `LimitSurface.normal`.
+        on that side, sharp corners with 3 or more, sharp vertices amid smooth faces, faces at a
+        crease that does not bound them; degenerate points; faces without a limit. See
+        `LimitSurface.normal`.
 
         Raises
         ------

@@ -134,8 +134,10 @@ class LimitSurface:
     A dart is the end of one sharp edge, a cone a sharp vertex amid smooth faces. Other vertices on
     sharp edges (so are boundaries and non-manifold edges) have several sectors, each with a normal
     of its own: creases where there are two such edges, corners where there are more or the vertex
-    is sharp; ``exact/creases.py`` tells which are. Whatever is semi-sharp becomes one of all these
-    in ceil(sharpness) refinements. Powers of n beside others are left out.
+    is sharp; ``exact/creases.py`` tells which are. A crease of non-manifold edges can also carry a
+    ring of faces that shares but the vertex with it, or faces that begin and end at one of its two
+    edges: these behave as cones and corners do, without a normal. Whatever is semi-sharp becomes
+    one of all these in ceil(sharpness) refinements. Powers of n beside others are left out.
 
     **NaN** is returned for NaN or infinite u or v, on faces without a limit, and where a value
     does not exist; nowhere else.
@@ -404,8 +406,9 @@ class LimitSurface:
         at the vertex itself. On sharp edges each side has its own, that of the face asked. NaN
         where the derivatives are dependent up to rounding, and where no limit normal exists, as it
         depends on the direction of approach: at boundary and crease vertices with 5 or more faces
-        on that side, at corners with 3 or more between two sharp edges, at cones, and where there
-        are but 2 faces around a smooth vertex or a dart. `LimitSurface` has the table.
+        on that side, at corners with 3 or more between two sharp edges, at cones, at what a crease
+        carries that does not bound it, and where there are but 2 faces around a smooth vertex or a
+        dart. `LimitSurface` has the table.
 
         Arguments and errors are those of `evaluate`; the points must have shape (n, 3).
 

@@ -151,7 +151,7 @@ def dart_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseRing:
 
 def carried_ring(matrix: SubdivisionMatrix, still: Any) -> DenseRing:
     """The ring of a pendant or flap, from the eigenbasis `still` of that whose vertex stays."""
-    rows, size = matrix.rows, matrix.sector.ring
+    size = matrix.sector.ring
     n = size - 1
     known, left = still.right_rows(range(n)), still.left().copy()
     value, slope, rest = curve_mode(matrix)
