@@ -26,8 +26,8 @@ Run this file: it says nothing unless an assertion fails.
 # The spectra of the rings at vertices on sharp edges, for any number of faces; which eigenvalues
 # have Jordan blocks, and the chains in closed form; the limit positions of all kinds, that of a
 # dart by Fibonacci and Lucas numbers; that the outer points of a face add no Jordan block; how
-# eigenvectors of darts are had in exact numbers and in digits; and rings that are carried along by a
-# crease that does not bound them.
+# eigenvectors of darts are had in exact numbers and in digits; and rings that are carried along by
+# a crease that does not bound them.
 #
 # - H. Hoppe et al., "Piecewise smooth surface reconstruction", SIGGRAPH 1994: kinds of corners.
 # - T. DeRose, M. Kass, T. Truong, "Subdivision surfaces in character animation", SIGGRAPH 1998:

@@ -30,7 +30,7 @@ Array = NDArray[Any]
 # kinds of patches; further ones are numbered as they occur
 REGULAR, STRIP = 0, 1
 NO_LIMIT = -1
-# Sharpness below 10 is 0 after 10 refinements, n-gons are gone after one. The points that these make
+# Sharpness below 10 is 0 after 10 refinements, n-gons are gone after one. The points that they make
 # are regular then, but for centres of n-gons, and after two no face has two special corners
 # (``derivations/isolation.py``).
 _DEEPEST = 10
