@@ -332,8 +332,8 @@ SPECIAL = {
     **{f"dart of {N}": f"dart_{N}" for N in range(2, 10)},
     **{f"cone of {N}": f"cone_{N}" for N in range(2, 8)},
     "corner at one crease": "corner_of_one_crease",
-    **{f"pendant of {k}": f"pendant_{k}" for k in (2, 3, 4, 5)},
-    **{f"flap of {k}": f"flap_{k}" for k in (2, 3, 4, 5)},
+    **{f"pendant of {k}": f"pendant_{k}" for k in (2, 3, 5)},
+    **{f"flap of {k}": f"flap_{k}" for k in (2, 3, 4)},
 }
 at_special_corners = pytest.mark.parametrize("kind", SPECIAL)
 DIRECTIONS = [(1, 0), (0, 1), (1, 1), (0.75, 0.25), (0.125, 1), (1, 1e-8), (0.77, 0.69)]
@@ -347,7 +347,7 @@ def around(kind, exact=False):
     points, faces, tags = zoo.TAGGED[SPECIAL[kind]]()
     there = [f for f, face in enumerate(faces) if 0 in face]
     if kind.startswith(("pendant", "flap")):  # the others are creases
-        there = there[6:]
+        there = there[3:]
     turned = list(faces)
     for n, f in enumerate(there):
         k = faces[f].index(0)
@@ -397,7 +397,7 @@ def test_normals_next_to_special_corners(kind, reach):
     surface, oracle = both(points, faces, tags)
     there = [f for f, face in enumerate(faces) if 0 in face]
     if kind.startswith(("pendant", "flap")):  # the others are creases
-        there = there[6:]
+        there = there[3:]
     assert all(faces[f][0] == 0 for f in there)
     rng = random.Random(kind)
     queries = [(f, a * reach, b * reach) for f in there for a, b in rng.sample(DIRECTIONS, 2)]
@@ -628,7 +628,8 @@ HAS_NORMAL = {
     **{f"dart of {N}": N >= 3 for N in range(2, 10)},
     **{f"cone of {N}": False for N in range(2, 8)},
     "corner at one crease": False,
-    **{f"{kind} of {k}": False for kind in ("pendant", "flap") for k in (2, 3, 4, 5)},
+    **{f"pendant of {k}": False for k in (2, 3, 5)},
+    **{f"flap of {k}": False for k in (2, 3, 4)},
 }
 
 
@@ -646,7 +647,7 @@ def test_limits_of_normals_and_tangents(kind):
     if kind.startswith("corner of"):
         there = there[2:]  # the others are corners of one face
     if kind.startswith(("pendant", "flap")):
-        there = there[6:]
+        there = there[3:]
     normals = surface.normal(there, 0, 0)
     along, across = surface.tangents(there, 0, 0)
     assert not np.isnan([along, across]).any()

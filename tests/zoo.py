@@ -822,8 +822,8 @@ TAGGED = {
         creasing="chaikin",
     ),
     # faces beside a crease of non-manifold edges that they do not lie between
-    **{f"pendant_{k}": (lambda k=k: carried([1, 2, 3], rings=[k])) for k in range(2, 8)},
-    **{f"flap_{k}": (lambda k=k: carried([1, 2, 3], flaps=[k])) for k in range(2, 8)},
+    **{f"pendant_{k}": (lambda k=k: carried([1, 1, 1], rings=[k])) for k in (2, 3, 5)},
+    **{f"flap_{k}": (lambda k=k: carried([1, 1, 1], flaps=[k])) for k in (2, 3, 4)},
     "flaps_alone": lambda: carried([], [2, 3, 4, 2], [4], boundary="edge_only"),
     "semi_sharp_pendant": lambda: carried([1, 1, 2], [3], [3, 3], corners={0: 1.3}),
     "semi_sharp_flap": lambda: carried([1, 1, 2], [3], [3], creases={(0, 23): 0.3, (0, 39): 2.5}),
