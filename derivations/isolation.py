@@ -176,9 +176,9 @@ for faces in MESHES.values():
 # is regular; so is the midpoint of an edge of three faces or more, in each of its sectors. Centres
 # and the edges inside a face are smooth. So the counting is the same with "regular" for four faces
 # around a smooth vertex, two faces along a crease or boundary, or one face at a corner, and
-# "special" for everything else: interior, crease, corner, cone and dart ([sectors](sectors.py)). A
-# sector keeps its kind and its number of faces under refinement. A dart is special, the midpoint of
-# its sharp edge is a crease of two faces on either side.
+# "special" for everything else: interior, crease, corner, cone, dart, pendant and flap
+# ([sectors](sectors.py)). A sector keeps its kind and its number of faces under refinement. A dart
+# is special, the midpoint of its sharp edge is a crease of two faces on either side.
 
 # %%
 for faces in MESHES.values():

@@ -558,6 +558,11 @@ assert max(others) > 0.28 > FOURTH
 # - *Cones*: the wave of frequency 0 has one function and the largest value. It is in all the pairs
 #   that win, (0, cosine) and (0, sine) of frequency 1: $P_0 \times (m_{0c} P_c + m_{0s} P_s)$ turns
 #   with the direction of approach, as on a cone.
+# - *Pendants and flaps* ([sectors](sectors.py), section 9) have one function more, of the value
+#   $\frac14$. A pendant is no better off than a cone. In a flap $e_0 = e_k$, so that $S_0 = S_k$:
+#   for $k \ge 3$ the limits $S_0 \times P_1$ and $P_1 \times S_k$ along its two sides are opposite.
+#   For $k = 2$ both functions of the value $\frac12$ that are left are even about the middle of the
+#   sector, and the normals on its two faces are opposite.
 #
 # The value of the wave $m$ beats $\frac12$ if $\cos(m\pi / (2k))^2 > \frac12$, that is $m < k/2$.
 
@@ -585,7 +590,8 @@ for k in range(2, 14):
 # | corner, $k = 1$ | $S_0 \times S_1$ | bounded (spline) |
 # | corner, $k = 2$ | $S_0 \times S_2$ | $n$ |
 # | corner, $k \ge 3$ | none | $(2\lambda_1)^n$ |
-# | cone | none | $(2\lambda_0)^n = 1.31^n$ at every valence, 4 included |
+# | cone, pendant | none | $(2\lambda_0)^n = 1.31^n$ at every valence, 4 included |
+# | flap | none | as a corner |
 # | dart, $N = 2$ | none | $0.78^n$: they vanish |
 # | dart, $N = 3$ | $P_e \times P_o$ | $0.92^n$ and $0.82^n$: they vanish |
 # | dart, $N = 4$ | $P_e \times P_o$ | bounded |

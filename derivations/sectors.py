@@ -12,7 +12,7 @@
 # ---
 
 # %% tags=["remove-cell"]
-"""Crease and corner sectors, cones and darts: spectra, Jordan blocks and limit positions.
+"""Crease and corner sectors, cones, darts and what a crease carries: spectra and limit positions.
 
 After Hoppe et al. (1994), Schweitzer (1996), DeRose, Kass and Truong (1998), and Zorin and
 Kristjansson (2002).
@@ -25,8 +25,9 @@ Run this file: it says nothing unless an assertion fails.
 #
 # The spectra of the rings at vertices on sharp edges, for any number of faces; which eigenvalues
 # have Jordan blocks, and the chains in closed form; the limit positions of all kinds, that of a
-# dart by Fibonacci and Lucas numbers; that the outer points of a face add no Jordan block; and how
-# eigenvectors of darts are had in exact numbers and in digits.
+# dart by Fibonacci and Lucas numbers; that the outer points of a face add no Jordan block; how
+# eigenvectors of darts are had in exact numbers and in digits; and rings that are carried along by
+# a crease that does not bound them.
 #
 # - H. Hoppe et al., "Piecewise smooth surface reconstruction", SIGGRAPH 1994: kinds of corners.
 # - T. DeRose, M. Kass, T. Truong, "Subdivision surfaces in character animation", SIGGRAPH 1998:
@@ -734,7 +735,81 @@ left = one - X * Y
 assert (one - X * (Y + Y * left) - left * left).expand() == Matrix.zeros(2, 2)
 
 # %% [markdown]
-# ## 9. The matrices of the package
+# ## 9. Pendants and flaps
+#
+# Through a vertex $v$ runs a crease of edges of three and more faces each, from $p_1$ to $p_2$. Not
+# all faces at $v$ need lie between these two edges. A *pendant* is a whole ring of $k$ faces
+# without a sharp edge, a cone but for $v$; a *flap* begins and ends at one of the two edges, a
+# corner with $e_0 = e_k = p_1$ but for $v$. Both are carried along by a curve that they do not
+# contain. Of its three points they need but two: with $m = (p_1 + p_2) / 2$
+#
+# $$
+# v' = \frac{6v + p_1 + p_2}{8} = \frac{3v + m}{4}, \qquad m' = \frac{v + m}{2},
+# $$
+#
+# with the eigenvalues $1$ and $\frac14$; the $\frac12$ of $p_1 - p_2$ has no part in $v$. So one
+# more point, $m$, makes the ring closed, and in $c = (2v + m) / 3$, which stays, and
+# $t = \frac23 (m - v)$, $t' = t/4$, it is the cone or corner about $c$ that $t$ stirs:
+# $v = c - t/2$. The spectrum is that of the cone or corner, and one $\frac14$. The limit of $v$ is
+# $c$.
+
+
+# %%
+def carried_matrix(still, k):
+    ring = ring_matrix(still, k)
+    last = ring.rows
+    whole = diag(ring, HALF)
+    whole[0, 0], whole[0, last], whole[last, 0] = 3 * FOURTH, FOURTH, HALF
+    return whole
+
+
+crease = curve["crease"]
+middle = Matrix([[1, 0, 0], [0, HALF, HALF]])
+pair_of_curve = carried_matrix("cone", 2).extract([0, -1], [0, -1])
+assert middle * crease == pair_of_curve * middle
+c, t = Matrix([[2, 1]]) / 3, Matrix([[-2, 2]]) / 3
+assert c * pair_of_curve == c
+assert t * pair_of_curve == t / 4
+assert Matrix([[1, 0]]) == c - t / 2
+
+# %% [markdown]
+# The eigenvector of $\frac14$ has $v = -1$, $m = 2$, and the rows of section 2,
+# $e_{j+1} = 1 - e_j$ and $f_j = 4 - f_{j-1}$. In a pendant $e_j = \frac12$, $f_j = 2$ is a solution
+# for every $k$: *no Jordan block*. In a flap the rows of $e_0$ and $e_k$ say
+# $(v + e_0) / 2 = e_0 / 4$, so $e_0 = e_k = 2$: the ring of $p_1$ and $p_2$ alike, the very vector
+# of a crease of $k$ faces. So, as there, it exists for even $k$; for odd $k$ *it heads a Jordan
+# chain at* $\frac14$, the one of section 4. With that of the corner at $\frac12$ for even $k$ there
+# is one block of size two in every flap.
+
+# %%
+for k in range(2, 14):
+    pendant = carried_matrix("cone", k)
+    vector = Matrix([-1, *[HALF, 2] * k, 2])
+    assert pendant * vector == vector / 4
+    for value in (HALF, FOURTH):
+        first, second, third = kernels(pendant, value)
+        assert (
+            first
+            == second
+            == third
+            == kernels(ring_matrix("cone", k), value)[0] + (value == FOURTH)
+        )
+for k in range(1, 14):
+    flap = carried_matrix("corner", k)
+    if k % 2:
+        scale, p, g = chain(FOURTH, k)
+        p, g = p.col_join(Matrix([0])), g.col_join(Matrix([2]))
+        assert (flap - FOURTH * Matrix.eye(2 * k + 3)) * g == scale * p
+    for value in (HALF, FOURTH):
+        first, second, third = kernels(flap, value)
+        multiplicity = kernels(ring_matrix("corner", k), value)[2] + (value == FOURTH)
+        assert second == third == multiplicity
+        assert second - first == (value == (FOURTH if k % 2 else HALF))
+
+# %% [markdown]
+# An outer point has no eigenvalue $\frac14$ (section 7): nothing is added there.
+#
+# ## 10. The matrices of the package
 
 # %%
 for kind, sizes in (
@@ -749,6 +824,24 @@ for kind, sizes in (
             built = subdivision_matrix(CATMULL_CLARK, Sector(kind, k, i))
             assert whole.rows == built.size
             for row, derived in zip(built.rows, whole.tolist(), strict=False):
+                assert {c: Rational(w) for c, w in row.items()} == {
+                    c: w for c, w in enumerate(derived) if w
+                }
+
+for kind, still, sizes in (("pendant", "cone", range(2, 6)), ("flap", "corner", range(1, 6))):
+    for k in sizes:
+        for i in range(k if kind == "flap" else 1):
+            whole, _ = extended_matrix(still, k, i)
+            carried = carried_matrix(still, k)
+            last = carried.rows - 1
+            built = subdivision_matrix(CATMULL_CLARK, Sector(kind, k, i))
+            assert whole.rows + 1 == built.size
+            for number, row in enumerate(built.rows[: built.size]):
+                derived = (
+                    carried.row(number)
+                    if number <= last
+                    else whole.row(number - 1).col_insert(last, Matrix([0]))
+                )
                 assert {c: Rational(w) for c, w in row.items()} == {
                     c: w for c, w in enumerate(derived) if w
                 }

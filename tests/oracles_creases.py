@@ -384,10 +384,13 @@ class _Corner(NamedTuple):
     quads: bool  # the sector has no other faces
     sector: list  # (face, position of the vertex), counter-clockwise
     closed: bool  # the sector goes all the way round; it then begins at the target
+    looped: bool  # it begins and ends at one edge
     sharp: list  # the other ends of the sharp edges
 
     @property
     def regular(self):
+        if self.rule == "crease" and self.looped:  # the other edge of the crease is elsewhere
+            return False
         shape = (self.rule, self.closed, len(self.sector))
         regular = [("smooth", True, 4), ("crease", False, 2), ("corner", False, 1)]
         return self.settled and self.quads and shape in regular
@@ -423,7 +426,9 @@ def _corners(local):
         settled = all(s in (0, INF) for s in (local.corners[v], *(s for _, s in at)))
         rule = vertex_rule(local.corners[v], len(sharp))
         quads = all(len(faces[f]) == 4 for f, _ in sector)
-        corners.append(_Corner(v, rule, settled, quads, sector, closed, sharp))
+        (first, i), (last, j) = sector[0], sector[-1]
+        looped = sides[first][i] == sides[last][j - 1]
+        corners.append(_Corner(v, rule, settled, quads, sector, closed, looped, sharp))
     return corners
 
 

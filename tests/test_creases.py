@@ -63,8 +63,10 @@ class Oracle(TaggedSurface):
         if r is None:
             return None
         corner = oracles_creases._corners(net.local)[r]
-        closed_kind = {"smooth": "interior", "corner": "cone"}
+        closed_kind = {"smooth": "interior", "corner": "cone", "crease": "pendant"}
         kind = closed_kind.get(corner.rule, corner.rule) if corner.closed else corner.rule
+        if kind == "crease" and corner.looped:
+            kind = "flap"
         n, position = len(corner.sector), corner.sector.index((0, r))
         sharp = not corner.closed and position == 0, not corner.closed and position == n - 1
         return kind, n, sharp[:: 1 - 2 * (r % 2)], level
@@ -82,7 +84,7 @@ class Oracle(TaggedSurface):
         step = F(1, 2 ** (level + 3))
         if (kind, n) in (("crease", 2), ("corner", 1)):
             return self.extrapolated(face, u, v, nu, (step, step))  # beside n-gons
-        if kind in ("crease", "corner") and min(nu) == 0 and sharp[nu[0] == 0]:
+        if kind in ("crease", "corner", "flap") and min(nu) == 0 and sharp[nu[0] == 0]:
             return self.extrapolated(face, u, v, nu, [step * (n > 0) for n in nu])
         return value
 
@@ -330,6 +332,8 @@ SPECIAL = {
     **{f"dart of {N}": f"dart_{N}" for N in range(2, 10)},
     **{f"cone of {N}": f"cone_{N}" for N in range(2, 8)},
     "corner at one crease": "corner_of_one_crease",
+    **{f"pendant of {k}": f"pendant_{k}" for k in (2, 3, 5)},
+    **{f"flap of {k}": f"flap_{k}" for k in (2, 3, 4)},
 }
 at_special_corners = pytest.mark.parametrize("kind", SPECIAL)
 DIRECTIONS = [(1, 0), (0, 1), (1, 1), (0.75, 0.25), (0.125, 1), (1, 1e-8), (0.77, 0.69)]
@@ -342,6 +346,8 @@ def around(kind, exact=False):
     """
     points, faces, tags = zoo.TAGGED[SPECIAL[kind]]()
     there = [f for f, face in enumerate(faces) if 0 in face]
+    if kind.startswith(("pendant", "flap")):  # the others are creases
+        there = there[3:]
     turned = list(faces)
     for n, f in enumerate(there):
         k = faces[f].index(0)
@@ -390,6 +396,8 @@ def test_normals_next_to_special_corners(kind, reach):
     faces = zoo.TAGGED[SPECIAL[kind]]()[1]  # at corner 0, where floats are dense
     surface, oracle = both(points, faces, tags)
     there = [f for f, face in enumerate(faces) if 0 in face]
+    if kind.startswith(("pendant", "flap")):  # the others are creases
+        there = there[3:]
     assert all(faces[f][0] == 0 for f in there)
     rng = random.Random(kind)
     queries = [(f, a * reach, b * reach) for f in there for a, b in rng.sample(DIRECTIONS, 2)]
@@ -620,6 +628,8 @@ HAS_NORMAL = {
     **{f"dart of {N}": N >= 3 for N in range(2, 10)},
     **{f"cone of {N}": False for N in range(2, 8)},
     "corner at one crease": False,
+    **{f"pendant of {k}": False for k in (2, 3, 5)},
+    **{f"flap of {k}": False for k in (2, 3, 4)},
 }
 
 
@@ -636,6 +646,8 @@ def test_limits_of_normals_and_tangents(kind):
     there = [f for f, face in enumerate(faces) if 0 in face]
     if kind.startswith("corner of"):
         there = there[2:]  # the others are corners of one face
+    if kind.startswith(("pendant", "flap")):
+        there = there[3:]
     normals = surface.normal(there, 0, 0)
     along, across = surface.tangents(there, 0, 0)
     assert not np.isnan([along, across]).any()
@@ -658,7 +670,7 @@ def test_limits_of_normals_and_tangents(kind):
 NO_NORMAL = {
     *(("crease", k) for k in range(5, 20)),
     *(("corner", k) for k in range(3, 20)),
-    *(("cone", N) for N in range(2, 20)),
+    *((kind, N) for kind in ("cone", "pendant", "flap") for N in range(2, 20)),
     ("dart", 2),
     ("interior", 2),
 }

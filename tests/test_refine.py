@@ -552,13 +552,28 @@ def test_a_copy_of_a_refined_degenerate_mesh_is_connected_alike():
     assert np.array_equal(copy.limit_points, fine.limit_points, equal_nan=True)
 
 
-def test_faces_beside_a_fin_that_do_not_border_on_it_are_refused():
-    """Vertex 0 follows a crease of non-manifold edges that some of its faces lie apart from."""
-    points = [[0, 0, 0], [3, 1, 0], [2, 5, 1], [-1, 4, 2]]
-    mesh = ls.Mesh(points, [[2, 0, 3], [0, 1, 2, 3], [3, 1, 2, 0], [0, 3, 2, 1]])
-    with pytest.raises(NotImplementedError, match=r"vertex \d+ follows a crease of non-manifold"):
-        ls.LimitSurface(mesh)
-    assert ls.refined(mesh, 2).limit_points.shape == (56, 3)
+@pytest.mark.parametrize("exact", [False, True])
+def test_vertices_carried_by_a_crease_that_does_not_bound_their_faces(exact):
+    """Also where no faces at all lie between the two edges of the crease: only two shells, each
+    with a flap of two faces at either edge."""
+    flaps = [[0, 1, 5, 3], [0, 3, 6, 1], [0, 1, 7, 4], [0, 4, 8, 1]]
+    flaps += [[0, 2, 10, 9], [0, 9, 11, 2], [0, 2, 13, 12], [0, 12, 14, 2]]
+    points = np.random.default_rng(3).integers(-9, 9, (15, 3)).astype(float)
+    for faces in (flaps, [[2, 0, 3], [0, 1, 2, 3], [3, 1, 2, 0], [0, 3, 2, 1]]):
+        p = points[: 1 + max(map(max, faces))]
+        if exact:
+            p = np.vectorize(F)(p)
+        mesh = ls.Mesh(p, faces)
+        fine = ls.refined(mesh, 2)
+        used = np.flatnonzero(fine.parent_face >= 0)
+        place = fine.parent_face[used], fine.parent_u[used], fine.parent_v[used]
+        found = ls.LimitSurface(mesh).evaluate(*place)
+        gap = np.abs(found - fine.limit_points[used])
+        assert gap.max() == 0 if exact else gap.max() < 1e-13
+    assert "flap" in str(ls.LimitSurface(ls.Mesh(points, flaps)).patches.sectors)
+    limit = (4 * points[0] + points[1] + points[2]) / 6
+    found = ls.refined(ls.Mesh(points, flaps)).limit_points[0]
+    np.testing.assert_allclose(found, limit, atol=1e-14)
 
 
 @pytest.mark.parametrize("sharpness", [None, "2", Decimal("2.5"), 1j])

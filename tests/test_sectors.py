@@ -1,4 +1,4 @@
-"""Creases, corners, cones and darts: matrices, spectra, symbols and tables.
+"""Creases, corners, cones, darts, pendants and flaps: matrices, spectra, symbols and tables.
 
 Against matrices typed by hand, naive refinement of a tagged cage (oracles_creases), exact ranks
 over the rationals, and closed forms.
@@ -43,7 +43,7 @@ PIECES = [(1, 0), (1, 1), (0, 1)]
 
 
 def positions(kind, k):
-    return range(k) if kind in ("crease", "corner", "dart") else range(1)
+    return range(k) if kind in ("crease", "corner", "dart", "flap") else range(1)
 
 
 def sectors(kinds, sizes):
@@ -51,7 +51,7 @@ def sectors(kinds, sizes):
         Sector(kind, k, p)
         for kind in kinds
         for k in sizes
-        if k > 1 or kind in ("crease", "corner")
+        if k > 1 or kind in ("crease", "corner", "flap")
         for p in positions(kind, k)
     ]
 
@@ -76,6 +76,8 @@ def each(cases):
 SHARP = ("crease", "corner", "cone", "dart")
 SMALL = sectors(SHARP, range(1, 6))
 ALL = sectors(SHARP, range(1, 10))
+# whose vertex is carried by a crease beside them
+CARRIED = [*sectors(("pendant", "flap"), range(1, 7)), *named("pendant 9.0, flap 7.0, flap 8.3")]
 LARGE = named(
     "crease 32.0, crease 33.17, crease 46.45, corner 32.0, corner 33.17, corner 46.45, "
     "cone 40.0, dart 20.0, dart 33.5"
@@ -85,11 +87,12 @@ SOME = named(
     "crease 1.0, crease 2.0, crease 2.1, crease 3.1, crease 4.0, crease 4.3, crease 5.2, "
     "crease 6.1, crease 8.0, corner 1.0, corner 2.0, corner 2.1, corner 3.0, corner 4.2, "
     "corner 6.5, cone 2.0, cone 3.0, cone 4.0, cone 5.0, cone 8.0, "
-    "dart 2.0, dart 3.2, dart 4.0, dart 5.2, dart 6.0, dart 7.6, dart 8.3"
+    "dart 2.0, dart 3.2, dart 4.0, dart 5.2, dart 6.0, dart 7.6, dart 8.3, "
+    "pendant 2.0, pendant 3.0, pendant 4.0, flap 2.0, flap 3.1, flap 3.2, flap 4.1"
 )
 FEW = named(
     "crease 1.0, crease 3.1, crease 4.0, corner 2.1, corner 3.0, cone 3.0, "
-    "dart 2.1, dart 3.2, dart 4.1, dart 6.5"
+    "dart 2.1, dart 3.2, dart 4.1, dart 6.5, pendant 3.0, flap 2.1, flap 3.0"
 )
 
 
@@ -97,7 +100,10 @@ FEW = named(
 
 
 class LocalCage:
-    """Two rings of quads around vertex 0, numbered by sector and steps along its two edges."""
+    """Two rings of quads around vertex 0, numbered by sector and steps along its two edges.
+
+    A pendant or flap has three fins between two more edges, of which that of a flap is its own.
+    """
 
     def __init__(self, kind, k):
         self.kind, self.k, self.closed = kind, k, kind not in ("crease", "corner")
@@ -112,6 +118,13 @@ class LocalCage:
         if kind == "dart":
             curve = [self.vertex(0, a, 0) for a in range(3)]
             creases = dict.fromkeys(itertools.pairwise(curve), 10)
+        if kind in ("pendant", "flap"):
+            n, own = len(self.ids), kind == "flap"
+            curve = [self.vertex(0, a, 0) if own else n + a for a in (1, 2)] + [n + 3]
+            self.ids |= {("fin", i): i for i in range(n, n + 10)}
+            for i in (n + 4, n + 6, n + 8):
+                quads += [[0, curve[0], i, curve[2]], [curve[0], curve[1], i + 1, i]]
+            self.curve = curve[0], curve[2]
         corners = {0: 10} if kind in ("corner", "cone") else {}
         self.cage = oracles_creases.Cage(None, quads, creases, corners, boundary="edge_only")
 
@@ -130,8 +143,16 @@ class LocalCage:
 
     def ring(self):
         """Sector and steps of the points of the ring."""
-        last = [] if self.closed else [(self.k - 1, 0, 1)]
+        last = [(self.k - 1, 0, 1)] if not self.closed or self.kind == "flap" else []
         return [(0, 0, 0), *((i, 1, b) for i in range(self.k) for b in (0, 1)), *last]
+
+    def control(self, values, p):
+        """Values at the control points of face p, from those at vertices."""
+        found = [values[self.vertex(*place)] for place in self.control_places(p)]
+        if self.kind in ("pendant", "flap"):
+            both = zip(*(values[v] for v in self.curve), strict=True)
+            found.insert(len(self.ring()), tuple((a + b) / 2 for a, b in both))
+        return found
 
     @staticmethod
     def on_grid(p, x, y):
@@ -142,7 +163,7 @@ class LocalCage:
 
     def sides(self, p):
         """Whether face p has sharp edges along u and along v."""
-        ends = self.kind in ("crease", "corner", "dart")
+        ends = self.kind in ("crease", "corner", "dart", "flap")
         return ends and p == 0, ends and p == self.k - 1
 
     def control_places(self, p):
@@ -294,7 +315,39 @@ def test_pieces_are_made_of_naively_refined_points(sector):
             assert row == {v: w for v, w in form.items() if w}
 
 
-@each([*ALL, *LARGE])
+# (there is no flap of one face: where a face runs along an edge twice it has two edges)
+@each([*(s for s in CARRIED if s.faces > 1), *named("pendant 12.0, flap 9.8")])
+def test_carried_matrix_is_one_naive_refinement(sector):
+    """As forms on vertices: the ends of a flap are one, the last of its ring is halfway of two."""
+    cage, p = local_cage(sector.kind, sector.faces), sector.position
+    matrix = subdivision_matrix(CATMULL_CLARK, sector)
+    vertices = [(oracles.Stencil({v: F(1)}),) for v in range(len(cage.ids))]
+
+    def halfway(a, b):
+        return F(1, 2) * a + F(1, 2) * b
+
+    control = [vertices[cage.vertex(*place)][0] for place in cage.control_places(p)]
+    refined = [cage.refined(place) for place in cage.control_places(p)]
+    middle = len(cage.ring())
+    control.insert(middle, halfway(*(vertices[v][0] for v in cage.curve)))
+    edges = [cage.fine[cage.index[frozenset((0, v))]] for v in cage.curve]
+    refined.insert(middle, halfway(*edges))
+
+    def nonzero(form):
+        return {v: w for v, w in form.items() if w}
+
+    def combined(row):
+        total = oracles.Stencil()
+        for c, w in row.items():
+            total = total + w * control[c]
+        return nonzero(total)
+
+    assert [combined(row) for row in matrix.rows[: sector.size]] == [*map(nonzero, refined)]
+    for got, needed in zip(matrix.pieces, cage.piece_points(p), strict=True):
+        assert [combined(matrix.rows[k]) for k in got] == [*map(nonzero, needed)]
+
+
+@each([*ALL, *LARGE, *CARRIED])
 def test_rows_sum_to_one(sector):
     for row in subdivision_matrix(CATMULL_CLARK, sector).rows:
         assert sum(row.values()) == 1
@@ -312,7 +365,7 @@ def test_sector_counts_its_points():
 @pytest.mark.parametrize(
     ("kind", "faces", "position", "message"),
     [
-        ("edge", 3, 0, "kind must be one of cone, corner, crease, dart, interior, got 'edge'"),
+        ("edge", 3, 0, "kind must be one of cone, .*, interior, flap, pendant, got 'edge'"),
         ("crease", 0, 0, "the number of faces is at least 1, got 0"),
         ("corner", -2, 0, "the number of faces is at least 1, got -2"),
         ("dart", 1, 0, "at least 2, got 1"),
@@ -321,6 +374,9 @@ def test_sector_counts_its_points():
         ("crease", 3, 3, "position must be 0 to 2, got 3"),
         ("crease", 3, -1, "position must be 0 to 2, got -1"),
         ("cone", 3, 1, "position must be 0 to 0, got 1"),
+        ("pendant", 1, 0, "at least 2, got 1"),
+        ("pendant", 4, 1, "position must be 0 to 0, got 1"),
+        ("flap", 0, 0, "at least 1, got 0"),
         ("interior", 5, 1, "position must be 0 to 0, got 1"),
     ],
 )
@@ -378,12 +434,14 @@ def check_basis(s):
 def laws(sector):
     """Eigenvalues that have a Jordan block of size two."""
     k = sector.faces
+    if sector.kind == "flap":
+        return {FOURTH} if k % 2 else {HALF}
     if sector.kind == "crease":
         return {FOURTH} if k % 2 else {HALF} if k % 4 == 0 else set()
     return {HALF} if sector.kind == "corner" and k % 2 == 0 else set()
 
 
-@each([*ALL, *LARGE])
+@each([*ALL, *LARGE, *CARRIED])
 def test_basis(sector):
     s = derived(sector)
     check_basis(s)
@@ -413,14 +471,16 @@ def wave_values(n, frequencies):
     return values
 
 
-@each([*(s for s in ALL if s.kind != "dart"), *(s for s in LARGE if s.kind != "dart")])
+@each([s for s in (*ALL, *LARGE, *CARRIED) if s.kind != "dart"])
 def test_eigenvalues_are_the_closed_forms(sector):
     s, k = derived(sector), sector.faces
     with mpmath.workdps(DIGITS):
         needed = [mpmath.mpf(1), *(mpmath.mpf(x) / 64 for x in (8, 8, 4, 4, 2, 2, 1))]
         for _ in range(7 - len(sector.outer)):
             needed.remove(mpmath.mpf(2) / 64)
-        if sector.kind == "cone":
+        if sector.carried:
+            needed.append(mpmath.mpf(1) / 4)  # of the crease
+        if sector.kind in ("cone", "pendant"):
             needed += [(3 + sign * mpmath.sqrt(5)) / 8 for sign in (1, -1)]
             for f in range(1, k):
                 both = wave_values(k, [f])  # at a = 0 one of them twice: cosine on f, sine on e
@@ -487,11 +547,12 @@ def kernels(rows, value):
 VALUES = [HALF, FOURTH, EIGHTH, F(1, 16), F(1, 32), F(1, 64)]
 RANKED = [s for s in ALL if s.faces <= 4 or s.position in (0, s.faces // 2)]
 RANKED += named("crease 12.11, crease 13.12, corner 12.11, corner 13.12")
+RANKED += [s for s in CARRIED if s.position in (0, s.faces - 1)]
 
 
 @each(RANKED)
 def test_jordan_law_by_ranks(sector):
-    A = naive_matrix(sector)
+    A = built_matrix(sector) if sector.carried else naive_matrix(sector)
     s = derived(sector)
     for value in VALUES:
         first, second = kernels(A, value)
@@ -515,7 +576,7 @@ def test_no_other_jordan_block(sector):
         assert total.is_zero_matrix == (law == laws(sector))
 
 
-@pytest.mark.parametrize("kind", ["crease", "corner"])
+@pytest.mark.parametrize("kind", ["crease", "corner", "flap"])
 @pytest.mark.parametrize("k", range(1, 14))
 def test_chains_in_closed_form(kind, k):
     """(A - lambda) g = c p, p a wave of quarter turns (derivations/sectors.py)."""
@@ -534,8 +595,9 @@ def test_chains_in_closed_form(kind, k):
                 *itertools.chain(*([F(p), F(p + q)] for p, q in itertools.pairwise(sine))),
             ]
             scale = F(1, 3 * k) * head[1]
-        assert end[:-1] == [scale * x for x in needed]
-        assert end[-1] == 0
+        last = 2 * k + 1
+        assert end[:last] == [scale * x for x in needed[:last]]
+        assert not any(end[last:])
         assert head[0] == (-head[1] / 2 if value == FOURTH else 0)
         assert head[1] == 1
 
@@ -546,6 +608,8 @@ def test_chains_in_closed_form(kind, k):
 def published_limit(sector):
     """Weights of the ring in the limit of its vertex."""
     k, rest = sector.faces, [F(0)] * (sector.ring - 1)
+    if sector.carried:
+        return [F(4, 6), *rest[1:], F(2, 6)]
     if sector.kind in ("corner", "cone"):
         return [F(1), *rest]
     if sector.kind == "crease":  # the cubic B-spline's 4, 1, 1 over 6
@@ -560,7 +624,7 @@ def published_limit(sector):
     return [w / total for w in mask]
 
 
-@each([*ALL, *LARGE])
+@each([*ALL, *LARGE, *CARRIED])
 def test_limit_mask(sector):
     mask = published_limit(sector)
     assert sum(mask) == 1
@@ -604,7 +668,7 @@ def test_eigenexpansion_is_the_limit_by_refinement(sector):
     s, cage, p = derived(sector), local_cage(sector.kind, sector.faces), sector.position
     points = random_points(cage)
     surface = oracles_creases.TaggedSurface(cage.with_points(points))
-    control = [points[cage.vertex(*place)] for place in cage.control_places(p)]
+    control = cage.control(points, p)
     coefficients = s.Vinv.dot(np.array(control, dtype=object)).T  # (3, K)
     samples = [(0, F(3, 4), F(1, 5)), (1, F(2, 3), F(5, 7)), (2, F(1, 9), F(4, 5))]
     samples += [(0, F(4, 5), F(0)), (2, F(0), F(5, 8)), (1, F(1), F(1))]
@@ -652,10 +716,11 @@ def test_pieces_are_splines_through_refined_eigenvectors(sector):
 
 
 # where a limit normal exists
-NORMALS = {"crease": range(1, 5), "corner": range(1, 3), "cone": range(0), "dart": range(3, 99)}
+NORMALS = {"crease": range(1, 5), "corner": range(1, 3), "dart": range(3, 99)}
+NORMALS |= dict.fromkeys(("cone", "pendant", "flap"), range(0))
 
 
-@each([*ALL, *LARGE])
+@each([*ALL, *LARGE, *CARRIED])
 def test_normals_exist_where_they_should(sector):
     s = derived(sector)
     assert len(s.normal) == (2 if sector.faces in NORMALS[sector.kind] else 0)
@@ -775,7 +840,7 @@ def test_symbolic_basis_is_the_fixed_point_one(sector):
             assert basis.J[i, k] == (1 if i == k - 1 and k in s.chains else 0)
 
 
-@each(SMALL)
+@each([*SMALL, *(s for s in CARRIED if s.position == 0)])
 def test_symbolic_residual_is_the_zero_matrix(sector):
     assert symbolic(sector).residual == sympy.zeros(sector.size, sector.size)
 
@@ -1053,7 +1118,7 @@ def content(table):
     return b"".join(array.tobytes() for array in [*arrays, *ring])
 
 
-STORED = named("crease 3.1, corner 1.0, cone 3.0, dart 6.5")
+STORED = named("crease 3.1, corner 1.0, cone 3.0, dart 6.5, flap 2.1")
 
 
 @each(STORED)
@@ -1135,7 +1200,7 @@ def test_shipped_sectors():
 # --- the public call ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", SHARP)
+@pytest.mark.parametrize("kind", [*SHARP, "pendant", "flap"])
 def test_eigenbasis(kind):
     basis = ls.eigenbasis("catmull-clark", kind=kind, faces=np.int64(3))
     assert basis.sector == Sector(kind, 3)
@@ -1189,5 +1254,5 @@ def test_eigenbasis_refuses(arguments, message):
 
 
 def test_kinds_are_public():
-    assert set(KINDS) == {*SHARP, "interior"}
+    assert set(KINDS) == {*SHARP, "pendant", "flap", "interior"}
     assert issubclass(UnsupportedSpectrum, ValueError)

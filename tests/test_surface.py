@@ -1142,10 +1142,15 @@ def test_values_on_faces_that_repeat_a_vertex(compiled, monkeypatch):
     np.testing.assert_allclose(table["order"], 2, atol=0.01)
 
 
-def test_patches_that_refinement_never_parts_are_refused(monkeypatch):
-    monkeypatch.setattr("limitsurf.patches._DEEPEST", 1)
-    with pytest.raises(NotImplementedError, match="1 refinements leave faces"):
-        ls.LimitSurface(ls.Mesh(*zoo.single_face(5), corners={0: 3.5}))
+def test_refinement_parts_all_patches_in_time(monkeypatch):
+    """Ten times at most, and not as often as that by accident."""
+    for sharpness in (F(10) - F(1, 10**9), 9.5):
+        mesh = ls.Mesh(*zoo.single_face(5), corners={0: sharpness})
+        table = ls.LimitSurface(mesh).patches
+        assert table.locate(np.arange(5), np.zeros(5), np.zeros(5))[3].max() == 9
+    monkeypatch.setattr("limitsurf.patches._DEEPEST", 8)
+    with pytest.raises(RuntimeError, match="internal fault: after 8 refinements limit face 0 "):
+        ls.LimitSurface(mesh)
 
 
 # --- Nothing made of rounding

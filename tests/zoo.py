@@ -5,6 +5,7 @@ floats and as Fractions, and a list of faces, each a list of vertices. While it 
 points are lists of three integers in units of 1/256.
 """
 
+import itertools
 import math
 import random
 from collections import Counter, defaultdict
@@ -713,6 +714,38 @@ def fan(k, n=None):
     return points[used], [[used.index(v) for v in face] for face in faces]
 
 
+def carried(fans, flaps=(), rings=(), **tags):
+    """A crease from one vertex over vertex 0 to another, between which are fans of so many sectors.
+
+    Sectors are of two by two quads. There are flaps, which begin and end at one of its two edges by
+    turns, and closed rings, which share nothing but the vertex. An edge of three and more faces is
+    a crease, without a tag.
+    """
+    size = 1
+
+    def new(n):
+        nonlocal size
+        size += n
+        return [*range(size - n, size)]
+
+    def between(spokes):
+        found = []
+        for (a, b), (c, d) in itertools.pairwise(spokes):
+            m, e, f, g = new(4)
+            found += [[0, a, m, c], [a, b, e, m], [m, e, f, g], [c, m, g, d]]
+        return found
+
+    ends, faces = [new(2), new(2)], []
+    for k in fans:
+        faces += between([ends[0], *(new(2) for _ in range(k - 1)), ends[1]])
+    for i, k in enumerate(flaps):
+        faces += between([ends[i % 2], *(new(2) for _ in range(k - 1)), ends[i % 2]])
+    for k in rings:
+        spokes = [new(2) for _ in range(k)]
+        faces += between([*spokes, spokes[0]])
+    return random_points(size, size), faces, tags
+
+
 def randomly_tagged(points_and_faces, seed, density=0.3, **tags):
     """Creases of any sharpness anywhere, some corners and a hole."""
     g = random.Random(seed)
@@ -803,6 +836,12 @@ TAGGED = {
         creases=dict(zip(row_of_edges(4, 4, 2), [3, 0.5, 5, 1.3], strict=True)),
         creasing="chaikin",
     ),
+    # faces beside a crease of non-manifold edges that they do not lie between
+    **{f"pendant_{k}": (lambda k=k: carried([1, 1, 1], rings=[k])) for k in (2, 3, 5)},
+    **{f"flap_{k}": (lambda k=k: carried([1, 1, 1], flaps=[k])) for k in (2, 3, 4)},
+    "flaps_alone": lambda: carried([], [2, 3, 4, 2], [4], boundary="edge_only"),
+    "semi_sharp_pendant": lambda: carried([1, 1, 2], [3], [3, 3], corners={0: 1.3}),
+    "semi_sharp_flap": lambda: carried([1, 1, 2], [3], [3], creases={(0, 23): 0.3, (0, 39): 2.5}),
     # holes
     "holes": lambda: tagged(flower(5), holes=[0, 4], corners={0: 1.5}),
     "hole_beside_a_crease": lambda: tagged(

@@ -537,16 +537,17 @@ def _rational_derivative(table: RationalTable, nu: tuple[int, int], at_corner: A
         place = CornerPlace(np.array([0]), np.array([2 * axis]), S, T)
         ahead = rational_weights(table, place, nu, at_corner)[0]
         return table.projected(ahead, Fraction(1, 2 ** sum(nu)))
-    # the crease is a cubic spline; at a corner its first point is reflected
+    # the crease is a cubic spline; at a corner its first point is reflected at the vertex, beside a
+    # flap, whose other end is the same, at the middle of the first and the last
     before, vertex, ahead, beyond = kernels.cubic_weights(kernels.exact([0]), sum(nu))[0]
-    ends = (1, sector.ring - 1)
+    ends = (1, 2 * sector.faces + 1)
     outer = sector.ring + sector.outer.index(((3, 1), (1, 3))[axis])
     near, far = ends[axis], ends[1 - axis]
     row[0] += vertex
     row[near] += ahead
     row[outer] += beyond
-    if sector.kind == "corner":
-        row[0] += 2 * before
+    if sector.kind in ("corner", "flap"):
+        row[0 if sector.kind == "corner" else -1 - len(sector.outer)] += 2 * before
         row[near] -= before
     else:
         row[far] += before

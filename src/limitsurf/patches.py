@@ -22,7 +22,7 @@ from limitsurf import tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.mesh import Mesh, read_only
 from limitsurf.refine import ExactOperator, refinement_stages
-from limitsurf.rules import ASTRAY, Rules, Sectors, Sharpness
+from limitsurf.rules import Rules, Sectors, Sharpness
 from limitsurf.topology import MeshPart, child_mesh, first_limit_face
 
 Array = NDArray[Any]
@@ -30,8 +30,10 @@ Array = NDArray[Any]
 # kinds of patches; further ones are numbered as they occur
 REGULAR, STRIP = 0, 1
 NO_LIMIT = -1
-# sharpness below 10 is gone after 10 refinements, n-gons after one; two more isolate what is left
-_DEEPEST = 14
+# Sharpness below 10 is 0 after 10 refinements, n-gons are gone after one. The points that they make
+# are regular then, but for centres of n-gons, and after two no face has two special corners
+# (``derivations/isolation.py``).
+_DEEPEST = 10
 
 
 class PatchTable:
@@ -87,26 +89,25 @@ class PatchTable:
         sharpness = Sharpness.of(cage, rules, self._dtype)
         turn = np.zeros(len(faces), dtype=np.int8)
         level = _Level(sharpness, cage.indices, faces, limit_faces[faces], turn)
-        depth = 0
-        while len(level.faces):
-            mesh, depth = level.mesh, depth + 1
-            if depth > _DEEPEST:
-                raise NotImplementedError(
-                    f"{_DEEPEST} refinements leave faces with several special corners: their "
-                    "limit is not evaluated"
-                )
+        for depth in range(_DEEPEST + 1):
+            if depth:
+                level = self._split(level, rules)
             level = level.of_faces(self._add_smooth(level))
             if len(level.faces) == 0:
-                break
-            level, near = level.part()
+                return
+            level = level.part()
             if len(level.sharpness.concerned):
-                sectors = Sectors.of(level.sharpness)
-                if mesh is cage:
-                    _refuse_astray(sectors, level.faces, near)
-                level = level.of_faces(self._add_sharp(level, sectors))
+                level = level.of_faces(self._add_sharp(level, Sectors.of(level.sharpness)))
             if len(level.faces) == 0:
-                break
-            level = self._split(level, rules)
+                return
+        face = int(level.slot[0])
+        while face >= self.n_limit_faces:
+            split = (face - self.n_limit_faces) // 4
+            face = int(np.flatnonzero(self.codes == -2 - split)[0])
+        raise RuntimeError(
+            f"internal fault: after {_DEEPEST} refinements limit face {face} still has parts "
+            "without a patch; please report this cage"
+        )
 
     def _add_smooth(self, level: _Level) -> Array:
         """Add the patches of faces amid smooth quads; return which faces these are not."""
@@ -137,7 +138,8 @@ class PatchTable:
         grid = self._grid(level.mesh, sectors.twin, level.numbers, first, start)
         points = level.points
         for kind, members, ring in self._kinds_of(sectors, first + start, found == 2):
-            control = np.concatenate([points[ring], grid[members[:, None], self._outer(kind)]], 1)
+            around = self._around(kind, points[ring])
+            control = np.concatenate([around, grid[members[:, None], self._outer(kind)]], 1)
             self._add(kind, control, slot[members], turn[members])
         for kind, which in ((REGULAR, found == 1), (STRIP, found == 3)):
             members = np.flatnonzero(which)
@@ -153,7 +155,7 @@ class PatchTable:
         members = np.flatnonzero(special)
         fan, position = (x[corners[members]] for x in (sectors.fans.fan, sectors.fans.position))
         kinds, sizes = sectors.kind[fan], sectors.fans.sizes[fan]
-        alike = np.isin(kinds, [tables.KINDS.index(name) for name in ("interior", "cone")])
+        alike = np.array([tables.Sector(name, 2).alike for name in tables.KINDS])[kinds]
         place = np.where(alike, 0, position)
         most = 1 + int(sizes.max(initial=0))
         key = (kinds * most + sizes) * most + place
@@ -165,6 +167,18 @@ class PatchTable:
             begin = position[here] if alike[one] else 0
             ring = sectors.ring(sector.kind, faces, fan[here], begin)
             yield self._kind(sector), members[here], ring
+
+    def _around(self, kind: int, ring: Array) -> Array:
+        """Control points of the ring of a kind from those at the vertices of `Sectors.ring`."""
+        sector = self.sectors[kind]
+        assert sector is not None
+        if not sector.carried:
+            return ring
+        n, halves = len(ring), np.full(2 * len(ring), 0.5)
+        if self._dtype == object:
+            halves = kernels.exact(halves)
+        middle = self._extend(np.full(n, 2), ring[:, -2:].ravel(), halves)
+        return np.concatenate([ring[:, :-2], middle[:, None]], axis=1)
 
     def _kind(self, sector: tables.Sector) -> int:
         """The number of a kind, a new one when it is met first."""
@@ -342,14 +356,14 @@ class _Level:
         faces, slot, turn = self.faces[which], self.slot[which], self.turn[which]
         return replace(self, faces=faces, slot=slot, turn=turn)
 
-    def part(self) -> tuple[_Level, MeshPart]:
+    def part(self) -> _Level:
         """The same on that part of the mesh on which patches and children of the faces depend."""
         wanted = np.zeros(self.mesh.n_corners, dtype=bool)
         wanted[_corners(self.mesh, self.faces)[0]] = True
         near = MeshPart.of(self.mesh, self.sharpness.neighbours(wanted))
         sharpness, numbers = self.sharpness.part(near), self.numbers[near.corners]
         faces = np.searchsorted(near.faces, self.faces)
-        return replace(self, sharpness=sharpness, numbers=numbers, faces=faces), near
+        return replace(self, sharpness=sharpness, numbers=numbers, faces=faces)
 
 
 def smooth_quads(mesh: Mesh, first: Array, turn: Array, valence: Array) -> tuple[Array, Array]:
@@ -509,23 +523,6 @@ def _appended(array: Array, more: Array) -> Array:
     array.resize((start + len(more), *array.shape[1:]), refcheck=False)
     array[start:] = more
     return array
-
-
-def _refuse_astray(sectors: Sectors, faces: Array, near: MeshPart) -> None:
-    """Complain of faces at a vertex that follows a crease on which they do not border."""
-    mesh = sectors.mesh
-    wanted = np.zeros(mesh.n_faces, dtype=bool)
-    wanted[faces] = True
-    astray = np.flatnonzero((sectors.kind == ASTRAY)[sectors.fans.fan] & wanted[mesh.corner_face])
-    if len(astray):
-        vertex = near.vertices[mesh.indices[astray[0]]]
-        face = near.faces[mesh.corner_face[astray[0]]]
-        raise NotImplementedError(
-            f"vertex {vertex} follows a crease of non-manifold edges, but face {face} belongs to "
-            "others there, a cone or a loop, that do not lie between the two edges of that crease: "
-            "their limit is not evaluated; make the vertex a corner of sharpness 10, or the faces "
-            "holes"
-        )
 
 
 def _rows(operator: Any, numbers: Array, n: int | None = None) -> tuple[Array, Array, Array]:

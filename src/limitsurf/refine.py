@@ -340,6 +340,8 @@ def _limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arr
         own = points[vertex[fans]]
         step = np.zeros_like(own)
         mask = tables.limit_mask(rules.scheme, kind, faces, points.dtype)
+        if tables.Sector(kind, faces).carried:  # the last point is the middle of two
+            mask = np.append(mask[:-1], [mask[-1] / 2] * 2)
         for weight, beside in zip(mask[1:], sectors.ring(kind, faces, fans).T[1:], strict=True):
             step = step + weight * (points[beside] - own)
         result[vertex[fans]] = own + step
@@ -373,8 +375,8 @@ def _normal_operators(
     parts: list[list[tuple[Array, Array, Array]]] = [[] for _ in range(8)]
     for kind, faces, fans in sectors.groups(np.flatnonzero(wanted & (sectors.kind >= 0))):
         ring = sectors.ring(kind, faces, fans)
-        rows = masks(rules.scheme, kind, faces).reshape(-1, ring.shape[1])
-        for part, mask in zip(parts, rows, strict=False):
+        rows = masks(rules.scheme, kind, faces)
+        for part, mask in zip(parts, rows.reshape(-1, rows.shape[2]), strict=False):
             used = np.flatnonzero(mask != 0)
             values = np.broadcast_to(mask[used], (len(fans), len(used)))
             part.append((np.repeat(fans, len(used)), ring[:, used].ravel(), values.ravel()))
@@ -567,10 +569,10 @@ class RefinedMesh(Mesh):
 
         At creases the faces on each side have their own. NaN where no limit normal exists: at
         interior vertices and darts of valence 2, boundary and crease vertices with 5 or more faces
-        on that side, sharp corners with 3 or more, sharp vertices amid smooth faces; where vectors
-        might be dependent within their rounding errors, those of refined points included; faces
-        without a limit. Where the points of boundaries and creases coincide they are limits all
-        the same. See `LimitSurface.normal`.
+        on that side, sharp corners with 3 or more, sharp vertices amid smooth faces, faces at a
+        crease that does not bound them; where vectors might be dependent within their rounding
+        errors, those of refined points included; faces without a limit. Where the points of
+        boundaries and creases coincide they are limits all the same. See `LimitSurface.normal`.
 
         Raises
         ------

@@ -22,8 +22,8 @@ Array = NDArray[Any]
 
 # rules of vertices, see exact/creases.py
 SMOOTH, DART, CREASE, CORNER = range(4)
-# fans of no kind, see Sectors
-PENDING, ASTRAY = -1, -2
+# a fan of no kind, see Sectors
+PENDING = -1
 
 
 @dataclass(frozen=True)
@@ -366,14 +366,13 @@ class Sharpness:
         result[self.concerned[soft]] = True
         return result
 
-    @cached_property
-    def infinite_creases(self) -> Array:
-        """Vertices at two infinitely sharp edges that are not so themselves, (n_vertices,) bool."""
-        _, place, sharpness, _ = self._ends
-        ends = np.bincount(place[tables.is_infinite(sharpness)], minlength=len(self.concerned))
-        result = np.zeros(self.mesh.n_vertices, dtype=bool)
-        result[self.concerned] = (ends == 2) & ~tables.is_infinite(self._own)
-        return result
+    def beside(self, vertices: Array) -> Array:
+        """The two neighbours along the crease of vertices at two infinitely sharp edges, (n, 2)."""
+        infinite = np.tile(tables.is_infinite(self.edge_sharpness[self.edge_sharpness > 0]), 2)
+        here, there = (ends[infinite] for ends in self.sharp_ends)
+        order = np.argsort(here, kind="stable")
+        first = np.searchsorted(here[order], vertices)
+        return np.asarray(there[order[first[:, None] + [0, 1]]])
 
     @property
     def sharp_vertices(self) -> Array:
@@ -505,14 +504,15 @@ class Sectors:
     fans : Fans
         The sectors, each a fan of faces.
     kind : (n_fans,) int
-        Index into `tables.KINDS`; `PENDING` while something semi-sharp is at the vertex, `ASTRAY`
-        where the vertex follows a crease that other faces lie along.
+        Index into `tables.KINDS`; `PENDING` while something semi-sharp is at the vertex.
+    sharpness : Sharpness
     """
 
     mesh: Mesh
     twin: Array
     fans: Fans
     kind: Array
+    sharpness: Sharpness
 
     @classmethod
     def of(cls, sharpness: Sharpness) -> Sectors:
@@ -529,17 +529,19 @@ class Sectors:
         rule = sharpness.rule[fans.vertex]
         kind = _KINDS[rule]
         kind[(rule == CORNER) & fans.closed] = tables.KINDS.index("cone")
-        kind[sharpness.unsettled[fans.vertex]] = PENDING
-        # at the crease of a fin there can be fans that do not lie between its two edges
-        crease = np.flatnonzero(sharpness.infinite_creases[fans.vertex])
+        # at a crease of non-manifold edges not all fans lie between its two edges
+        crease = np.flatnonzero(rule == CREASE)
         if len(crease):
+            kind[crease[fans.closed[crease]]] = tables.KINDS.index("pendant")
+            crease = crease[~fans.closed[crease]]
             first, last = (
                 fans.corners[fans.offsets[crease]],
                 fans.corners[fans.offsets[crease + 1] - 1],
             )
             loop = mesh.corner_edge[first] == mesh.corner_edge[mesh.previous_corner[last]]
-            kind[crease[fans.closed[crease] | loop]] = ASTRAY
-        return cls(mesh, twin, fans, kind)
+            kind[crease[loop]] = tables.KINDS.index("flap")
+        kind[sharpness.unsettled[fans.vertex]] = PENDING
+        return cls(mesh, twin, fans, kind, sharpness)
 
     @cached_property
     def regular(self) -> Array:
@@ -563,7 +565,8 @@ class Sectors:
     def ring(self, kind: str, faces: int, fans: Array, start: Array | int = 0) -> Array:
         """Vertices of fans of one kind and size, (n, R), ordered as in ``exact/matrices.py``.
 
-        Those of closed fans begin at the face `start`.
+        Those of closed fans begin at the face `start`. In the place of the point halfway between
+        its neighbours on the crease that carries a vertex stand both of these, last.
         """
         mesh = self.mesh
         turns = (np.asarray(start)[..., None] + np.arange(faces)) % faces
@@ -571,8 +574,11 @@ class Sectors:
         after = mesh.next_corner[h]
         pairs = np.stack([mesh.indices[after], mesh.indices[mesh.next_corner[after]]], axis=-1)
         parts = [self.fans.vertex[fans][:, None], pairs.reshape(len(fans), 2 * faces)]
-        if kind in ("crease", "corner"):
+        sector = tables.Sector(kind, faces)
+        if sector.open:
             parts.append(mesh.indices[mesh.previous_corner[h[:, -1:]]])
+        if sector.carried:
+            parts.append(self.sharpness.beside(self.fans.vertex[fans]))
         return np.concatenate(parts, axis=1)
 
 

@@ -118,15 +118,17 @@ def eigenbasis(
         A name such as "catmull-clark", or a scheme of your own.
     valence : int, optional
         Number of faces around a smooth interior vertex, at least 2.
-    kind : {"interior", "crease", "corner", "dart", "cone"}
+    kind : {"interior", "crease", "corner", "dart", "cone", "flap", "pendant"}
         What the corner is: "crease", a vertex on a boundary or sharp crease; "corner", a sharp
         vertex between two sharp edges; "dart", the end of a sharp crease; "cone", a sharp vertex
-        amid smooth faces.
+        amid smooth faces; "flap" and "pendant", a corner and a cone whose vertex is carried by a
+        crease that does not bound them, as they are at non-manifold edges.
     faces : int, optional
-        Instead of `valence`: number of faces of the sector, at least 1 for "crease" and "corner",
-        which lie on one side of the sharp edges, else at least 2.
+        Instead of `valence`: number of faces of the sector, at least 1 for "crease", "corner" and
+        "flap", which lie on one side of the sharp edges, else at least 2.
     position : int
-        Which face of a crease, corner or dart is looked at, counter-clockwise from a sharp edge.
+        Which face of a crease, corner, flap or dart is looked at, counter-clockwise from a sharp
+        edge.
 
     Returns
     -------
@@ -146,9 +148,9 @@ def eigenbasis(
     Derived in ``derivations/eigenstructure.py`` and ``derivations/sectors.py``. Smooth valence 2
     has no tangent plane in general: the eigenvalue -1/4 ties with the subdominant 1/4; and its
     eigenvalue 1/8 has a Jordan block. So have creases at 1/4 for odd numbers of faces and at 1/2
-    for multiples of four, and corners at 1/2 for even numbers. Darts of 6 and more faces can have
-    one pair of complex eigenvalues: there ``J`` has a rotation, and ``eigenvalues`` of `.float64`
-    is complex.
+    for multiples of four, corners and flaps at 1/2 for even numbers, flaps at 1/4 for odd ones.
+    Darts of 6 and more faces can have one pair of complex eigenvalues: there ``J`` has a rotation,
+    and ``eigenvalues`` of `.float64` is complex.
 
     Examples
     --------

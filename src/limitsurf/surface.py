@@ -88,9 +88,6 @@ class LimitSurface:
     ------
     ValueError
         For an unknown option or scheme.
-    NotImplementedError
-        For faces that form a cone or a loop at a vertex that follows a crease of non-manifold
-        edges between which they do not lie.
 
     Notes
     -----
@@ -139,8 +136,10 @@ class LimitSurface:
     A dart is the end of one sharp edge, a cone a sharp vertex amid smooth faces. Other vertices on
     sharp edges (so are boundaries and non-manifold edges) have several sectors, each with a normal
     of its own: creases where there are two such edges, corners where there are more or the vertex
-    is sharp; ``exact/creases.py`` tells which are. Whatever is semi-sharp becomes one of all these
-    in ceil(sharpness) refinements. Powers of n beside others are left out.
+    is sharp; ``exact/creases.py`` tells which are. A crease of non-manifold edges can also carry a
+    ring of faces that shares but the vertex with it, or faces that begin and end at one of its two
+    edges: these behave as cones and corners do, without a normal. Whatever is semi-sharp becomes
+    one of all these in ceil(sharpness) refinements. Powers of n beside others are left out.
 
     **NaN** is returned for NaN or infinite u or v, where face, u or v is masked (``numpy.ma``), on
     faces without a limit, and where a value does not exist; nowhere else.
@@ -237,8 +236,6 @@ class LimitSurface:
         ------
         ValueError
             For a channel that the mesh does not have.
-        NotImplementedError
-            As for the surface itself.
 
         Examples
         --------
@@ -252,10 +249,7 @@ class LimitSurface:
             return self
         if channel not in self._channels:
             values = ChannelMesh.of(self.mesh, channel, self._rules)
-            try:
-                self._channels[channel] = LimitSurface(values, **vars(values.rules))
-            except NotImplementedError as error:
-                raise NotImplementedError(f"channel {channel!r}: {error}") from None
+            self._channels[channel] = LimitSurface(values, **vars(values.rules))
         return self._channels[channel]
 
     @property
@@ -429,8 +423,9 @@ class LimitSurface:
         by the sizes of what was added up, as on the edges of two polygons glued back to back; and
         where no limit normal exists, as it depends on the direction of approach: at boundary and
         crease vertices with 5 or more faces on that side, at corners with 3 or more between two
-        sharp edges, at cones, and where there are but 2 faces around a smooth vertex or a dart.
-        `LimitSurface` has the table, ``derivations/limit_normals.py`` the proofs.
+        sharp edges, at cones, at what a crease carries that does not bound it, and where there are
+        but 2 faces around a smooth vertex or a dart. `LimitSurface` has the table,
+        ``derivations/limit_normals.py`` the proofs.
 
         Arguments and errors are those of `evaluate`; the points must have shape (n, 3).
 
@@ -474,10 +469,10 @@ class LimitSurface:
             `k1` >= `k2`, of the shape of the query; their directions `d1`, `d2`, unit vectors in
             the tangent plane, (..., 3), with d1 x d2 the normal; `mean`, (k1 + k2) / 2, and
             `gaussian`, k1 k2. Where k1 = k2 the directions are some of all. Curvatures are +-inf
-            beyond float64's range. What is flat within rounding errors is exactly 0 in calls without
-        kernels. NaN where these errors outweigh what the surface is bent by (beside an edge that is
-        a point), where derivatives are dependent, and at vertices where they have no
-            limit: in general all but those of smooth valence 4 and 3, where they tend to 0 and
+            beyond float64's range. What is flat within rounding errors is exactly 0 in calls
+            without kernels. NaN where these errors outweigh what the surface is bent by (beside an
+            edge that is a point), where derivatives are dependent, and at vertices where they have
+            no limit: in general all but those of smooth valence 4 and 3, where they tend to 0 and
             directions are NaN. `LimitSurface` has the table.
 
         Examples

@@ -278,7 +278,7 @@ class EigenTable:
         return np.asarray(np.concatenate([modes, outer], axis=1)[:, self.order])
 
     def coefficient_sizes(self, sizes: Array) -> Array:
-        """Sizes (P, K) of what is added up to these coefficients, from those of the points (P, K)."""
+        """Sizes (P, K) of what adds up to these coefficients, from those of the points (P, K)."""
         ring = self.sector.ring
         modes = self.ring.sizes(sizes[:, :ring])
         outer = sizes[:, ring:] @ np.abs(self.outer.T) + modes @ np.abs(self.links.T)
@@ -698,7 +698,7 @@ def collapsed_masks(scheme: Scheme, kind: str, faces: int) -> Array:
     """
     sector = Sector(kind, faces)
     masks = np.zeros((4, 2, sector.ring))
-    if not sector.open:
+    if not sector.open or sector.carried:
         return masks
     table = eigen_table(scheme, sector)
     masks[3, [0, 1], [1, -1]], masks[3, :, 0] = 1, -1

@@ -27,7 +27,8 @@ is s times the midpoint and 1 - s times the smooth one, unless both halves of th
 faces, or two that run along it the same way); under "edge_and_corner" vertices of one face; and
 non-manifold vertices (at the end of a non-manifold edge, or whose faces are not one fan) but for
 those in the middle of a fin: exactly two non-manifold edges, no boundary edge and more faces than
-edges. Vertices are so sharpened in the cage alone; midpoints of non-manifold edges are on a crease.
+edges; not all faces there need lie between the two. Vertices are so sharpened in the cage alone;
+midpoints of non-manifold edges are on a crease.
 
 **Creasing.** "uniform": sharpness falls by 1. "chaikin": at each end of a semi-sharp edge, if other
 semi-sharp edges meet there, 3/4 of its own sharpness and 1/4 of their mean, less 1.

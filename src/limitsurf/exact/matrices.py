@@ -4,7 +4,9 @@ A `Sector` is what the faces at a vertex form between infinitely sharp edges. Th
 that determine the limit on one of its quads (Stam 1998, section 3) are numbered
 
 * 0: the vertex; ``1 + 2 j`` and ``2 + 2 j``: its edge neighbour ``e_j`` and the opposite corner
-  ``f_j`` of its face ``j``, counter-clockwise, and in open sectors last ``e_k``: the ring;
+  ``f_j`` of its face ``j``, counter-clockwise, in open sectors then ``e_k``, and where the vertex
+  is carried by a crease beside the sector last ``m``, halfway between its neighbours on that
+  crease: the ring;
 * then the outer points at the grid positions `Sector.outer`.
 
 Grid positions ``(i, j)`` count points along u and v; the quad, face p of the sector, lies between
@@ -34,7 +36,7 @@ from typing import Any
 from limitsurf.caching import cached_property
 from limitsurf.exact.scheme import Scheme
 
-KINDS = ("cone", "corner", "crease", "dart", "interior")
+KINDS = ("cone", "corner", "crease", "dart", "interior", "flap", "pendant")
 _OUTER = ((3, 0), (3, 1), (3, 2), (3, 3), (2, 3), (1, 3), (0, 3))
 _BEYOND = ((4, 0), (4, 1), (4, 2), (4, 3), (4, 4), (3, 4), (2, 4), (1, 4), (0, 4))
 # lower left grid position of the 4 x 4 control points of each piece: (s > 1/2, t < 1/2), both
@@ -54,11 +56,14 @@ class Sector:
     kind : str
         "interior", a smooth vertex; "cone", a sharp one amid smooth faces; "dart", the end of one
         sharp edge, which is ``e_0``; "crease" and "corner", the faces between two sharp edges
-        ``e_0`` and ``e_k`` at a vertex that follows the curve through them, or stays.
+        ``e_0`` and ``e_k`` at a vertex that follows the curve through them, or stays; "pendant" and
+        "flap", a cone and a corner whose vertex, instead of staying, is carried by a crease that
+        does not bound them: of a flap ``e_0`` and ``e_k`` are one edge of that crease.
     faces : int
         Their number, N or k.
     position : int
-        The face looked at, 0 to ``faces - 1``; 0 for the first two, whose faces are all alike.
+        The face looked at, 0 to ``faces - 1``; 0 for interior vertices, cones and pendants, whose
+        faces are all alike.
     """
 
     kind: str
@@ -72,14 +77,29 @@ class Sector:
         if self.faces < least:
             what = "the valence of an interior vertex" if least == 2 else "the number of faces"
             raise ValueError(f"{what} is at least {least}, got {self.faces}")
-        last = 0 if self.kind in ("interior", "cone") else self.faces - 1
+        last = 0 if self.alike else self.faces - 1
         if not 0 <= self.position <= last:
             raise ValueError(f"position must be 0 to {last}, got {self.position}")
 
     @property
     def open(self) -> bool:
         """Whether the ring has two ends."""
-        return self.kind in ("crease", "corner")
+        return self.kind in ("crease", "corner", "flap")
+
+    @property
+    def alike(self) -> bool:
+        """Whether all faces see the same."""
+        return self.kind in ("interior", "cone", "pendant")
+
+    @property
+    def carried(self) -> bool:
+        """Whether the vertex follows a crease that does not bound the sector."""
+        return self.kind in ("flap", "pendant")
+
+    @property
+    def still(self) -> Sector:
+        """The cone or corner that a pendant or flap would be if its vertex stayed."""
+        return Sector("corner" if self.open else "cone", self.faces, self.position)
 
     @property
     def sharp_sides(self) -> tuple[bool, bool]:
@@ -90,7 +110,7 @@ class Sector:
     @property
     def ring(self) -> int:
         """Number of points of the ring."""
-        return 2 * self.faces + 1 + self.open
+        return 2 * self.faces + 1 + self.open + self.carried
 
     def _kept(self, places: tuple[Place, ...]) -> tuple[Place, ...]:
         along_u, along_v = self.sharp_sides
@@ -266,11 +286,17 @@ def _built(
     for (i, j), face in outer_faces.items():
         refined[2 * i, 2 * j] = face_points[faces.index(face)]
 
-    rows = [on_curve(0) if sector.kind == "crease" else vertex_point(0, special)]
+    middle = sector.ring - 1
+    if sector.carried:
+        rows = [combine((curve[1], one[0]), (2 * curve[2], one[middle]))]
+    else:
+        rows = [on_curve(0) if sector.kind == "crease" else vertex_point(0, special)]
     for j in range(n):
         rows += [edge_point(0, 1 + 2 * j), face_points[j]]
     if sector.open:
         rows.append(edge_point(0, 1 + 2 * n))
+    if sector.carried:
+        rows.append(combine((curve[0], one[0]), (curve[0], one[middle])))
     rows += [refined[place] for place in sector.outer + sector.beyond]
     for side, places in (
         (along_u, [((i, 0), (i, 1), (i, 2)) for i in range(1, 5)]),

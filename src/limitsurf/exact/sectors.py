@@ -1,4 +1,4 @@
-"""The rings of crease and corner sectors and of darts: dense eigenbases.
+"""The rings of crease and corner sectors, of darts, pendants and flaps: dense eigenbases.
 
 **Crease and corner sectors** of k faces. The vertex and the ends ``e_0`` and ``e_k`` follow the
 curve through them, whatever the faces do. Where these three vanish, the rest is the odd part of a
@@ -10,6 +10,11 @@ same eigenvalue and takes part in it; then it heads a Jordan chain that ends in 
 even part has the eigenvalues of a rational matrix of size N + 2 without a closed form, all simple;
 from N = 6 on two of them can be complex. They are computed in float64 and refined by Newton's
 method for all eigenvectors at once, which doubles the digits with every step.
+
+**Pendants and flaps** are cones and corners whose vertex is carried by a crease beside them. It and
+the middle ``m`` of its neighbours there have the eigenvalues 1 and, in Catmull-Clark, 1/4. The
+eigenvectors of the cone or corner stay; the other one of the curve is extended to them, unless an
+eigenvector of the same eigenvalue takes part in it: then it heads a Jordan chain that ends there.
 
 Derived in ``derivations/sectors.py``.
 """
@@ -144,6 +149,58 @@ def dart_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseRing:
     return DenseRing([*values, *waves], labels, {}, full, dense)
 
 
+def carried_ring(matrix: SubdivisionMatrix, still: Any) -> DenseRing:
+    """The ring of a pendant or flap, from the eigenbasis `still` of that whose vertex stays."""
+    size = matrix.sector.ring
+    n = size - 1
+    known, left = still.right_rows(range(n)), still.left().copy()
+    value, slope, rest = curve_mode(matrix)
+    # with v = c + slope t and m = c + t the vector (c, e_0, ...) has modes z with
+    # z' = J z + pull t and t' = value t
+    Jordan = to_fixed([mp.re(x) for x in still.values])
+    pull = (Jordan * left[:, 0] >> BITS) - left[:, 0]
+    for end, head in still.heads.items():
+        pull[end] += left[head, 0]
+    pull = pull * slope.numerator // slope.denominator
+    right = np.zeros((size, size), dtype=object)
+    right[:n, :n] = np.stack([known[k] for k in range(n)])
+    extent = np.zeros(n, dtype=object)
+    heads = dict(still.heads)
+    ends = {head: end for end, head in heads.items()}
+    for k in sorted(range(n), key=lambda k: k not in ends):
+        over = pull[k] + (extent[still.heads[k]] if k in still.heads else 0)
+        gap = to_mpf(value) - still.values[k]
+        if abs(gap) > EQUAL:
+            extent[k] = (int(over) << BITS) // int(to_fixed([gap])[0])
+        elif not _is_noise(over):
+            if k in ends or k in still.heads or n in heads.values():
+                raise UnsupportedSpectrum("a Jordan block of more than two eigenvectors")
+            heads[k] = n
+            right[:n, k] = right[:n, k] * over >> BITS
+            left[k] = (left[k] << BITS) // over
+    inverse = np.zeros((size, size), dtype=object)
+    inverse[:n, :n] = left
+    # c = v + rest (m - v), t = (m - v) / (1 - slope)
+    apex, turn = left[:, 0].copy(), to_fixed([1 / (1 - slope)])[0]
+    across = (apex * rest.numerator // rest.denominator) - (extent * turn >> BITS)
+    inverse[:n, 0], inverse[:n, n] = apex - across, across
+    inverse[n, 0], inverse[n, n] = -turn, turn
+    right[n, :n] = right[0, :n]
+    right[:n, n] = product(right[:n, :n], extent)
+    right[0, n], right[n, n] = to_fixed([slope])[0], 1 << BITS
+    labels = [*still.labels, (0, 3)]
+    return DenseRing([*still.values, to_mpf(value)], labels, heads, right, inverse)
+
+
+def curve_mode(matrix: SubdivisionMatrix) -> tuple[Fraction, Fraction, Fraction]:
+    """Of the curve that carries a vertex v, in terms of it and of m: the second eigenvalue, what v
+    is in its eigenvector where m is 1, and the weight of m in the limit.
+    """
+    own, back = matrix.rows[0][0], matrix.rows[matrix.sector.ring - 1][0]
+    slope = (own - 1) / back
+    return own - back, slope, slope / (slope - 1)
+
+
 def limit_weights(scheme: Scheme, sector: Sector) -> list[Fraction]:
     """Exact weights of the points of a ring in the limit of its vertex, (ring,)."""
     matrix = subdivision_matrix(scheme, sector)
@@ -153,6 +210,9 @@ def limit_weights(scheme: Scheme, sector: Sector) -> list[Fraction]:
     elif sector.kind == "crease":
         weights[0], weights[1] = boundary_limit_mask(scheme)
         weights[-1] = weights[1]
+    elif sector.carried:
+        *_, weights[-1] = curve_mode(matrix)
+        weights[0] = 1 - weights[-1]
     elif sector.kind == "dart":
         alike = orbits(sector.faces)
         block = folded(matrix, alike)

@@ -39,7 +39,7 @@ from limitsurf.exact.fixed import (
 from limitsurf.exact.matrices import Sector, SubdivisionMatrix, subdivision_matrix
 from limitsurf.exact.ring import FourierRing, fourier_ring
 from limitsurf.exact.scheme import Scheme
-from limitsurf.exact.sectors import DenseRing, dart_ring, open_ring
+from limitsurf.exact.sectors import DenseRing, carried_ring, dart_ring, open_ring
 
 Ring: TypeAlias = FourierRing | DenseRing
 
@@ -113,7 +113,10 @@ def outer_eigenbasis(
 @lru_cache(maxsize=8)
 def _dense_ring(scheme: Scheme, kind: str, faces: int) -> DenseRing:
     """The ring of a sector, which all its positions share."""
-    matrix = subdivision_matrix(scheme, Sector(kind, faces))
+    sector = Sector(kind, faces)
+    matrix = subdivision_matrix(scheme, sector)
+    if sector.carried:
+        return carried_ring(matrix, ring_basis(scheme, sector.still))
     return dart_ring(scheme, matrix) if kind == "dart" else open_ring(scheme, matrix)
 
 
@@ -230,8 +233,8 @@ def _normal(
         largest = double and abs(eigenvalues[3]) < mp.re(eigenvalues[1]) - EQUAL
         return (1, 2) if frequency == [1, 1] and largest else ()
     # derivations/sectors.py: the Jacobian of the two keeps its sign on all faces of the sector
-    limits = {"crease": (1, 4), "corner": (1, 2), "dart": (3, sector.faces), "cone": (1, 0)}
-    least, most = limits[sector.kind]
+    limits = {"crease": (1, 4), "corner": (1, 2), "dart": (3, sector.faces)}
+    least, most = limits.get(sector.kind, (1, 0))
     if not least <= sector.faces <= most:
         return ()
     falling = sorted(

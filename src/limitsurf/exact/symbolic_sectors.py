@@ -1,4 +1,4 @@
-"""Symbolic eigenbases of creases, corners, cones and darts, with the same proof.
+"""Symbolic eigenbases of creases, corners, cones, darts, pendants and flaps, with the same proof.
 
 **Crease and corner sectors.** The eigenvectors of the curve, extended into the faces, and the ends
 of Jordan chains are rational: they solve a rational linear system, one unknown of which is the
@@ -13,7 +13,9 @@ modulo p, which proves all roots of p at once. Sturm's chain counts the real one
 stand the values of those polynomials, or real and imaginary parts: with r and a the modulus and
 argument of the root, powers have the parts ``r^n cos(n a)`` and ``r^n sin(n a)``.
 
-**Cones** are rings of waves as smooth vertices are. See ``derivations/sectors.py``.
+**Cones** are rings of waves as smooth vertices are. **Pendants and flaps** have the eigenvectors of
+cones and corners, and one more, of the crease that carries them: it is rational, and found as those
+of the curve of a sector are. See ``derivations/sectors.py``.
 """
 
 from __future__ import annotations
@@ -48,7 +50,7 @@ _x = sympy.Symbol("x")
 
 
 class SectorBasis(SymbolicBasis):
-    """Jordan basis at a crease, corner, cone or dart: as `SymbolicBasis`, in the same order.
+    """Jordan basis at any kind of vertex but a smooth one: as `SymbolicBasis`, so ordered.
 
     Complex pairs (of darts) have real columns x, y with ``A x = a x - b y``, ``A y = b x + a y``,
     as in `EigenTable`; `eigenvalues` holds a + ib and a - ib.
@@ -56,6 +58,9 @@ class SectorBasis(SymbolicBasis):
 
     @cached_property
     def _ring(self) -> Ring:
+        if self.sector.carried:
+            still = SectorBasis(self._scheme, self.sector.still)._ring
+            return CarriedRing(self._matrix, still, self._ends.get(self.sector.ring - 1))
         if self.sector.open:
             return OpenRing(self._scheme, self._matrix)
         if self.sector.kind == "dart":
@@ -181,6 +186,64 @@ class OpenRing:
     def families(self) -> Iterator[Family]:
         """All sines but that of frequency k."""
         return self._sines.families()
+
+
+class CarriedRing:
+    """The ring of a pendant or flap: the vectors of that whose vertex stays, then the curve's.
+
+    Parameters
+    ----------
+    still : Ring
+    end : int or None
+        The vector of `still` in which the chain of the curve's ends, if it heads one.
+    """
+
+    def __init__(self, matrix: SubdivisionMatrix, still: Ring, end: int | None) -> None:
+        rows, n = matrix.rows, matrix.sector.ring - 1
+        self.rotations: dict[int, tuple[Any, Any]] = {}
+        self._still, self._last, self._end = still, n, end
+        self._value, self._slope, _ = sectors.curve_mode(matrix)
+        zero, inner = Fraction(0), range(1, n)
+        shifted = [[self._value * (p == c) - rows[p].get(c, zero) for c in inner] for p in inner]
+        brought = [rows[p].get(0, zero) * self._slope for p in inner]
+        extended, wave, self._left = _extension(shifted, brought)
+        self._curve = [self._slope, *extended, Fraction(1)]
+        self._wave = [zero, *wave, zero]
+
+    def eigenvalue(self, k: int) -> Any:
+        """Eigenvalue k."""
+        return rational(self._value) if k == self._last else self._still.eigenvalue(k)
+
+    def right(self, k: int) -> list[Any]:
+        """Right eigenvector k, (ring,)."""
+        if k in (self._last, self._end):
+            return [rational(x) for x in (self._curve if k == self._last else self._wave)]
+        column = self._still.right(k)
+        return [*column, column[0]]
+
+    def left(self, k: int) -> list[Any]:
+        """Left eigenvector k, (ring,)."""
+        one, slope = sympy.Integer(1), rational(self._slope)
+        if k == self._last:
+            return [1 / (slope - 1), *[sympy.Integer(0)] * (k - 1), 1 / (1 - slope)]
+        inner = self._still.left(k)[1:] if k != self._end else [rational(x) for x in self._left]
+        # its product with the constant vector is 1 if it is the first, that with the curve's is 0
+        constant = int(k == 0) - sum(inner)
+        carried = sum(w * rational(x) for w, x in zip(inner, self._curve[1:-1], strict=True))
+        own = (constant + carried) / (one - slope)
+        return [own, *inner, constant - own]
+
+    def rational(self, k: int) -> list[Fraction] | None:
+        """The vector of the curve, the end of a chain, and what is rational of the others."""
+        if k in (self._last, self._end):
+            return self._curve if k == self._last else self._wave
+        column = self._still.rational(k)
+        return None if column is None else [*column, column[0]]
+
+    def families(self) -> Iterator[Family]:
+        """Those of the ring whose vertex stays."""
+        for column, modulo in self._still.families():
+            yield [*column, column[0]], modulo
 
 
 class DartRing:

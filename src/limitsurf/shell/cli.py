@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import warnings
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -270,11 +269,7 @@ def tessellate(
     surface = cage.surface(channels)
     refuse_beyond_memory(len(surface.limit_faces) * n * n, 250, "polygons")
     if suffix in WITH_UV and "uv" in surface.mesh.channels and "uv" not in channels:
-        try:
-            surface.of_channel("uv")
-            channels = ("uv", *channels)
-        except NotImplementedError as error:  # it was not asked for
-            warnings.warn(f"without texture coordinates: {error}", stacklevel=1)
+        channels = ("uv", *channels)
     with terminal.working("tessellating"):
         made = ls.tessellate(surface, n, normals=normals, channels=channels, workers=-1)
     write_mesh(
@@ -369,7 +364,7 @@ def validate(context: click.Context, cage: Cage, levels: int, as_json: bool) -> 
 @click.option("--valence", type=click.IntRange(2), metavar="N", help="Of a smooth vertex.")
 @click.option(
     "--kind",
-    type=click.Choice(["interior", "crease", "corner", "dart", "cone"]),
+    type=click.Choice(["interior", "crease", "corner", "dart", "cone", "flap", "pendant"]),
     help="What is at the vertex, with --faces.",
 )
 @click.option("--faces", type=click.IntRange(1), metavar="K", help="How many faces there are.")
@@ -424,11 +419,14 @@ def basis(
       corner     sharp, the faces between two sharp edges
       dart       the end of a sharp crease, all faces around
       cone       sharp, amid smooth faces
+      flap       as a corner, but carried by a crease that does not bound it
+      pendant    as a cone, but carried by a crease
 
     Each eigenvalue is told with how often it occurs, the sizes of its Jordan blocks if there are
     others than 1, and the block of the matrix that it is of: a Fourier frequency around a smooth
     vertex, the sharp curve or a wave beside it, or the outer points. Masks are of the vertex, its
-    edge neighbours e and the opposite corners f of its faces, counter-clockwise.
+    edge neighbours e and the opposite corners f of its faces, counter-clockwise, and where it is
+    carried of the point m halfway between its neighbours on that crease.
 
     Keys of --json: scheme, paper, kind, faces, position, control_points; eigenvalues (real,
     imaginary, multiplicity, jordan, from, decimal, exact); growth (l1, l2, l3, the eigenvalues

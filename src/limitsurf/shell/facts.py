@@ -72,7 +72,7 @@ def cage_facts(mesh: Mesh, rules: Mapping[str, Any]) -> Facts:
     }
     try:
         surface = ls.LimitSurface(mesh, **rules)
-    except (ValueError, NotImplementedError) as error:
+    except ValueError as error:
         if any(rules.values()):
             raise
         facts["no_surface"] = terminal.sentence(error)

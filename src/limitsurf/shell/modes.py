@@ -257,7 +257,9 @@ class Fan:
 def predicted_order(surface: LimitSurface) -> float:
     """The order at which `limitsurf.validate` sees a surface approached, once it is settled: that
     of the slowest of its vertices, at most 2."""
-    sectors = {(s.kind, s.faces) for s in surface.patches.sectors if s is not None}
+    # what a crease carries is like what stays: the eigenvalue that it adds is 1/4, of order 2
+    found = (s.still if s.carried else s for s in surface.patches.sectors if s is not None)
+    sectors = {(s.kind, s.faces) for s in found}
     scheme = surface.rules["scheme"]
     return min([2.0, *(Fan(scheme, kind, faces).order() for kind, faces in sectors)])
 

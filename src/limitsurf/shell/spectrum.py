@@ -96,6 +96,10 @@ def _origin(basis: Eigenbasis, k: int) -> str:
         return "outer points"
     if hasattr(table.ring, "frequency"):
         return f"frequency {table.ring.frequency[mode]}"
+    if sector.carried and mode == sector.ring - 1:
+        return "curve"
+    if sector.kind == "pendant":
+        return f"frequency {(mode + 1) // 4}"
     # vectors of the curve, or those even about the dart's edge; then waves, two of each frequency
     first, name = (3, "curve") if sector.open else (sector.faces + 2, "even part")
     return name if mode < first else f"wave {(mode - first) // 2 + 1}"
@@ -103,7 +107,9 @@ def _origin(basis: Eigenbasis, k: int) -> str:
 
 def _points(basis: Eigenbasis) -> list[str]:
     """The points of the ring by name."""
-    return ["vertex", *(f"{'fe'[k % 2]}{(k - 1) // 2}" for k in range(1, basis.sector.ring))]
+    carried = basis.sector.carried
+    around = range(1, basis.sector.ring - carried)
+    return ["vertex", *(f"{'fe'[k % 2]}{(k - 1) // 2}" for k in around), *["m"] * carried]
 
 
 def _mask(basis: Eigenbasis, mask: tuple[Any, ...], digits: int, latex: bool) -> list[Facts]:
@@ -223,4 +229,4 @@ def _multiplicity(value: Facts) -> str:
 
 
 def _symbol(point: str) -> str:
-    return "v" if point == "vertex" else f"{point[0]}_{{{point[1:]}}}"
+    return {"vertex": "v", "m": "m"}.get(point, f"{point[0]}_{{{point[1:]}}}")
