@@ -11,14 +11,16 @@ Which values stay where they are, the interpolation mode decides, once and for a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import tables
+from limitsurf._kernels.rationals import Digits, integers
+from limitsurf.caching import cached_property
 from limitsurf.mesh import Mesh
-from limitsurf.rules import CORNER, SMOOTH, Rules, Sharpness
+from limitsurf.rules import CORNER, SMOOTH, Rationals, Rules, Sharpness
 from limitsurf.topology import MeshPart, child_mesh
 
 Array = NDArray[Any]
@@ -83,16 +85,18 @@ class ChannelSharpness(Sharpness):
     followers: Array
     linear: bool
 
-    def typed(self, mesh: Mesh, dtype: Any) -> Self:
-        """The same on a copy of the mesh, in another number type."""
-        geometry = self.geometry.typed(self.geometry.mesh, dtype)
-        return replace(super().typed(mesh, dtype), geometry=geometry)
-
-    def _halves(self, edge: Array, place: Array, sharpness: Array) -> Array:
+    @cached_property
+    def _halves(self) -> tuple[Array, Rationals | None]:
         """Sharpness of the halves of sharp edges at their ends: tails first, then heads."""
-        end = np.repeat([0, 1], len(edge) // 2)
-        halves = self.geometry.halves[end, self.first[edge]]
-        return np.where(tables.is_infinite(sharpness), sharpness, halves)
+        edge, _ = self._incident
+        head = np.repeat([False, True], len(edge) // 2)
+        after = self.edge_sharpness[edge]
+        soft = np.flatnonzero(~tables.is_infinite(after))
+        there = self.geometry.halves_at(self.first[edge[soft]], head[soft])
+        halves, exact = self.geometry._halves
+        assert exact is not None
+        after[soft] = halves[there]
+        return after, exact.take(there).spread(soft, len(edge))
 
     def children(self, mesh: Mesh) -> ChannelSharpness:
         """The sharpness of the refined mesh."""
@@ -101,8 +105,18 @@ class ChannelSharpness(Sharpness):
         geometry = self.geometry.children(child_mesh(coarse, points))
         children = replace(super().children(mesh), geometry=geometry)
         if self.linear:
-            half_edges, vertices = np.full(mesh.n_corners, np.inf), np.full(mesh.n_vertices, np.inf)
-            return replace(children, **_listed(mesh, half_edges), **_listed_vertices(vertices))
+            edges, vertices = np.full(mesh.n_edges, np.inf), np.full(mesh.n_vertices, np.inf)
+            return replace(
+                children,
+                sides=np.arange(mesh.n_corners),
+                edge=mesh.corner_edge,
+                edge_sharpness=edges,
+                edge_tagged=np.zeros(mesh.n_edges, dtype=bool),
+                vertex=np.arange(mesh.n_vertices),
+                vertex_sharpness=vertices,
+                vertex_tagged=np.zeros(mesh.n_vertices, dtype=bool),
+                exact=(_zeros(mesh.n_edges), _zeros(mesh.n_vertices)),
+            )
         return children._following()
 
     def neighbours(self, corners: Array) -> Array:
@@ -126,62 +140,86 @@ class ChannelSharpness(Sharpness):
             return self
         follower, leader = self.followers.T
         # those that are not concerned are smooth and stay so
-        rules = np.full((2, self.mesh.n_vertices), SMOOTH)
-        share = np.ones(self.mesh.n_vertices, dtype=object)
-        parent, child = rules
-        places = self.concerned
-        parent[places], child[places], share[places] = self.transitions
+        parent, child = np.full((2, self.mesh.n_vertices), SMOOTH)
+        parent[self.concerned], child[self.concerned] = self._rules
         there = self.geometry
         decaying = np.zeros(there.mesh.n_vertices, dtype=bool)
         _, place, _, after = there._ends
         decaying[there.concerned[place[(after > 0) & ~tables.is_infinite(after)]]] = True
         at = np.zeros(self.mesh.n_vertices, dtype=np.int64)
         at[self.mesh.indices] = there.mesh.indices
-        vertices = self.vertices.copy()
         stays = child[leader] == CORNER
         released = (parent[leader] == CORNER) & ~stays
-        vertices[follower] = 0
-        vertices[follower[stays | (released & decaying[at[follower]])]] = 2
-        now = released & ~decaying[at[follower]]
-        vertices[follower[now]] = share[leader[now]]
-        return replace(self, **_listed_vertices(vertices))
+        late = decaying[at[follower]]
+        # one that stays has a sharpness of 2, one that is released that share
+        longer, now = follower[stays | (released & late)], released & ~late
+        changing, share, _ = self.shares
+        shared = np.searchsorted(self.concerned[changing], leader[now])
+        kept = np.flatnonzero(~np.isin(self.vertex, follower))
+        assert self.exact is not None
+        parts = [
+            (self.vertex[kept], self.vertex_sharpness[kept], self.exact[1].take(kept)),
+            (longer, np.full(len(longer), 2.0), integers(np.full(len(longer), 2))),
+            (follower[now], share.take(shared).floats(), share.take(shared)),
+        ]
+        vertex, place = np.unique(np.concatenate([x for x, _, _ in parts]), return_inverse=True)
+        ends = np.cumsum([len(x) for x, _, _ in parts])[:-1]
+        sharpness, exact = np.zeros(len(vertex)), _zeros(len(vertex))
+        for (_, floats, numbers), where in zip(parts, np.split(place, ends), strict=True):
+            sharpness[where] = floats
+            exact = exact + numbers.spread(where, len(vertex))
+        return replace(
+            self,
+            vertex=vertex,
+            vertex_sharpness=sharpness,
+            vertex_tagged=np.zeros(len(vertex), dtype=bool),
+            exact=(self.exact[0], exact),
+        )
 
 
 def _sharpness(
     mesh: Mesh, rules: Rules, values: Mesh, vertex: Array, mode: str
 ) -> ChannelSharpness:
     """The sharpness of the values of a channel of a cage, value k being at ``vertex[k]``."""
-    geometry = Sharpness.of(mesh, rules, np.dtype(object))
-    half_edges = geometry.half_edges.copy()
+    geometry = Sharpness.of(mesh, rules, float, exact=True)
+    assert geometry.exact is not None
     linear = mode == "all"
+    half_edges = geometry.half_edges.copy()
     half_edges[(values.twin < 0) | linear] = np.inf
+    sides = np.flatnonzero(half_edges > 0)
+    _, first, edge = np.unique(values.corner_edge[sides], return_index=True, return_inverse=True)
+    edges = half_edges[sides[first]]
+    soft = np.flatnonzero(~tables.is_infinite(edges))
+    there = geometry.edge_at(sides[first[soft]])
+    edges_exact = geometry.exact[0].take(there).spread(soft, len(edges))
     vertices = geometry.vertices[vertex]
     pinned, followers = _pinned(mesh, geometry, values, vertex, mode)
     vertices[pinned] = np.inf
+    sharp = np.flatnonzero(vertices > 0)
+    soft = np.flatnonzero(~tables.is_infinite(vertices[sharp]))
+    there = np.searchsorted(geometry.vertex, vertex[sharp[soft]])
+    vertices_exact = geometry.exact[1].take(there).spread(soft, len(sharp))
     return ChannelSharpness(
         values,
-        **_listed(values, half_edges),
-        **_listed_vertices(vertices),
+        sides=sides,
+        edge=edge,
+        edge_sharpness=edges,
+        edge_tagged=np.zeros(len(edges), dtype=bool),
+        vertex=sharp,
+        vertex_sharpness=vertices[sharp],
+        vertex_tagged=np.zeros(len(sharp), dtype=bool),
         chaikin=rules.creasing == "chaikin",
+        dtype=np.dtype(float),
+        exact=(edges_exact, vertices_exact),
         geometry=geometry,
         followers=followers,
         linear=linear,
     )._following()
 
 
-def _listed(mesh: Mesh, half_edges: Array) -> dict[str, Any]:
-    """The members of `Sharpness` for the sharpness of all half-edges (n_corners,), untagged."""
-    sides = np.flatnonzero(half_edges > 0)
-    _, first, edge = np.unique(mesh.corner_edge[sides], return_index=True, return_inverse=True)
-    sharpness, tagged = half_edges[sides[first]].astype(object), np.zeros(len(first), dtype=bool)
-    return {"sides": sides, "edge": edge, "edge_sharpness": sharpness, "edge_tagged": tagged}
-
-
-def _listed_vertices(vertices: Array) -> dict[str, Any]:
-    """The members of `Sharpness` for the sharpness of all vertices, untagged."""
-    vertex = np.flatnonzero(vertices > 0)
-    sharpness, tagged = vertices[vertex].astype(object), np.zeros(len(vertex), dtype=bool)
-    return {"vertex": vertex, "vertex_sharpness": sharpness, "vertex_tagged": tagged}
+def _zeros(n: int) -> Digits:
+    """As many zeros."""
+    return integers(np.zeros(n, dtype=np.int64))
 
 
 def _pinned(

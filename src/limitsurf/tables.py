@@ -38,7 +38,8 @@ from numpy.typing import NDArray
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.exact.catmull_clark import CATMULL_CLARK
-from limitsurf.exact.creases import CHAIKIN, INFINITE
+from limitsurf.exact.creases import CHAIKIN
+from limitsurf.exact.creases import INFINITE as INFINITE
 from limitsurf.exact.matrices import KINDS as KINDS
 from limitsurf.exact.matrices import Sector as Sector
 from limitsurf.exact.scheme import Scheme
