@@ -20,7 +20,7 @@ from limitsurf import tables
 from limitsurf._kernels.rationals import Digits, integers
 from limitsurf.caching import cached_property
 from limitsurf.mesh import Mesh
-from limitsurf.rules import CORNER, SMOOTH, Rationals, Rules, Sharpness
+from limitsurf.rules import CORNER, SMOOTH, Rationals, Rules, Sharpness, _numbered
 from limitsurf.topology import MeshPart, child_mesh
 
 Array = NDArray[Any]
@@ -31,16 +31,29 @@ class ChannelMesh(Mesh):
 
     _base: Rules
     _rules: Rules
-    _sharpness: Sharpness
+    _known: tuple[Sharpness, bool]  # its sharpness, or (True) that of the mesh it is refined from
 
     @property
     def rules(self) -> Rules:
         """By which the values are refined."""
         return self._rules
 
+    @cached_property
+    def _sharpness(self) -> Sharpness:
+        known, coarser = self._known
+        return known.children(self) if coarser else known
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**super().__getstate__(), "_known": (self._sharpness, False)}
+
     @classmethod
-    def of(cls, mesh: Mesh, name: str, rules: Rules) -> ChannelMesh:
-        """The mesh of the values of a channel; a refined mesh carries its own."""
+    def of(
+        cls, mesh: Mesh, name: str, rules: Rules, sharpness: Sharpness | None = None
+    ) -> ChannelMesh:
+        """The mesh of the values of a channel; a refined mesh carries its own.
+
+        The `sharpness` of the mesh is found if it is not given.
+        """
         known = getattr(mesh, "_channel_meshes", {}).get(name)
         if isinstance(known, ChannelMesh) and known._base == rules:
             return known
@@ -48,21 +61,34 @@ class ChannelMesh(Mesh):
             listed = ", ".join(map(repr, mesh.channels)) or "none"
             raise ValueError(f"the mesh has no channel {name!r}; it has {listed}")
         rows, corner_rows, mode = mesh.channels[name]
-        key, value = np.unique(mesh.indices * len(rows) + corner_rows, return_inverse=True)
-        vertex, row = np.divmod(key, len(rows))
+        if mesh._compiled:
+            from limitsurf._kernels import connectivity
+
+            vertex, row, value = connectivity.values(corner_rows, *mesh._around[:2])
+        else:
+            key, value = np.unique(mesh.indices * len(rows) + corner_rows, return_inverse=True)
+            vertex, row = np.divmod(key, len(rows))
         holes = np.flatnonzero(rules.without_limit(mesh))
         known = {"separate": mesh.separate, "_repeats": mesh._repeats}
         result = cls._from_valid(rows[row], mesh.sizes, value, known, holes=holes)
         # what boundary="none" leaves without a limit are holes here: seams leave nothing
         result._base, result._rules = rules, replace(rules, boundary="edge_only")
-        result._sharpness = _sharpness(mesh, rules, result, vertex, mode)
+        if sharpness is None:
+            sharpness = Sharpness.of(mesh, rules, float, exact=True)
+        geometry = sharpness.typed(mesh, float, exact=True)
+        result._known = _sharpness(geometry, rules, result, vertex, mode), False
         return result
 
-    def refined(self, mesh: Mesh, values: Array, sharpness: Sharpness, holes: Array) -> ChannelMesh:
-        """The same channel on a refinement of the mesh, which has these holes."""
+    def refined(
+        self, mesh: Mesh, values: Array, sharpness: Sharpness, coarser: bool, holes: Array
+    ) -> ChannelMesh:
+        """The same channel on a refinement of the mesh, which has these holes.
+
+        The sharpness may be that of the next `coarser` mesh.
+        """
         known = mesh._connectivity
         result = type(self)._from_valid(values, mesh.sizes, mesh.indices, known, holes=holes)
-        result._base, result._rules, result._sharpness = self._base, self._rules, sharpness
+        result._base, result._rules, result._known = self._base, self._rules, (sharpness, coarser)
         return result
 
 
@@ -178,22 +204,22 @@ class ChannelSharpness(Sharpness):
 
 
 def _sharpness(
-    mesh: Mesh, rules: Rules, values: Mesh, vertex: Array, mode: str
+    geometry: Sharpness, rules: Rules, values: Mesh, vertex: Array, mode: str
 ) -> ChannelSharpness:
     """The sharpness of the values of a channel of a cage, value k being at ``vertex[k]``."""
-    geometry = Sharpness.of(mesh, rules, float, exact=True)
     assert geometry.exact is not None
     linear = mode == "all"
     half_edges = geometry.half_edges.copy()
     half_edges[(values.twin < 0) | linear] = np.inf
     sides = np.flatnonzero(half_edges > 0)
-    _, first, edge = np.unique(values.corner_edge[sides], return_index=True, return_inverse=True)
-    edges = half_edges[sides[first]]
+    numbers, edge = _numbered(values.corner_edge[sides], values.n_edges)
+    side = values.edge_corners[numbers, 0]
+    edges = half_edges[side]
     soft = np.flatnonzero(~tables.is_infinite(edges))
-    there = geometry.edge_at(sides[first[soft]])
+    there = geometry.edge_at(side[soft])
     edges_exact = geometry.exact[0].take(there).spread(soft, len(edges))
     vertices = geometry.vertices[vertex]
-    pinned, followers = _pinned(mesh, geometry, values, vertex, mode)
+    pinned, followers = _pinned(geometry, values, vertex, mode)
     vertices[pinned] = np.inf
     sharp = np.flatnonzero(vertices > 0)
     soft = np.flatnonzero(~tables.is_infinite(vertices[sharp]))
@@ -222,11 +248,9 @@ def _zeros(n: int) -> Digits:
     return integers(np.zeros(n, dtype=np.int64))
 
 
-def _pinned(
-    mesh: Mesh, geometry: Sharpness, values: Mesh, vertex: Array, mode: str
-) -> tuple[Array, Array]:
+def _pinned(geometry: Sharpness, values: Mesh, vertex: Array, mode: str) -> tuple[Array, Array]:
     """Values that stay where they are, (n_values,) bool, and the followers (n, 2) among others."""
-    n = len(vertex)
+    mesh, n = geometry.mesh, len(vertex)
     if mode == "all":
         return np.ones(n, dtype=bool), np.zeros((0, 2), dtype=np.int64)
 
@@ -234,16 +258,15 @@ def _pinned(
         return np.bincount(ends.ravel(), minlength=size)
 
     # a seam: an edge of the mesh that is several edges of values
-    own = mesh.corner_edge
-    low, high = np.full(mesh.n_edges, values.n_edges), np.full(mesh.n_edges, -1)
-    np.minimum.at(low, own, values.corner_edge)
-    np.maximum.at(high, own, values.corner_edge)
-    seam = low < high
-    number = own[values.edge_corners[:, 0]]  # edges of the mesh by edges of values
+    number = mesh.corner_edge[values.edge_corners[:, 0]]  # edges of the mesh by edges of values
+    seam = count(number, mesh.n_edges) > 1
     inside = (values.edge_faces > 1) & ~seam[number]
     infinite = tables.is_infinite(geometry.edges)
-    hard = count(values.edges[inside & infinite[number]]) > 0
-    soft = count(values.edges[inside & ~infinite[number] & (geometry.edges > 0)[number]]) > 0
+    inside = np.flatnonzero(inside & (geometry.edges > 0)[number])  # those that are sharp
+    hard, soft = (
+        count(values.edges[inside[infinite[number[inside]] == which]]) > 0
+        for which in (True, False)
+    )
     broken = count(values.edges[values.edge_faces == 1]) != 2
     faces = count(values.indices)
     number_here = count(vertex, mesh.n_vertices)[vertex]  # values at the same vertex

@@ -324,13 +324,14 @@ class Sharpness:
     @cached_property
     def _rules(self) -> tuple[Array, Array]:
         """Rule of the `concerned` vertices and of their children: (K,)."""
-        _, place, sharpness, after = self._ends
+        _, place, _, after = self._ends
         own, later = self._own
-        result = []
-        for at_vertex, at_edge in ((own, sharpness), (later, after)):
-            counts = np.bincount(place[at_edge > 0], minlength=len(own))
-            result.append(np.where(at_vertex > 0, CORNER, np.minimum(counts, CORNER)))
-        return result[0], result[1]
+        counts = np.bincount(place, minlength=len(own))  # at edges that are all sharp
+        parent = np.where(own > 0, CORNER, np.minimum(counts, CORNER))
+        if after.all() and ((own > 0) == (later > 0)).all():
+            return parent, parent
+        counts = np.bincount(place[after > 0], minlength=len(own))
+        return parent, np.where(later > 0, CORNER, np.minimum(counts, CORNER))
 
     @cached_property
     def shares(self) -> tuple[Array, Any, Any]:
@@ -342,6 +343,8 @@ class Sharpness:
         """
         edge, place, sharpness, after = self._ends
         (parent, child), (own, later) = self._rules, self._own
+        if parent is child:
+            return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0)
         changing = np.flatnonzero((parent != child) & (parent > DART))
         # the mean of what falls to zero
         number = np.full(len(parent), -1)
@@ -374,6 +377,10 @@ class Sharpness:
         _, place, _, after = self._ends
         (parent, child), (changing, *shares) = self._rules, self.shares
         one = tables.one(self.dtype)[0]
+        if not len(changing):
+            smooth = np.where(parent <= DART, one, 0 * one)
+            corner = np.where(parent == CORNER, one, 0 * one)
+            return smooth, corner, np.where((parent == CREASE)[place], one, 0 * one)
         share, rest = np.full(len(parent), one), np.full(len(parent), 0 * one)
         share[changing], rest[changing] = map(self._numbers, shares)
         smooth = np.where(parent <= DART, one, np.where(child <= DART, rest, 0 * one))
