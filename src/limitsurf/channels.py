@@ -11,14 +11,16 @@ Which values stay where they are, the interpolation mode decides, once and for a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import tables
+from limitsurf._kernels.rationals import Digits, integers
+from limitsurf.caching import cached_property
 from limitsurf.mesh import Mesh
-from limitsurf.rules import CORNER, SMOOTH, Rules, Sharpness
+from limitsurf.rules import CORNER, SMOOTH, Rationals, Rules, Sharpness, _numbered
 from limitsurf.topology import MeshPart, child_mesh
 
 Array = NDArray[Any]
@@ -29,16 +31,29 @@ class ChannelMesh(Mesh):
 
     _base: Rules
     _rules: Rules
-    _sharpness: Sharpness
+    _known: tuple[Sharpness, bool]  # its sharpness, or (True) that of the mesh it is refined from
 
     @property
     def rules(self) -> Rules:
         """By which the values are refined."""
         return self._rules
 
+    @cached_property
+    def _sharpness(self) -> Sharpness:
+        known, coarser = self._known
+        return known.children(self) if coarser else known
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**super().__getstate__(), "_known": (self._sharpness, False)}
+
     @classmethod
-    def of(cls, mesh: Mesh, name: str, rules: Rules) -> ChannelMesh:
-        """The mesh of the values of a channel; a refined mesh carries its own."""
+    def of(
+        cls, mesh: Mesh, name: str, rules: Rules, sharpness: Sharpness | None = None
+    ) -> ChannelMesh:
+        """The mesh of the values of a channel; a refined mesh carries its own.
+
+        The `sharpness` of the mesh is found if it is not given.
+        """
         known = getattr(mesh, "_channel_meshes", {}).get(name)
         if isinstance(known, ChannelMesh) and known._base == rules:
             return known
@@ -46,21 +61,34 @@ class ChannelMesh(Mesh):
             listed = ", ".join(map(repr, mesh.channels)) or "none"
             raise ValueError(f"the mesh has no channel {name!r}; it has {listed}")
         rows, corner_rows, mode = mesh.channels[name]
-        key, value = np.unique(mesh.indices * len(rows) + corner_rows, return_inverse=True)
-        vertex, row = np.divmod(key, len(rows))
+        if mesh._compiled:
+            from limitsurf._kernels import connectivity
+
+            vertex, row, value = connectivity.values(corner_rows, *mesh._around[:2])
+        else:
+            key, value = np.unique(mesh.indices * len(rows) + corner_rows, return_inverse=True)
+            vertex, row = np.divmod(key, len(rows))
         holes = np.flatnonzero(rules.without_limit(mesh))
         known = {"separate": mesh.separate, "_repeats": mesh._repeats}
         result = cls._from_valid(rows[row], mesh.sizes, value, known, holes=holes)
         # what boundary="none" leaves without a limit are holes here: seams leave nothing
         result._base, result._rules = rules, replace(rules, boundary="edge_only")
-        result._sharpness = _sharpness(mesh, rules, result, vertex, mode)
+        if sharpness is None:
+            sharpness = Sharpness.of(mesh, rules, float, exact=True)
+        geometry = sharpness.typed(mesh, float, exact=True)
+        result._known = _sharpness(geometry, rules, result, vertex, mode), False
         return result
 
-    def refined(self, mesh: Mesh, values: Array, sharpness: Sharpness, holes: Array) -> ChannelMesh:
-        """The same channel on a refinement of the mesh, which has these holes."""
+    def refined(
+        self, mesh: Mesh, values: Array, sharpness: Sharpness, coarser: bool, holes: Array
+    ) -> ChannelMesh:
+        """The same channel on a refinement of the mesh, which has these holes.
+
+        The sharpness may be that of the next `coarser` mesh.
+        """
         known = mesh._connectivity
         result = type(self)._from_valid(values, mesh.sizes, mesh.indices, known, holes=holes)
-        result._base, result._rules, result._sharpness = self._base, self._rules, sharpness
+        result._base, result._rules, result._known = self._base, self._rules, (sharpness, coarser)
         return result
 
 
@@ -83,16 +111,18 @@ class ChannelSharpness(Sharpness):
     followers: Array
     linear: bool
 
-    def typed(self, mesh: Mesh, dtype: Any) -> Self:
-        """The same on a copy of the mesh, in another number type."""
-        geometry = self.geometry.typed(self.geometry.mesh, dtype)
-        return replace(super().typed(mesh, dtype), geometry=geometry)
-
-    def _halves(self, edge: Array, place: Array, sharpness: Array) -> Array:
+    @cached_property
+    def _halves(self) -> tuple[Array, Rationals | None]:
         """Sharpness of the halves of sharp edges at their ends: tails first, then heads."""
-        end = np.repeat([0, 1], len(edge) // 2)
-        halves = self.geometry.halves[end, self.first[edge]]
-        return np.where(tables.is_infinite(sharpness), sharpness, halves)
+        edge, _ = self._incident
+        head = np.repeat([False, True], len(edge) // 2)
+        after = self.edge_sharpness[edge]
+        soft = np.flatnonzero(~tables.is_infinite(after))
+        there = self.geometry.halves_at(self.first[edge[soft]], head[soft])
+        halves, exact = self.geometry._halves
+        assert exact is not None
+        after[soft] = halves[there]
+        return after, exact.take(there).spread(soft, len(edge))
 
     def children(self, mesh: Mesh) -> ChannelSharpness:
         """The sharpness of the refined mesh."""
@@ -101,8 +131,18 @@ class ChannelSharpness(Sharpness):
         geometry = self.geometry.children(child_mesh(coarse, points))
         children = replace(super().children(mesh), geometry=geometry)
         if self.linear:
-            half_edges, vertices = np.full(mesh.n_corners, np.inf), np.full(mesh.n_vertices, np.inf)
-            return replace(children, **_listed(mesh, half_edges), **_listed_vertices(vertices))
+            edges, vertices = np.full(mesh.n_edges, np.inf), np.full(mesh.n_vertices, np.inf)
+            return replace(
+                children,
+                sides=np.arange(mesh.n_corners),
+                edge=mesh.corner_edge,
+                edge_sharpness=edges,
+                edge_tagged=np.zeros(mesh.n_edges, dtype=bool),
+                vertex=np.arange(mesh.n_vertices),
+                vertex_sharpness=vertices,
+                vertex_tagged=np.zeros(mesh.n_vertices, dtype=bool),
+                exact=(_zeros(mesh.n_edges), _zeros(mesh.n_vertices)),
+            )
         return children._following()
 
     def neighbours(self, corners: Array) -> Array:
@@ -126,69 +166,91 @@ class ChannelSharpness(Sharpness):
             return self
         follower, leader = self.followers.T
         # those that are not concerned are smooth and stay so
-        rules = np.full((2, self.mesh.n_vertices), SMOOTH)
-        share = np.ones(self.mesh.n_vertices, dtype=object)
-        parent, child = rules
-        places = self.concerned
-        parent[places], child[places], share[places] = self.transitions
+        parent, child = np.full((2, self.mesh.n_vertices), SMOOTH)
+        parent[self.concerned], child[self.concerned] = self._rules
         there = self.geometry
         decaying = np.zeros(there.mesh.n_vertices, dtype=bool)
         _, place, _, after = there._ends
         decaying[there.concerned[place[(after > 0) & ~tables.is_infinite(after)]]] = True
         at = np.zeros(self.mesh.n_vertices, dtype=np.int64)
         at[self.mesh.indices] = there.mesh.indices
-        vertices = self.vertices.copy()
         stays = child[leader] == CORNER
         released = (parent[leader] == CORNER) & ~stays
-        vertices[follower] = 0
-        vertices[follower[stays | (released & decaying[at[follower]])]] = 2
-        now = released & ~decaying[at[follower]]
-        vertices[follower[now]] = share[leader[now]]
-        return replace(self, **_listed_vertices(vertices))
+        late = decaying[at[follower]]
+        # one that stays has a sharpness of 2, one that is released that share
+        longer, now = follower[stays | (released & late)], released & ~late
+        changing, share, _ = self.shares
+        shared = np.searchsorted(self.concerned[changing], leader[now])
+        kept = np.flatnonzero(~np.isin(self.vertex, follower))
+        assert self.exact is not None
+        parts = [
+            (self.vertex[kept], self.vertex_sharpness[kept], self.exact[1].take(kept)),
+            (longer, np.full(len(longer), 2.0), integers(np.full(len(longer), 2))),
+            (follower[now], share.take(shared).floats(), share.take(shared)),
+        ]
+        vertex, place = np.unique(np.concatenate([x for x, _, _ in parts]), return_inverse=True)
+        ends = np.cumsum([len(x) for x, _, _ in parts])[:-1]
+        sharpness, exact = np.zeros(len(vertex)), _zeros(len(vertex))
+        for (_, floats, numbers), where in zip(parts, np.split(place, ends), strict=True):
+            sharpness[where] = floats
+            exact = exact + numbers.spread(where, len(vertex))
+        return replace(
+            self,
+            vertex=vertex,
+            vertex_sharpness=sharpness,
+            vertex_tagged=np.zeros(len(vertex), dtype=bool),
+            exact=(self.exact[0], exact),
+        )
 
 
 def _sharpness(
-    mesh: Mesh, rules: Rules, values: Mesh, vertex: Array, mode: str
+    geometry: Sharpness, rules: Rules, values: Mesh, vertex: Array, mode: str
 ) -> ChannelSharpness:
     """The sharpness of the values of a channel of a cage, value k being at ``vertex[k]``."""
-    geometry = Sharpness.of(mesh, rules, np.dtype(object))
-    half_edges = geometry.half_edges.copy()
+    assert geometry.exact is not None
     linear = mode == "all"
+    half_edges = geometry.half_edges.copy()
     half_edges[(values.twin < 0) | linear] = np.inf
+    sides = np.flatnonzero(half_edges > 0)
+    numbers, edge = _numbered(values.corner_edge[sides], values.n_edges)
+    side = values.edge_corners[numbers, 0]
+    edges = half_edges[side]
+    soft = np.flatnonzero(~tables.is_infinite(edges))
+    there = geometry.edge_at(side[soft])
+    edges_exact = geometry.exact[0].take(there).spread(soft, len(edges))
     vertices = geometry.vertices[vertex]
-    pinned, followers = _pinned(mesh, geometry, values, vertex, mode)
+    pinned, followers = _pinned(geometry, values, vertex, mode)
     vertices[pinned] = np.inf
+    sharp = np.flatnonzero(vertices > 0)
+    soft = np.flatnonzero(~tables.is_infinite(vertices[sharp]))
+    there = np.searchsorted(geometry.vertex, vertex[sharp[soft]])
+    vertices_exact = geometry.exact[1].take(there).spread(soft, len(sharp))
     return ChannelSharpness(
         values,
-        **_listed(values, half_edges),
-        **_listed_vertices(vertices),
+        sides=sides,
+        edge=edge,
+        edge_sharpness=edges,
+        edge_tagged=np.zeros(len(edges), dtype=bool),
+        vertex=sharp,
+        vertex_sharpness=vertices[sharp],
+        vertex_tagged=np.zeros(len(sharp), dtype=bool),
         chaikin=rules.creasing == "chaikin",
+        dtype=np.dtype(float),
+        exact=(edges_exact, vertices_exact),
         geometry=geometry,
         followers=followers,
         linear=linear,
     )._following()
 
 
-def _listed(mesh: Mesh, half_edges: Array) -> dict[str, Any]:
-    """The members of `Sharpness` for the sharpness of all half-edges (n_corners,), untagged."""
-    sides = np.flatnonzero(half_edges > 0)
-    _, first, edge = np.unique(mesh.corner_edge[sides], return_index=True, return_inverse=True)
-    sharpness, tagged = half_edges[sides[first]].astype(object), np.zeros(len(first), dtype=bool)
-    return {"sides": sides, "edge": edge, "edge_sharpness": sharpness, "edge_tagged": tagged}
+def _zeros(n: int) -> Digits:
+    """As many zeros."""
+    return integers(np.zeros(n, dtype=np.int64))
 
 
-def _listed_vertices(vertices: Array) -> dict[str, Any]:
-    """The members of `Sharpness` for the sharpness of all vertices, untagged."""
-    vertex = np.flatnonzero(vertices > 0)
-    sharpness, tagged = vertices[vertex].astype(object), np.zeros(len(vertex), dtype=bool)
-    return {"vertex": vertex, "vertex_sharpness": sharpness, "vertex_tagged": tagged}
-
-
-def _pinned(
-    mesh: Mesh, geometry: Sharpness, values: Mesh, vertex: Array, mode: str
-) -> tuple[Array, Array]:
+def _pinned(geometry: Sharpness, values: Mesh, vertex: Array, mode: str) -> tuple[Array, Array]:
     """Values that stay where they are, (n_values,) bool, and the followers (n, 2) among others."""
-    n = len(vertex)
+    mesh, n = geometry.mesh, len(vertex)
     if mode == "all":
         return np.ones(n, dtype=bool), np.zeros((0, 2), dtype=np.int64)
 
@@ -196,16 +258,15 @@ def _pinned(
         return np.bincount(ends.ravel(), minlength=size)
 
     # a seam: an edge of the mesh that is several edges of values
-    own = mesh.corner_edge
-    low, high = np.full(mesh.n_edges, values.n_edges), np.full(mesh.n_edges, -1)
-    np.minimum.at(low, own, values.corner_edge)
-    np.maximum.at(high, own, values.corner_edge)
-    seam = low < high
-    number = own[values.edge_corners[:, 0]]  # edges of the mesh by edges of values
+    number = mesh.corner_edge[values.edge_corners[:, 0]]  # edges of the mesh by edges of values
+    seam = count(number, mesh.n_edges) > 1
     inside = (values.edge_faces > 1) & ~seam[number]
     infinite = tables.is_infinite(geometry.edges)
-    hard = count(values.edges[inside & infinite[number]]) > 0
-    soft = count(values.edges[inside & ~infinite[number] & (geometry.edges > 0)[number]]) > 0
+    inside = np.flatnonzero(inside & (geometry.edges > 0)[number])  # those that are sharp
+    hard, soft = (
+        count(values.edges[inside[infinite[number[inside]] == which]]) > 0
+        for which in (True, False)
+    )
     broken = count(values.edges[values.edge_faces == 1]) != 2
     faces = count(values.indices)
     number_here = count(vertex, mesh.n_vertices)[vertex]  # values at the same vertex

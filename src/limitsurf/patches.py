@@ -144,7 +144,7 @@ class PatchTable:
         for kind, which in ((REGULAR, found == 1), (STRIP, found == 3)):
             members = np.flatnonzero(which)
             self._add(kind, grid[members], slot[members], turn[members])
-        side = level.sharpness.half_edges[(first + start)[members]]
+        side = level.sharpness.at((first + start)[members])
         self.sharpness = np.concatenate([self.sharpness, side])
         return np.delete(np.arange(len(level.faces)), whole)
 

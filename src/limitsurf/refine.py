@@ -271,8 +271,8 @@ def refined_values(
         return np.asarray(vertices @ np.concatenate([values, faces @ values]))
     from limitsurf._kernels import refinement
 
-    smooth, _, along = (x.astype(float)[:, None] for x in sharpness.vertex_masks)
-    middle = sharpness.edge_masks.astype(float)[:, None]
+    smooth, _, along = (x.astype(float, copy=False) for x in sharpness.vertex_masks)
+    middle = sharpness.edge_masks.astype(float, copy=False)
     _, crease_edge, crease_vertex = tables.rule_weights(rules.scheme, float)
     offsets = quad_offsets(mesh)
     result = np.empty((mesh.n_vertices + mesh.n_edges + mesh.n_faces, values.shape[1]))
@@ -285,18 +285,18 @@ def refined_values(
         mesh.corner_edge,
         mesh.vertex_faces,
         mesh.n_edges,
-        _smooth_masks(mesh, rules, sharpness.concerned[smooth[:, 0] == 0]),
+        _smooth_masks(mesh, rules, sharpness.concerned[smooth == 0]),
     )
     for first, channels in _channels(values.shape[1]):
         refinement.refined_points(*known, first, channels, result)
-    # what is sharp moves less towards the smooth point, and along creases
-    place, (end, other) = sharpness.concerned, sharpness.sharp_ends
-    result[place] = values[place] + smooth * (result[place] - values[place])
-    np.add.at(result, end, along * crease_vertex[1] * (values[other] - values[end]))
-    edge = mesh.n_vertices + mesh.corner_edge[sharpness.sharp_edges]
-    ends = crease_edge * (values[end] + values[other])[: len(edge)]
-    result[edge] = middle * ends + (1 - middle) * result[edge]
-    return np.asarray(result)
+    side = sharpness.sharp_edges
+    # the points of edges without a twin are midpoints
+    inner = np.flatnonzero(mesh.twin[side] >= 0)
+    edges = mesh.n_vertices + mesh.corner_edge[side[inner]], inner, middle[inner], crease_edge[0]
+    vertices = sharpness.concerned, smooth
+    ends = *sharpness.sharp_ends, along * crease_vertex[1]
+    refinement.sharp_points(read_only(values), *read_only((vertices, ends, edges)), result)
+    return result
 
 
 def _channels(count: int) -> Iterator[tuple[int, tuple[int, ...]]]:
@@ -713,7 +713,7 @@ def refined(
     # decided once, so that equal calls have equal results, to the last digit
     compiled = dtype != object and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
     coarse, holes = mesh, np.flatnonzero(rules.without_limit(mesh))
-    sharpness = Sharpness.of(mesh, rules, dtype)
+    first = sharpness = Sharpness.of(mesh, rules, dtype)
     lineage = []
     for _ in range(levels):
         if operator:
@@ -728,7 +728,7 @@ def refined(
     if balance:
         points = np.ldexp(points, -balance)
     channels = {
-        name: _refined_channel(ChannelMesh.of(mesh, name, rules), levels, holes)
+        name: _refined_channel(ChannelMesh.of(mesh, name, rules, first), levels, holes)
         for name in mesh.channels
     }
     fine = RefinedMesh._from_valid(
@@ -779,14 +779,15 @@ def _refined_channel(channel: ChannelMesh, levels: int, holes: Array) -> Channel
     mesh: Mesh = channel
     sharpness = Sharpness.of(channel, channel._rules, dtype)
     compiled = dtype != object and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
+    coarser = None
     for _ in range(levels):
+        sharpness = sharpness if coarser is None else coarser.children(mesh)
         values = refined_values(mesh, channel._rules, sharpness, values, compiled)
-        mesh = child_mesh(mesh, values)
-        sharpness = sharpness.children(mesh)
+        mesh, coarser = child_mesh(mesh, values), sharpness
     if balance:
         values = np.ldexp(values, -balance)
     values = values.reshape(len(values), *channel.points.shape[1:])
-    return channel.refined(mesh, values, sharpness, holes)
+    return channel.refined(mesh, values, sharpness, coarser is not None, holes)
 
 
 _SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Self
+from fractions import Fraction
+from math import lcm
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import tables
-from limitsurf._kernels import reference as kernels
+from limitsurf._kernels.rationals import Digits, Objects, counting, integers, rationals
 from limitsurf.caching import cached_property
 from limitsurf.mesh import Fans, Mesh
 from limitsurf.topology import MeshPart
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from limitsurf.exact.scheme import Scheme
 
 Array = NDArray[Any]
+Rationals: TypeAlias = Digits | Objects
 
 # rules of vertices, see exact/creases.py
 SMOOTH, DART, CREASE, CORNER = range(4)
@@ -99,13 +102,18 @@ class Sharpness:
     edge : (n,) int
         Which of the S edges each is a side of.
     edge_sharpness : (S,)
-        Float64 or exact.
+        Float64: 0, or infinite, only where the sharpness is.
     edge_tagged : (S,) bool
         Where the sharpness comes from tags.
     vertex : (M,) int
         Ascending.
     vertex_sharpness, vertex_tagged : (M,)
     chaikin : bool
+    dtype : dtype
+        Numbers of the masks, float64 or object.
+    exact : (rationals, rationals) or None
+        What the finite sharpnesses of the edges (S,) and of the vertices (M,) are, where float64
+        may not hold them; masks are then exact, or rounded once. 0 for infinite ones.
     """
 
     mesh: Mesh
@@ -117,18 +125,19 @@ class Sharpness:
     vertex_sharpness: Array
     vertex_tagged: Array
     chaikin: bool
+    dtype: Any
+    exact: tuple[Rationals, Rationals] | None
 
     @classmethod
-    def of(cls, mesh: Mesh, rules: Rules, dtype: Any) -> Sharpness:
+    def of(cls, mesh: Mesh, rules: Rules, dtype: Any, exact: bool = False) -> Sharpness:
         """The sharpness of a cage; a refined mesh carries its own."""
         known = getattr(mesh, "_sharpness", None)
         if isinstance(known, Sharpness) and mesh._rules == rules:  # type: ignore[attr-defined]
-            return known.typed(mesh, dtype)
+            return known.typed(mesh, dtype, exact)
         # rules change where a sharpness reaches 0: rounding must not decide it
         (ends, creases), (vertices, corners) = mesh.creases, mesh.corners
-        averaged = rules.creasing == "chaikin" and len(creases) > 0
-        if averaged or object in [creases.dtype, corners.dtype]:
-            dtype = np.dtype(object)
+        exact |= rules.creasing == "chaikin" and len(creases) > 0
+        exact |= object in (dtype, creases.dtype, corners.dtype)
         marked = mesh.twin < 0
         numbers = mesh.edge_numbers(ends) if len(ends) else np.zeros(0, np.int64)
         if len(ends):
@@ -145,30 +154,41 @@ class Sharpness:
         is_open = np.zeros(len(unique), dtype=bool)
         is_open[edge[mesh.twin[sides] < 0]] = True
         place = np.searchsorted(unique, numbers)
-        edge_sharpness = _typed(np.zeros(len(unique)), dtype)
-        edge_sharpness[place] = _typed(creases, dtype)
-        edge_sharpness[is_open] = np.inf
+        edge_sharpness, edge_exact = _sharpness(creases, place, is_open, exact)
         # on a boundary only an infinite tag means anything, see Rules.loose_vertices
         edge_tagged = np.zeros(len(unique), dtype=bool)
         edge_tagged[place] = ~is_open[place] | tables.is_infinite(creases)
         pinned = np.flatnonzero(_pinned(mesh, rules))
         vertex = np.union1d(vertices, pinned)
         place = np.searchsorted(vertex, vertices)
-        vertex_sharpness = _typed(np.zeros(len(vertex)), dtype)
-        vertex_sharpness[place] = _typed(corners, dtype)
-        vertex_sharpness[np.searchsorted(vertex, pinned)] = np.inf
+        is_pinned = np.isin(vertex, pinned)
+        vertex_sharpness, vertex_exact = _sharpness(corners, place, is_pinned, exact)
         vertex_tagged = np.zeros(len(vertex), dtype=bool)
         vertex_tagged[place] = True
-        chaikin = rules.creasing == "chaikin"
-        edges = sides, edge, edge_sharpness, edge_tagged
-        return cls(mesh, *edges, vertex, vertex_sharpness, vertex_tagged, chaikin)
+        return cls(
+            mesh,
+            sides,
+            edge,
+            edge_sharpness,
+            edge_tagged,
+            vertex,
+            vertex_sharpness,
+            vertex_tagged,
+            rules.creasing == "chaikin",
+            np.dtype(dtype),
+            None if edge_exact is None or vertex_exact is None else (edge_exact, vertex_exact),
+        )
 
-    def typed(self, mesh: Mesh, dtype: Any) -> Self:
+    def typed(self, mesh: Mesh, dtype: Any, exact: bool = False) -> Self:
         """The same on a copy of the mesh, at least as exact as another number type."""
-        if self.edge_sharpness.dtype == object:
-            return replace(self, mesh=mesh)
-        edges, vertices = (_typed(x, dtype) for x in (self.edge_sharpness, self.vertex_sharpness))
-        return replace(self, mesh=mesh, edge_sharpness=edges, vertex_sharpness=vertices)
+        dtype = np.dtype(dtype)
+        if self.exact or not (exact or dtype == object):
+            return replace(self, mesh=mesh, dtype=dtype)
+        edges, vertices = (
+            rationals(np.where(tables.is_infinite(x), 0, x))
+            for x in (self.edge_sharpness, self.vertex_sharpness)
+        )
+        return replace(self, mesh=mesh, dtype=dtype, exact=(edges, vertices))
 
     def __getstate__(self) -> dict[str, Any]:
         return {field.name: getattr(self, field.name) for field in fields(self)}
@@ -176,23 +196,36 @@ class Sharpness:
     @cached_property
     def half_edges(self) -> Array:
         """Sharpness by half-edge: shape (n_corners,)."""
-        result = _typed(np.zeros(self.mesh.n_corners), self.edge_sharpness.dtype)
+        result = np.zeros(self.mesh.n_corners)
         result[self.sides] = self.edge_sharpness[self.edge]
         return result
 
     @cached_property
     def edges(self) -> Array:
         """Sharpness by edge: shape (n_edges,)."""
-        result = _typed(np.zeros(self.mesh.n_edges), self.edge_sharpness.dtype)
+        result = np.zeros(self.mesh.n_edges)
         result[self.mesh.corner_edge[self.sides]] = self.edge_sharpness[self.edge]
         return result
 
     @cached_property
     def vertices(self) -> Array:
         """Sharpness by vertex: shape (n_vertices,)."""
-        result = _typed(np.zeros(self.mesh.n_vertices), self.vertex_sharpness.dtype)
+        result = np.zeros(self.mesh.n_vertices)
         result[self.vertex] = self.vertex_sharpness
         return result
+
+    def at(self, corners: Array) -> Array:
+        """Finite sharpness of some half-edges, (n,): float64, or Fractions where that rounds."""
+        if self.exact is None:
+            return self.half_edges[corners]
+        edge = self.edge_at(corners)
+        exact = self.exact[0].take(edge)
+        if self.dtype != object:
+            rounded = self.edge_sharpness[edge]
+            twice = rationals(rounded)
+            if not (twice - exact).positive.any() and not (exact - twice).positive.any():
+                return np.asarray(rounded)
+        return exact.fractions()
 
     @cached_property
     def first(self) -> Array:
@@ -202,17 +235,20 @@ class Sharpness:
         return result
 
     @cached_property
-    def _ends(self) -> tuple[Array, Array, Array, Array]:
+    def _incident(self) -> tuple[Array, Array]:
         """Edges of positive sharpness, twice, (2 S,): their tails by `first`, then their heads.
 
-        Which of the edges, the place of the vertex in `concerned`, their sharpness, and that of
-        their halves there.
+        Which of the edges, and the place of the vertex in `concerned`.
         """
         sharp = np.flatnonzero(self.edge_sharpness > 0)
         place = self._places[1]
-        edge, place = np.tile(sharp, 2), place[len(place) - 2 * len(sharp) :]
-        sharpness = self.edge_sharpness[edge]
-        return edge, place, sharpness, self._halves(edge, place, sharpness)
+        return np.tile(sharp, 2), place[len(place) - 2 * len(sharp) :]
+
+    @cached_property
+    def _ends(self) -> tuple[Array, Array, Array, Array]:
+        """The same, with the sharpness of these edges, and that of their halves there: (2 S,)."""
+        edge, place = self._incident
+        return edge, place, self.edge_sharpness[edge], self._halves[0]
 
     @cached_property
     def _pairs(self) -> Array:
@@ -232,79 +268,104 @@ class Sharpness:
         return _numbered(np.concatenate([sharp, self._pairs.ravel()]), self.mesh.n_vertices)
 
     @cached_property
-    def _own(self) -> Array:
-        """Sharpness of the vertices that are concerned: shape (K,)."""
-        result = _typed(np.zeros(len(self.concerned)), self.vertex_sharpness.dtype)
-        sharp = self.vertex_sharpness[self.vertex_sharpness > 0]
-        result[self._places[1][: len(sharp)]] = sharp
-        return result
-
-    def _halves(self, edge: Array, place: Array, sharpness: Array) -> Array:
-        """Sharpness of the halves of sharp edges at their ends, all (2 S,) as in `_ends`."""
-        after = sharpness
-        if self.chaikin:
-            share = tables.chaikin_weights(sharpness.dtype)[1]
-            soft = ~tables.is_infinite(sharpness)
-            total = self._sum(place[soft], sharpness[soft])
-            others = np.bincount(place[soft], minlength=len(total))[place] - 1
-            averaged = np.flatnonzero(soft & (others > 0))
-            rest = total[place[averaged]] - sharpness[averaged]
-            after = sharpness.copy()
-            # exactly what it was where all are equal
-            after[averaged] += share * (rest / others[averaged] - sharpness[averaged])
-        return np.asarray(np.maximum(after - 1, 0))
+    def _own(self) -> tuple[Array, Array]:
+        """Sharpness of the vertices that are concerned, and of their children: shape (K,) each."""
+        sharp = np.flatnonzero(self.vertex_sharpness > 0)
+        result = np.zeros((2, len(self.concerned)))
+        place = self._places[1][: len(sharp)]
+        result[:, place] = self.vertex_sharpness[sharp], self._later[0][sharp]
+        return result[0], result[1]
 
     @cached_property
-    def _by_side(self) -> tuple[Array, Array]:
-        """Sharpness of the halves of each side's edge, at its tail and at its head: (n,) each."""
-        edge, _, _, after = self._ends
-        halves = _typed(np.zeros((2, len(self.edge_sharpness))), after.dtype)
-        halves[:, edge[: len(edge) // 2]] = after.reshape(2, -1)
-        other = (self.mesh.indices[self.sides] != self.mesh.indices[self.first[self.edge]]) * 1
-        return halves[other, self.edge], halves[1 - other, self.edge]
+    def _later(self) -> tuple[Array, Rationals | None]:
+        """Sharpness of the children of the M vertices, and what it is exactly: (M,)."""
+        if self.exact is None:
+            return np.maximum(self.vertex_sharpness - 1, 0), None
+        later = self.exact[1] - _ones(len(self.vertex))
+        return _rounded(later, tables.is_infinite(self.vertex_sharpness)), later
 
     @cached_property
-    def halves(self) -> Array:
-        """Sharpness of the halves of every half-edge, at its tail and its head: (2, n_corners)."""
-        result = _typed(np.zeros((2, self.mesh.n_corners)), self.edge_sharpness.dtype)
-        result[:, self.sides] = self._by_side
-        return result
+    def _halves(self) -> tuple[Array, Rationals | None]:
+        """Sharpness of the halves of sharp edges at their ends, and what it is exactly.
 
-    def _sum(self, place: Array, values: Array) -> Array:
-        """Values summed by place in `concerned`, (K,)."""
-        total = _typed(np.zeros(len(self.concerned)), values.dtype)
-        np.add.at(total, place, values)
-        return total
+        All (2 S,) as in `_ends`.
+        """
+        edge, place = self._incident
+        if self.exact is None:
+            return np.maximum(self.edge_sharpness[edge] - 1, 0), None
+        infinite = tables.is_infinite(self.edge_sharpness[edge])
+        soft = np.flatnonzero(~infinite)
+        after = self.exact[0].take(edge[soft])
+        if self.chaikin and len(soft):
+            after = _averaged(after, _numbered(place[soft], len(self.concerned))[1])
+        after = (after - _ones(len(soft))).spread(soft, len(edge))
+        return _rounded(after, infinite), after
+
+    def edge_at(self, corners: Array) -> Array:
+        """Which of the S edges some half-edges are sides of."""
+        edge = np.zeros(self.mesh.n_corners, dtype=np.int64)
+        edge[self.sides] = self.edge
+        return edge[corners]
+
+    def halves_at(self, corners: Array, heads: Array) -> Array:
+        """Places in `_ends` of the halves of sharp half-edges at their tails, or `heads` (bool)."""
+        edge = self.edge_at(corners)
+        sharp = self.edge_sharpness > 0
+        turned = self.mesh.indices[corners] != self.mesh.indices[self.first[edge]]
+        return np.asarray((np.cumsum(sharp) - 1)[edge] + sharp.sum() * (turned != heads))
 
     @cached_property
     def rule(self) -> Array:
         """Rule of each vertex: shape (n_vertices,)."""
         result = np.full(self.mesh.n_vertices, SMOOTH)
-        result[self.concerned] = self.transitions[0]
+        result[self.concerned] = self._rules[0]
         return result
 
-    def _rule(self, own: Array, sharp: Array) -> Array:
-        counts = np.bincount(self._ends[1][sharp], minlength=len(own))
-        return np.where(own > 0, CORNER, np.minimum(counts, CORNER))
+    @cached_property
+    def _rules(self) -> tuple[Array, Array]:
+        """Rule of the `concerned` vertices and of their children: (K,)."""
+        _, place, _, after = self._ends
+        own, later = self._own
+        counts = np.bincount(place, minlength=len(own))  # at edges that are all sharp
+        parent = np.where(own > 0, CORNER, np.minimum(counts, CORNER))
+        if after.all() and ((own > 0) == (later > 0)).all():
+            return parent, parent
+        counts = np.bincount(place[after > 0], minlength=len(own))
+        return parent, np.where(later > 0, CORNER, np.minimum(counts, CORNER))
 
     @cached_property
-    def transitions(self) -> tuple[Array, Array, Array]:
-        """Rule of the `concerned` vertices and their children, and the share of the first: (K,)."""
-        _, place, sharpness, after = self._ends
-        later = np.maximum(self._own - 1, 0)
-        parent, child = self._rule(self._own, sharpness > 0), self._rule(later, after > 0)
+    def shares(self) -> tuple[Array, Any, Any]:
+        """How the rules of vertices change.
+
+        Which of the `concerned` vertices have children of another rule, the share of their own rule
+        in their points, and the rest: both float64, or exact if sharpness is. Smooth vertices and
+        darts never change.
+        """
+        edge, place, sharpness, after = self._ends
+        (parent, child), (own, later) = self._rules, self._own
+        if parent is child:
+            return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0)
+        changing = np.flatnonzero((parent != child) & (parent > DART))
         # the mean of what falls to zero
-        fallen = after == 0
-        total = self._sum(place[fallen], sharpness[fallen])
-        count = np.bincount(place[fallen], minlength=len(total))
-        own = (self._own > 0) & (later == 0)
-        total[own] += self._own[own]
-        count[own] += 1
-        one = tables.one(sharpness.dtype)[0]
-        share = np.minimum(total / np.maximum(count, 1), one)
-        # smooth and darts never change
-        share = np.where((parent == child) | (parent <= DART), one, share)
-        return parent, child, share
+        number = np.full(len(parent), -1)
+        number[changing] = np.arange(len(changing))
+        ends = np.flatnonzero((after == 0) & (number[place] >= 0))
+        at = number[place[ends]]
+        count = np.bincount(at, minlength=len(changing))
+        falling = np.flatnonzero((own[changing] > 0) & (later[changing] == 0))
+        count[falling] += 1
+        if self.exact is None:
+            total = np.zeros(len(changing))
+            np.add.at(total, at, sharpness[ends])
+            total[falling] += own[changing[falling]]
+            share = np.minimum(total / np.maximum(count, 1), 1)
+            return changing, share, 1 - share
+        edges, vertices = self.exact
+        at_vertex = np.searchsorted(self.vertex, self.concerned[changing[falling]])
+        sums = edges.take(edge[ends]).summed(at, len(changing))
+        sums = sums + vertices.take(at_vertex).spread(falling, len(changing))
+        rest = _ones(len(changing)) - sums.over(np.maximum(count, 1))
+        return changing, _ones(len(changing)) - rest, rest
 
     @cached_property
     def vertex_masks(self) -> tuple[Array, Array, Array]:
@@ -313,10 +374,15 @@ class Sharpness:
         The shares of the smooth and the corner mask, both (K,), and, as an array (2 S,) for the
         `sharp_ends`, those of the crease mask that runs along the edge.
         """
-        _, place, sharpness, after = self._ends
-        parent, child, share = self.transitions
-        one = tables.one(sharpness.dtype)[0]
-        rest = one - share
+        _, place, _, after = self._ends
+        (parent, child), (changing, *shares) = self._rules, self.shares
+        one = tables.one(self.dtype)[0]
+        if not len(changing):
+            smooth = np.where(parent <= DART, one, 0 * one)
+            corner = np.where(parent == CORNER, one, 0 * one)
+            return smooth, corner, np.where((parent == CREASE)[place], one, 0 * one)
+        share, rest = np.full(len(parent), one), np.full(len(parent), 0 * one)
+        share[changing], rest[changing] = map(self._numbers, shares)
         smooth = np.where(parent <= DART, one, np.where(child <= DART, rest, 0 * one))
         corner = np.where(parent == CORNER, share, 0 * one)
         corner = corner + np.where((child == CORNER) & (parent != CORNER), rest, 0 * one)
@@ -325,6 +391,12 @@ class Sharpness:
         along = along + np.where(stays, rest[place], 0 * one)
         return smooth, corner, along
 
+    def _numbers(self, values: Any) -> Array:
+        """Numbers of masks, rounded if they are exact and masks are not."""
+        if isinstance(values, np.ndarray):
+            return values
+        return np.asarray(values.fractions() if self.dtype == object else values.floats())
+
     @cached_property
     def codes(self) -> tuple[Array, Array]:
         """Numbers for finite sharpness from 1 on; -1 is infinite, and 0 none.
@@ -332,16 +404,19 @@ class Sharpness:
         Of half-edges, (n_corners,); and of the creases through vertices, (n_vertices,): those that
         come in and go on with the same sharpness.
         """
-        _, found = np.unique(self.edge_sharpness, return_inverse=True)
+        if self.exact is None:
+            _, found = np.unique(self.edge_sharpness, return_inverse=True)
+        else:
+            found = self.exact[0].codes()
         code = np.where(tables.is_infinite(self.edge_sharpness), -1, found + 1)
         code[self.edge_sharpness == 0] = 0
         by_corner = np.zeros(self.mesh.n_corners, dtype=np.int64)
         by_corner[self.sides] = code[self.edge]
-        edge, place, *_ = self._ends
+        edge, place = self._incident
         crease = np.zeros(len(self.concerned), dtype=np.int64)
         ends = code[edge]
         crease[place] = ends  # one of the two
-        crease[self.transitions[0] != CREASE] = 0
+        crease[self._rules[0] != CREASE] = 0
         crease[place[ends != crease[place]]] = 0
         by_vertex = np.zeros(self.mesh.n_vertices, dtype=np.int64)
         by_vertex[self.concerned] = crease
@@ -350,17 +425,23 @@ class Sharpness:
     @cached_property
     def edge_masks(self) -> Array:
         """Share of the midpoint in the point of each of `sharp_edges`, the rest being smooth."""
-        _, _, sharpness, after = self._ends
+        edge, _, sharpness, after = self._ends
         half = len(sharpness) // 2
-        one = tables.one(sharpness.dtype)[0]
-        both = (after[:half] > 0) & (after[half:] > 0)
-        return np.asarray(np.where(both, one, np.minimum(sharpness[:half], one)))
+        one = tables.one(self.dtype)[0]
+        falling = np.flatnonzero((after[:half] == 0) | (after[half:] == 0))
+        own = sharpness[falling]
+        if self.dtype == object and self.exact:
+            own = self.exact[0].take(edge[falling]).fractions()
+        result = np.full(half, one)
+        result[falling] = np.minimum(own, one)
+        return result
 
     @cached_property
     def unsettled(self) -> Array:
         """Vertices that are semi-sharp or at the end of a semi-sharp edge, (n_vertices,) bool."""
         _, place, sharpness, _ = self._ends
-        soft = (self._own > 0) & ~tables.is_infinite(self._own)
+        own = self._own[0]
+        soft = (own > 0) & ~tables.is_infinite(own)
         soft[place[~tables.is_infinite(sharpness)]] = True
         result = np.zeros(self.mesh.n_vertices, dtype=bool)
         result[self.concerned[soft]] = True
@@ -397,28 +478,34 @@ class Sharpness:
     def children(self, mesh: Mesh) -> Self:
         """The sharpness of the refined mesh."""
         coarse = self.mesh
-        at_tail, at_head = self._by_side
-        tail, head = coarse.indices[self.sides], coarse.indices[self.first[self.edge]]
+        edge, _, _, after = self._ends
+        # the halves of edge e are 2 e, at the tail of its first side, and 2 e + 1
+        kept = np.full(2 * len(self.edge_sharpness), -1)
+        number = (2 * edge.reshape(2, -1) + [[0], [1]]).ravel()
+        kept[number] = np.where(after > 0, np.arange(len(after)), -1)
+        halves = np.flatnonzero(kept >= 0)
+        ends = kept[halves]
+        kept[halves] = np.arange(len(halves))
+        turned = coarse.indices[self.sides] != coarse.indices[self.first[self.edge]]
+        half = np.concatenate([2 * self.edge + turned, 2 * self.edge + ~turned])
         # child h goes from corner to midpoint, to face point, to midpoint before, to corner
         sides = np.concatenate([4 * self.sides, 4 * coarse._after(self.sides) + 3])
-        edge = np.concatenate([2 * self.edge + (tail != head), 2 * self.edge + (tail == head)])
-        sharpness = np.concatenate([at_tail, at_head])
-        kept = np.flatnonzero(sharpness > 0)
-        halves, edge = _numbered(edge[kept], 2 * len(self.edge_sharpness))
-        half_sharpness = np.empty(len(halves), dtype=sharpness.dtype)
-        half_sharpness[edge] = sharpness[kept]
-        later = np.maximum(self.vertex_sharpness - 1, 0)
+        sharp = np.flatnonzero(kept[half] >= 0)
+        later, exact = self._later[0], None
         stay = np.flatnonzero(later > 0)
+        if self._halves[1] is not None and self._later[1] is not None:
+            exact = self._halves[1].take(ends), self._later[1].take(stay)
         return replace(
             self,
             mesh=mesh,
-            sides=sides[kept],
-            edge=edge,
-            edge_sharpness=half_sharpness,
+            sides=sides[sharp],
+            edge=kept[half[sharp]],
+            edge_sharpness=after[ends],
             edge_tagged=self.edge_tagged[halves // 2],
             vertex=self.vertex[stay],
             vertex_sharpness=later[stay],
             vertex_tagged=self.vertex_tagged[stay],
+            exact=exact,
         )
 
     def neighbours(self, corners: Array) -> Array:
@@ -451,6 +538,7 @@ class Sharpness:
             vertex=vertex,
             vertex_sharpness=self.vertex_sharpness[here],
             vertex_tagged=self.vertex_tagged[here],
+            exact=self.exact and (self.exact[0].take(edges), self.exact[1].take(here)),
         )
 
     def tags(self) -> dict[str, tuple[Array, Array]]:
@@ -463,9 +551,18 @@ class Sharpness:
         edges = np.stack(np.divmod(key, self.mesh.n_vertices), axis=1)
         vertices = self.vertex_tagged
         return {
-            "creases": (edges, self.edge_sharpness[tagged[place]]),
-            "corners": (self.vertex[vertices], self.vertex_sharpness[vertices]),
+            "creases": (edges, self._tags(0, self.edge_sharpness, tagged[place])),
+            "corners": (self.vertex[vertices], self._tags(1, self.vertex_sharpness, vertices)),
         }
+
+    def _tags(self, which: int, sharpness: Array, wanted: Array) -> Array:
+        """Some sharpness of edges (0) or vertices (1): float64, or, if that rounds, objects."""
+        if self.exact is None:
+            return sharpness[wanted]
+        sharpness = sharpness[wanted].astype(object)
+        soft = ~tables.is_infinite(sharpness)
+        sharpness[soft] = self.exact[which].take(wanted).take(soft).fractions()
+        return sharpness
 
 
 def _numbered(values: Array, most: int) -> tuple[Array, Array]:
@@ -582,16 +679,51 @@ class Sectors:
         return np.concatenate(parts, axis=1)
 
 
-def _typed(sharpness: Array, dtype: Any) -> Array:
-    """A copy as float64, or as Fractions; from INFINITE on infinite, which is a float always."""
-    if dtype == object:
-        infinite = tables.is_infinite(sharpness)
-        result = kernels.exact(np.where(infinite, 0, sharpness))
-    else:
-        result = sharpness.astype(float)
-        infinite = tables.is_infinite(result)
-    result[infinite] = np.inf
-    return np.asarray(result)
+def _sharpness(
+    tags: Array, place: Array, infinite: Array, exact: bool
+) -> tuple[Array, Rationals | None]:
+    """Sharpness (n,) from tags at some places: float64 and, if wanted, what it is exactly.
+
+    From INFINITE on it is infinite, and where it is so whatever the tags are: (n,) bool.
+    """
+    sharp = tables.is_infinite(tags)
+    infinite = infinite.copy()
+    infinite[place[sharp]] = True
+    soft = np.flatnonzero(~infinite[place])
+    if exact:
+        found = rationals(tags[soft]).spread(place[soft], len(infinite))
+        return _rounded(found, infinite), found
+    result = np.where(infinite, np.inf, 0.0)
+    result[place[soft]] = tags[soft]
+    return result, None
+
+
+def _rounded(exact: Rationals, infinite: Array) -> Array:
+    """Sharpness as float64, which is 0, or infinite, only where it is."""
+    result = np.where(infinite, np.inf, 0.0)
+    some = np.flatnonzero(exact.positive)
+    least, most = np.nextafter([0.0, tables.INFINITE], [1.0, 0.0])
+    result[some] = exact.take(some).floats().clip(least, most)
+    return result
+
+
+def _ones(n: int) -> Digits:
+    return integers(np.ones(n, dtype=np.int64))
+
+
+def _averaged(sharpness: Rationals, place: Array) -> Rationals:
+    """Sharpness at the ends of edges averaged with that of the others in the same places."""
+    share = Fraction(tables.chaikin_weights(object)[1])
+    total = sharpness.summed(place, int(place.max()) + 1).take(place)
+    others = np.bincount(place)[place] - 1
+    common = lcm(1, *np.unique(others[others > 0]).tolist())
+    others = counting(others, common * share.denominator)
+    # over the common number of others: alone an edge keeps what it has
+    shared = share.numerator * (others > 0)
+    part = shared * (common // np.maximum(others, 1))
+    own = common * (share.denominator - shared)
+    averaged = sharpness.times(own) + (total - sharpness).times(part)
+    return averaged.per(common * share.denominator)
 
 
 def _pinned(mesh: Mesh, rules: Rules) -> Array:

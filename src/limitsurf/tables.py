@@ -38,7 +38,8 @@ from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.disk_cache import Formats
 from limitsurf.exact.catmull_clark import CATMULL_CLARK
-from limitsurf.exact.creases import CHAIKIN, INFINITE, POWERS
+from limitsurf.exact.creases import CHAIKIN, POWERS
+from limitsurf.exact.creases import INFINITE as INFINITE
 from limitsurf.exact.matrices import KINDS as KINDS
 from limitsurf.exact.matrices import Sector as Sector
 from limitsurf.exact.matrices import subdivision_matrix

@@ -60,6 +60,52 @@ def _around(tail: Array, offsets: Array, starts: Array, place: Array, corners: A
     return repeats
 
 
+def values(rows: Array, starts: Array, corners: Array) -> tuple[Array, Array, Array]:
+    """Vertices and rows of the values of a channel, and the value at each corner (H,).
+
+    A value is a pair of a vertex and one of the ``rows`` (H,) at its corners; they are ordered.
+    """
+    vertex, row = np.empty((2, len(rows)), np.int64)
+    value, keys = np.empty(len(rows), np.int64), np.empty(np.diff(starts).max(), np.int64)
+    count = _values(rows, starts, corners, keys, vertex, row, value)
+    return vertex[:count].copy(), row[:count].copy(), value
+
+
+@kernel
+def _values(
+    rows: Array,
+    starts: Array,
+    corners: Array,
+    keys: Array,
+    vertices: Array,
+    found: Array,
+    value: Array,
+) -> int:
+    count = 0
+    for vertex in range(len(starts) - 1):
+        begin, n = starts[vertex], starts[vertex + 1] - starts[vertex]
+        # rows may have more than 32 bits: their order first, then the corners that have them
+        for k in range(n):
+            keys[k] = rows[corners[begin + k]]
+        _sort(keys, n)
+        first = count
+        for k in range(n):
+            if k == 0 or keys[k] != keys[k - 1]:
+                vertices[count], found[count] = vertex, keys[k]
+                count += 1
+        for k in range(n):
+            low, high = first, count - 1
+            row = rows[corners[begin + k]]
+            while low < high:
+                middle = (low + high) // 2
+                if found[middle] < row:
+                    low = middle + 1
+                else:
+                    high = middle
+            value[corners[begin + k]] = low
+    return count
+
+
 def twins(tail: Array, steps: Steps, starts: Array, corners: Array) -> Array:
     """The half-edge in the opposite direction, (H,); -1 unless there is just one in each.
 
