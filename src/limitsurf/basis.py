@@ -344,7 +344,7 @@ def eigen_normals(
     sizes = np.stack([size[patch, 1:], added[patch, 1:]], axis=2)
     across, along, other = np.matmul(sums, sizes).swapaxes(0, 1)  # (3, Q, 2)
     bound = size[patch, powers.lead] * across[:, 1] + added[patch, powers.lead] * across[:, 0]
-    bound += (along[:, 0] * other[:, 1] + along[:, 1] * other[:, 0]) * ratio[:, 0]
+    bound += (along[:, 0] * other[:, 1] + along[:, 1] * other[:, 0]) * np.abs(ratio[:, 0])
     error[away] = 2 * bound[:, None]
     return found, error
 
@@ -440,7 +440,7 @@ def _frames(table: EigenTable, points: Array, noise: Array) -> tuple[Array, Arra
                 axis = axis[:, None]  # (P, 1, 3)
                 rest = rest - (rest * axis).sum(axis=2, keepdims=True) * axis
                 error = noise + (noise * np.abs(axis)).sum(axis=2, keepdims=True) * np.abs(axis)
-            seen = (np.abs(rest) > error).any(axis=2)  # (P, K - 1)
+            seen: Array = np.any(np.abs(rest) > error, axis=2)  # (P, K - 1)
             axes[:, x] = kernels.unit(rest[patch, seen.argmax(axis=1)], np.zeros((len(points), 1)))
             along = (points * axes[:, x, None]).sum(axis=2)
         else:

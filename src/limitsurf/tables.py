@@ -211,7 +211,7 @@ class EigenTable:
     @cached_property
     def eigenvalues(self) -> Array:
         """Eigenvalues by decreasing modulus, (K,); complex if there are complex pairs."""
-        values = self.rates[0]
+        values: Array = self.rates[0]
         if len(self.pairs):
             values = values.astype(complex)
             turn = np.exp(1j * self.angles)

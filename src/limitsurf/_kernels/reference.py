@@ -303,7 +303,8 @@ def nearly_dependent(along: Array, across: Array) -> Array:
     size = np.maximum(np.abs(along).max(axis=1), np.abs(across).max(axis=1))[:, None]
     with np.errstate(all="ignore"):
         area = np.cross(along / size, across / size)
-    return ~(np.abs(area).max(axis=1) > 1e-3) & ~np.isnan(along[:, 0] + across[:, 0])
+    independent = (np.abs(area).max(axis=1) > 1e-3) | np.isnan(along[:, 0] + across[:, 0])
+    return np.asarray(~independent)
 
 
 def shape_operators(
