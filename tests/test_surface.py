@@ -1145,7 +1145,7 @@ def test_values_on_faces_that_repeat_a_vertex(compiled, monkeypatch):
 def test_refinement_parts_all_patches_in_time(monkeypatch):
     """Ten times at most, and not as often as that by accident."""
     for sharpness in (F(10) - F(1, 10**9), 9.5):
-        mesh = ls.Mesh(*zoo.single_face(5), corners={0: sharpness})
+        mesh = ls.Mesh(*zoo.single_face(5), corners={0: sharpness}, boundary="edge_only")
         table = ls.LimitSurface(mesh).patches
         assert table.locate(np.arange(5), np.zeros(5), np.zeros(5))[3].max() == 9
     monkeypatch.setattr("limitsurf.patches._DEEPEST", 8)
