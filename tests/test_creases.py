@@ -7,6 +7,7 @@ accuracy is the design's, see test_surface.py. ``pytest --tagged=N`` tries N ran
 import itertools
 import math
 import random
+import time
 from fractions import Fraction as F
 from pathlib import Path
 
@@ -952,3 +953,63 @@ def test_everything_is_tried():
     assert {s.faces for s in sectors if s and s.kind == "cone"} >= set(range(2, 8))
     assert turns == set(itertools.product((False, True), range(4)))
     assert len(reasons) == 5
+
+
+SHARPNESS = {
+    "doubles": lambda g: g.uniform(0, 4),
+    "integers": lambda g: g.randrange(5),
+    "one_decimal": lambda g: round(g.uniform(0, 4), 1),
+    "far_apart": lambda g: g.choice([5e-324, 1e-300, 1e-17, 1.0, 2.0, 3.3]),
+    "fractions": lambda g: F(g.randrange(20), g.choice([3, 5, 7])),
+    "near_infinite": lambda g: g.choice([math.nextafter(10, 0), F(10) - F(1, 10**30), 10, 2.5]),
+}
+
+
+@pytest.mark.parametrize("creasing", ["uniform", "chaikin"])
+@pytest.mark.parametrize("kind", SHARPNESS)
+def test_sharpness_is_exact_in_float64_too(kind, creasing):
+    """Whether it has reached 0, and masks, which are those of exact numbers rounded once."""
+    g = random.Random(kind)
+    for points, faces in (zoo.grid(2, 3), zoo.flower(5, 1), zoo.bipyramid(3)):
+        edges = [e for e in zoo.edges_of(faces) if g.random() < 0.8]
+        creases = {e: SHARPNESS[kind](g) for e in edges}
+        corners = {v: SHARPNESS[kind](g) for v in range(0, len(points), 4)}
+        tags = {"creases": creases, "corners": corners, "creasing": creasing}
+        cage = oracles_creases.start(Cage(points, faces, **tags))
+        mesh = ls.Mesh(np.asarray(points, float), faces, **tags)
+        for levels in (1, 2, 3):
+            fine = ls.refined(mesh, levels)
+            cage = oracles_creases.refine(cage)
+            ends, values = fine.creases
+            found = {tuple(e): s for e, s in zip(ends.tolist(), values.tolist(), strict=True)}
+            hard = {tuple(e) for e in fine.edges[fine.boundary_edge].tolist()}
+            expected = {e: s for e, s in cage.creases.items() if s > 0 and e not in hard}
+            assert {e: s for e, s in found.items() if e not in hard} == expected
+            assert dict(zip(*(x.tolist() for x in fine.corners), strict=True)) == {
+                v: s for v, s in cage.corners.items() if s > 0 and v in corners
+            }
+            rules = Rules.resolve(mesh)
+            exact, rounded = (Sharpness.of(fine, rules, t, exact=True) for t in (object, float))
+            masks = zip(
+                (*exact.vertex_masks, exact.edge_masks),
+                (*rounded.vertex_masks, rounded.edge_masks),
+                strict=True,
+            )
+            assert all(a.astype(float).tolist() == b.tolist() for a, b in masks)
+
+
+def test_chaikin_with_float_sharpness_costs_what_its_patches_cost():
+    """Time in set-up by patch, whatever number of binary places sharpness has."""
+    points, faces = zoo.grid(12, 12)
+    sharpness = np.random.default_rng(0).uniform(0, 5, len(zoo.edges_of(faces)))
+
+    def cost(values, creasing):
+        creases = zoo.edges_of(faces), values
+        mesh = ls.Mesh(np.asarray(points, float), faces, creases=creases, creasing=creasing)
+        start = time.process_time()
+        surface = ls.LimitSurface(mesh)
+        return (time.process_time() - start) / len(surface.patches.kind)
+
+    cost(sharpness, "chaikin")
+    slow, fast = (min(cost(sharpness, x) for _ in range(2)) for x in ("chaikin", "uniform"))
+    assert slow < 10 * fast

@@ -262,10 +262,9 @@ def _pinned(geometry: Sharpness, values: Mesh, vertex: Array, mode: str) -> tupl
     seam = count(number, mesh.n_edges) > 1
     inside = (values.edge_faces > 1) & ~seam[number]
     infinite = tables.is_infinite(geometry.edges)
-    inside = np.flatnonzero(inside & (geometry.edges > 0)[number])  # those that are sharp
+    sharp = np.flatnonzero(inside & (geometry.edges > 0)[number])
     hard, soft = (
-        count(values.edges[inside[infinite[number[inside]] == which]]) > 0
-        for which in (True, False)
+        count(values.edges[sharp[infinite[number[sharp]] == which]]) > 0 for which in (True, False)
     )
     broken = count(values.edges[values.edge_faces == 1]) != 2
     faces = count(values.indices)

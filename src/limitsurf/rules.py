@@ -344,7 +344,8 @@ class Sharpness:
         edge, place, sharpness, after = self._ends
         (parent, child), (own, later) = self._rules, self._own
         if parent is child:
-            return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0)
+            nothing = np.zeros(0) if self.exact is None else _ones(0)
+            return np.zeros(0, dtype=np.int64), nothing, nothing
         changing = np.flatnonzero((parent != child) & (parent > DART))
         # the mean of what falls to zero
         number = np.full(len(parent), -1)
