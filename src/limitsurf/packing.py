@@ -84,8 +84,8 @@ class Packing:
         self._patches, self._own = patches, own
         self._copied = np.zeros(0, dtype=np.int64)
         self._sectors = [
-            None if sector is None else tables.eigen_table(scheme, sector)
-            for sector in patches.sectors
+            None if sector is None or kind in patches.rings else tables.eigen_table(scheme, sector)
+            for kind, sector in enumerate(patches.sectors)
         ]
         self.tables, self._n_rows, self._n_special = self._tables()
         self.patches = self._covering(strips, which)

@@ -188,8 +188,11 @@ class LimitSurface:
         self._rules = rules
         patches = PatchTable(mesh, rules, np.dtype(float))
         # masks that do not converge are refused here, not at the first query
-        for sector in filter(None, patches.sectors):
-            tables.eigen_table(rules.scheme, sector)
+        for kind, sector in enumerate(patches.sectors):
+            if sector is not None and kind in patches.rings:
+                tables.ring_masks(rules.scheme, sector.kind, sector.faces)
+            elif sector is not None:
+                tables.eigen_table(rules.scheme, sector)
         self._begin(mesh, patches)
 
     def _set_points(self, mesh: Mesh) -> None:
