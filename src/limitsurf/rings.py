@@ -325,7 +325,7 @@ class RingValues:
 
     def _starts(self, kept: _Kept, which: Array, row: Array, level: Array) -> Array:
         """The step at which each patch may begin without outer points; 0 is with them."""
-        start = np.maximum(level - _WINDOW, 0)
+        start = np.asarray(np.maximum(level - _WINDOW, 0))
         most = int(level.max())
         if not start.any():
             return start
@@ -396,10 +396,11 @@ class RingValues:
         local = basis.CornerPlace.of(s, t, turn)
         corner, away = np.flatnonzero(local.level < 0), np.flatnonzero(local.level >= 0)
         local = local[away]
-        # patches and levels, each once
-        key = np.stack([local.level, row[away]])
-        (level, patch), query = np.unique(key, axis=1, return_inverse=True)
-        query = query.ravel()
+        # patches and levels, each once; there are fewer than 2**11 levels
+        found, query = np.unique(
+            row[away].astype(np.int64) << 11 | local.level, return_inverse=True
+        )
+        patch, level = found >> 11, found & ((1 << 11) - 1)
         fine, exponent, limit = (
             self._refined(patch, level)
             if len(patch)
