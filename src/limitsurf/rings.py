@@ -31,7 +31,7 @@ Order: TypeAlias = tuple[int, int]
 
 # steps after which outer points have forgotten where they began, and how many binary digits of the
 # ring must remain of its size before that
-_WINDOW, _DIGITS = 40, 75
+_WINDOW, _DIGITS = 40, 80
 _EVERY = 64  # every so many steps of a deep ring are kept
 # where the three regular pieces begin in 5 x 5 refined points, (i, j)
 _PIECES = np.array([(1, 0), (1, 1), (0, 1)])
