@@ -1,5 +1,7 @@
 """Special corners of many faces, whose rings are refined instead of having eigenbases."""
 
+import itertools
+
 import numpy as np
 import oracles_creases
 import pytest
@@ -38,7 +40,7 @@ def around(kind, faces, scale=1):
         tags["corners"] = {0: np.inf}
     if kind == "dart":
         spoke = [0, at(0, 0), at(1, 0), at(2, 0)]
-        tags["creases"] = dict.fromkeys(zip(spoke[:-1], spoke[1:], strict=True), np.inf)
+        tags["creases"] = dict.fromkeys(itertools.pairwise(spoke), np.inf)
     return ls.Mesh(scale * points, np.concatenate(quads), **tags)
 
 
@@ -52,12 +54,12 @@ def places(faces):
     return tuple(x.ravel() for x in np.broadcast_arrays(face, u, v))
 
 
-def relative(found, wanted, ring):
-    """Largest error by what is stated: 1e-3 of what there is on the ring counts as well."""
+def relative(found, wanted):
+    """The largest error, by the size of the vector that it is in."""
     assert np.array_equal(np.isnan(found), np.isnan(wanted))
-    size = np.nanmax(np.abs(wanted), axis=1, keepdims=True)
-    size = np.maximum(size, 1e-3 * ring)
-    return np.nanmax(np.abs(found - wanted) / np.where(size > 0, size, 1), initial=0)
+    found, wanted = np.nan_to_num(found), np.nan_to_num(wanted)
+    size = np.abs(wanted).max(axis=1, keepdims=True)
+    return (np.abs(found - wanted) / np.where(size > 0, size, 1)).max()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -69,15 +71,18 @@ def test_against_rational_numbers(kind):
     exact = ls.LimitSurface(mesh.with_points(reference.exact(mesh.points)))
     for nu in ORDERS:
         wanted = exact.evaluate(face, u, v, nu=nu).astype(float)
-        assert relative(surface.evaluate(face, u, v, nu=nu), wanted, 0) < 1e-12
-        assert relative(surface.weights(face, u, v, nu=nu) @ mesh.points, wanted, 0) < 1e-12
+        assert relative(surface.evaluate(face, u, v, nu=nu), wanted) < 1e-12
+        assert relative(surface.weights(face, u, v, nu=nu) @ mesh.points, wanted) < 1e-12
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_against_the_oracle(kind):
     mesh = around(kind, MANY)
     faces = mesh.indices.reshape(-1, 4).tolist()
-    creases = {tuple(sorted(pair)): s for pair, s in zip(*map(np.ndarray.tolist, mesh.creases))}
+    creases = {
+        tuple(sorted(pair)): s
+        for pair, s in zip(*map(np.ndarray.tolist, mesh.creases), strict=True)
+    }
     corners = dict(zip(*map(np.ndarray.tolist, mesh.corners), strict=True))
     cage = oracles_creases.Cage(mesh.points.tolist(), faces, creases=creases, corners=corners)
     oracle = oracles_creases.TaggedSurface(cage)
@@ -106,7 +111,7 @@ def test_against_eigenbases(kind, monkeypatch):
         fine = ls.refined(mesh)
         answers.append([*found, fine.limit_points[:1], fine.limit_normals[:48]])
     for wanted, found in zip(*answers, strict=True):
-        assert relative(found, wanted, 0) < 1e-11
+        assert relative(found, wanted) < 1e-11
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -156,7 +161,7 @@ def polygon(n, height=0.0):
 
 
 def test_polygon_of_many_corners():
-    n = 6000
+    n = 800
     surface = ls.LimitSurface(polygon(n))
     face = np.arange(n)
     u, v = np.array([1.0, 0.75, 1 - 1e-9, 0.0]), np.array([1.0, 0.875, 1 - 1e-9, 0.5])
@@ -193,7 +198,7 @@ def numbers(surface):
 def test_memory_is_linear(kind):
     made = polygon if kind == "polygon" else lambda n: around(kind, n)
     counts = []
-    for n in (1000, 2000):
+    for n in (250, 500):
         surface = ls.LimitSurface(made(n))
         surface.normal(np.arange(n), 0.75, 0.75)
         counts.append(numbers(surface))
