@@ -9,16 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from math import factorial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import basis, tables
+from limitsurf import basis, rings, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
-from limitsurf.patches import REGULAR, STRIP, PatchTable
+from limitsurf.patches import OUTER, REGULAR, STRIP, PatchTable
 
 if TYPE_CHECKING:
     from limitsurf.exact.scheme import Scheme
@@ -113,20 +114,27 @@ class Groups:
         return found
 
     def chunks(
-        self, face: Array, u: Array, v: Array, width: int = 1
+        self, face: Array, u: Array, v: Array, width: int = 1, dense: bool = True
     ) -> Iterator[tuple[slice, Array, Iterator[Group]]]:
         """Some thousands of queries at a time, flat: where, which of them have no value, the groups
-        of others, none of which gathers too much for `width` numbers a control point.
+        of others, none of which gathers too much for `width` numbers a control point. Those of
+        shared rings count if `dense`.
         """
         face, u, v = face.ravel().astype(np.int64, copy=False), u.ravel(), v.ravel()
         for start in range(0, max(len(face), 1), _CHUNK):
             part = slice(start, start + _CHUNK)
             undefined, groups = self.of(face[part], u[part], v[part])
-            sizes = self.patches.controls
             pieces = (
-                g for group in groups for g in _pieces(group, sizes[group.kind].shape[1] * width)
+                g for group in groups for g in _pieces(group, self._size(group, dense) * width)
             )
             yield part, undefined, pieces
+
+    def _size(self, g: Group, dense: bool) -> int:
+        """How many control points the patches of a group have; those of shared rings if `dense`."""
+        shared = self.patches.rings.get(g.kind)
+        ring = 25 if shared is None or not dense else shared.points.shape[1]
+        ring = 0 if shared is None else ring
+        return int(ring + self.patches.controls[g.kind].shape[1])
 
     def answers(
         self,
@@ -142,7 +150,7 @@ class Groups:
         """
         dtype = object if self.exact else float
         results = [np.full((face.size, width), np.nan, dtype=dtype) for width in widths]
-        for part, _, groups in self.chunks(face, u, v, max(*widths, 1)):
+        for part, _, groups in self.chunks(face, u, v, max(*widths, 1), self.exact):
             for g in groups:
                 with np.errstate(over="ignore", under="ignore", invalid="ignore"):
                     values = compute(g)
@@ -152,7 +160,7 @@ class Groups:
 
     def controls(self, g: Group) -> Array:
         """Control points of the patches of a group, (q, K)."""
-        return self.patches.controls[g.kind][g.row]
+        return self.patches.control_points(g.kind, g.row)
 
     def table(self, g: Group) -> tables.EigenTable:
         assert g.sector is not None
@@ -166,8 +174,10 @@ class Groups:
             return np.asarray(self.spline_weights(g, nu) * scale[:, None])
         turned, sign = basis.turned(nu)
         scale = kernels.scale_by_two(sign[g.turn].astype(dtype), g.depth * sum(nu))[:, None]
-        table = self.table(g)
         place = basis.CornerPlace.of(g.s, g.t, g.turn)
+        if g.kind in self.patches.rings:
+            return np.asarray(self._ring_weights(g, place, turned) * scale)
+        table = self.table(g)
         result = np.empty((len(g.s), table.size), dtype=dtype)
         for order in set(turned):
             here = np.array([o == order for o in turned])[g.turn]
@@ -181,6 +191,35 @@ class Groups:
                 eigen = basis.eigen_weights(table, sub, powers, order)
                 result[here] = basis.control_weights(table, eigen)
         return np.asarray(result * scale)
+
+    def _ring_weights(self, g: Group, place: basis.CornerPlace, turned: Sequence[Order]) -> Array:
+        """The same around a shared ring, in parameters of the patch; an order for each turn."""
+        shared, masks = self.patches.rings[g.kind], self.masks(g.kind)
+        position, width = shared.position[g.row], shared.points.shape[1] + len(OUTER)
+        result = np.empty((len(g.s), width), dtype=object if self.exact else float)
+        for order in set(turned):
+            here = np.flatnonzero(np.array([o == order for o in turned])[g.turn])
+            if not self.exact:
+                s, t, turn = g.s[here], g.t[here], g.turn[here]
+                result[here] = rings.weights(masks, position[here], s, t, turn, order)
+                continue
+            for p in np.unique(position[here]).tolist():
+                at = here[position[here] == p]
+                columns, sector = rings.columns(masks.sector, p)
+                zero = np.zeros(1)
+                exists = rings.on_curve(masks, np.array([p]), zero, zero, order)[0]
+                at_corner = np.full(1, 1.0 if exists else np.nan if max(order) <= 3 else 0.0)
+                rational = tables.rational_table(self._scheme, sector)
+                result[at] = Fraction(0)
+                found = basis.rational_weights(rational, place[at], order, at_corner)
+                result[at[:, None], columns] = found
+        return result
+
+    def masks(self, kind: int) -> tables.RingMasks:
+        """The masks of a kind with shared rings."""
+        sector = self.patches.sectors[kind]
+        assert sector is not None
+        return tables.ring_masks(self._scheme, sector.kind, sector.faces)
 
     def spline_weights(self, g: Group, nu: Order) -> Array:
         """The same (q, 16) for regular patches and strips, but for the depth of the patch."""
@@ -214,6 +253,16 @@ class Values:
         self._groups = groups
         self.balance = kernels.balance(points)
         self._points = np.ldexp(points, self.balance) if self.balance else points
+        self._rings: dict[int, rings.RingValues] = {}
+
+    def _around(self, g: Group) -> rings.RingValues:
+        """Values around the shared rings of a group."""
+        if g.kind not in self._rings:
+            patches = self._groups.patches
+            known = patches.rings[g.kind], patches.controls[g.kind], *self._control_points
+            found = rings.RingValues(self._groups.masks(g.kind), *known)
+            self._rings.setdefault(g.kind, found)
+        return self._rings[g.kind]
 
     @cached_property
     def _control_points(self) -> tuple[Array, Array]:
@@ -252,6 +301,11 @@ class Values:
                     value = _scaled(value, g.depth * sum(nu) - self.balance)
                 values.append(value)
             return values
+        if g.kind in self._groups.patches.rings:
+            around = self._around(g)
+            values = around.derivatives(g.row, g.s, g.t, g.turn, g.depth, orders)
+            back = np.full(len(g.query), -self.balance)
+            return [_scaled(x, back) for x in values] if self.balance else values
         # in patch parameters first: all orders at once, then each query picks by its turn
         turned = [basis.turned(nu) for nu in orders]
         needed = sorted({order for choices, _ in turned for order in choices})
@@ -290,10 +344,14 @@ class Values:
             ]
         found = np.empty((2, len(g.query), self._points.shape[1]))
         errors = np.empty((2, len(g.query), 1))
-        for c in self._corners(g):
-            found[:, c.query], errors[:, c.query] = basis.eigen_directions(
-                c.table, c.place, c.powers, c.modes, self._added(c), c.which
-            )
+        if g.kind in self._groups.patches.rings:
+            around = self._around(g)
+            found, errors = around.directions(g.row, around.place(g.row, g.s, g.t, g.turn))
+        else:
+            for c in self._corners(g):
+                found[:, c.query], errors[:, c.query] = basis.eigen_directions(
+                    c.table, c.place, c.powers, c.modes, self._added(c), c.which
+                )
         (ds, dt), (noise_s, noise_t) = found, noise * errors
         odd, turn = (g.turn % 2 == 1)[:, None], g.turn[:, None]
         along = np.where(odd, dt, ds) * np.where((turn == 1) | (turn == 2), -1, 1)
@@ -305,6 +363,9 @@ class Values:
         if g.kind in (REGULAR, STRIP):
             along, across, noise, other = self.directions(g)
             return [kernels.unit_normals(along, across, (noise, other))]
+        if g.kind in self._groups.patches.rings:
+            around = self._around(g)
+            return [around.normals(g.row, around.place(g.row, g.s, g.t, g.turn))]
         result = np.empty((len(g.query), 3))
         for c in self._corners(g):
             found, error = basis.eigen_normals(
@@ -356,6 +417,8 @@ class Values:
         of which the normal is wanted so far `away` (q,) from the side; NaN where there is none.
         Derived in ``derivations/limit_normals.py``, section 8.
         """
+        if g.kind in self._groups.patches.rings:  # those are not sought
+            return np.full((len(g.query), 3), np.nan)
         found, error, exponent = self.jets(g)
         # x along the side, y away from it
         along_v, back = side % 2 == 1, (side == 1) | (side == 2)
@@ -388,6 +451,10 @@ class Values:
             sizes = np.abs(points) + self._errors[ids]
             errors = kernels.NOISE * np.stack([_contract(np.abs(w), sizes) for w in weights])
             return [curvatures(jet, normal, errors, sizes.max(axis=(1, 2)), self.balance)]
+        if g.kind in self._groups.patches.rings:
+            around = self._around(g)
+            place = around.place(g.row, g.s, g.t, g.turn)
+            return [_around_rings(around, place, g.row, normal, self.balance)]
         form, axis = np.full((3, len(normal)), np.nan), np.full((len(normal), 3), np.nan)
         exponent = np.zeros(len(normal), dtype=np.int64)
         for c in self._corners(g):
@@ -478,6 +545,23 @@ def curvatures(
     else:
         form, _, axis = kernels.shape_operators(jet[:2], jet[2:], ones)
     return _principal(form, exponent + balance, axis, normal)
+
+
+def _around_rings(
+    around: rings.RingValues, place: rings.Place, row: Array, normal: Array, balance: int
+) -> Array:
+    """The same around shared rings; at the corner itself NaN, but for 0 where all is flat."""
+    found = np.full((len(row), 10), np.nan)
+    jet = np.stack([place.derivatives(nu) for nu in JET])
+    values = curvatures(jet, normal[place.away])
+    exponent = balance - place.exponent
+    values[:, :3] = _scaled(values[:, :3], exponent)
+    values[:, 3] = kernels.scale_by_two(values[:, 3], 2 * exponent)
+    found[place.away] = values
+    at = place.corner[~np.isnan(normal[place.corner, 0])]
+    if len(at):
+        found[at[around.is_flat(row[at], normal[at])], :4] = 0
+    return found
 
 
 def _principal(form: Array, exponent: Array, axis: Array, normal: Array) -> Array:

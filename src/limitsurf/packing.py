@@ -37,6 +37,7 @@ CHUNK = 1 << 15  # queries; what a thread takes at a time
 # and what rounding took from each.
 _COPIED, _COPIED_SHARE = 1 << 16, 1 / 4
 _LARGEST = 136  # control points of special patches whose coefficients are kept
+_WIDEST = 256  # vertices of the cage that a control point of compiled rows of weights may combine
 
 
 def threads(workers: int) -> int:
@@ -84,8 +85,8 @@ class Packing:
         self._patches, self._own = patches, own
         self._copied = np.zeros(0, dtype=np.int64)
         self._sectors = [
-            None if sector is None else tables.eigen_table(scheme, sector)
-            for sector in patches.sectors
+            None if sector is None or kind in patches.rings else tables.eigen_table(scheme, sector)
+            for kind, sector in enumerate(patches.sectors)
         ]
         self.tables, self._n_rows, self._n_special = self._tables()
         self.patches = self._covering(strips, which)
@@ -236,7 +237,7 @@ class Packing:
         for kind, table in enumerate(self._sectors):
             if table is not None and kinds[kind, evaluation.MODES] >= 0:
                 left[kind, : table.size, : table.size] = _left(table)
-        extra = _over_vertices(patches)
+        extra = _over_vertices(patches, self._wide)
         return rows.Controls(
             np.concatenate([np.zeros(0, np.int32), *(control.reshape(-1) for control in special)]),
             first,
@@ -247,6 +248,36 @@ class Packing:
             extra.indices.astype(np.int64),
             extra.data,
         )
+
+    @cached_property
+    def _wide(self) -> Array:
+        """Control points that combine too many vertices of the cage, (n_points,) bool."""
+        counts = np.ones(self._patches.n_vertices)
+        for operator in self._patches.extras:
+            pattern = type(operator)(
+                (np.ones(operator.nnz), operator.indices, operator.indptr), shape=operator.shape
+            )
+            counts = np.concatenate([counts, pattern @ counts])
+        return np.asarray(counts > _WIDEST)
+
+    @cached_property
+    def without_rows(self) -> Array:
+        """Patches whose rows of weights only the reference can give, (n_patches,) bool.
+
+        Those with too many control points, or with some that combine too many vertices.
+        """
+        from limitsurf._kernels import evaluation
+
+        result = np.zeros(len(self._patches.kind), dtype=bool)
+        known = self.tables.kinds[:, evaluation.MODES] >= 0
+        wide = self._wide.any()
+        for kind, controls in enumerate(self._patches.controls):
+            here = np.flatnonzero(self._patches.kind == kind)
+            if kind > STRIP and not known[kind]:
+                result[here] = True
+            elif wide:
+                result[here] = self._wide[controls[self._patches.row[here]]].any(axis=1)
+        return result
 
     def weights(self, queries: tuple[Array, Array, Array], term: int, workers: int) -> Any:
         """Sparse matrix (Q, vertices) of the derivative at this place in the order of `jet`.
@@ -460,13 +491,22 @@ def _grid(queries: tuple[Array, Array, Array]) -> tuple[Array, Array, Array] | N
     return None
 
 
-def _over_vertices(patches: PatchTable) -> Any:
-    """Control points that are not vertices of the cage, as sparse rows over these."""
-    from scipy.sparse import csr_array, eye_array, vstack
+def _over_vertices(patches: PatchTable, wide: Array) -> Any:
+    """Control points that are not vertices of the cage, as sparse rows over these; not `wide` ones.
+
+    What depends on a wide one is wide, so that the product of all operators stays small.
+    """
+    from scipy.sparse import csr_array, diags_array, eye_array, vstack
 
     parts = [eye_array(patches.n_vertices, format="csr")]
+    done = patches.n_vertices
     for operator in patches.extras:
-        parts.append(operator @ vstack(parts, format="csr"))
+        kept = ~wide[done : done + operator.shape[0]]
+        rows = operator if kept.all() else diags_array(kept.astype(float)).tocsr() @ operator
+        if not kept.all():
+            rows.eliminate_zeros()
+        parts.append(rows @ vstack(parts, format="csr"))
+        done += operator.shape[0]
     return vstack([csr_array((0, patches.n_vertices)), *parts[1:]], format="csr")
 
 

@@ -6,7 +6,8 @@ patch too where a semi-sharp crease of one sharpness runs along one of its sides
 on at both ends: there the surface is a tensor product (``derivations/creases.py``). Otherwise it is
 split into its four children, an n-gon into n, by one refinement of its neighbourhood. Infinitely
 sharp edges part the mesh: what lies beyond one is replaced by reflections, which is exact at
-regular vertices, or has no influence.
+regular vertices, or has no influence. Where more than `tables.MOST_FACES` faces meet, their patches
+share one copy of the ring around them.
 """
 
 from __future__ import annotations
@@ -57,7 +58,11 @@ class PatchTable:
         along which a strip's crease runs; 0 if regular.
     controls : list of (patches, K) int arrays
         Control points by kind: 16 for regular patches and strips, index ``4 j + i``; the others in
-        the order of ``exact/matrices.py``.
+        the order of ``exact/matrices.py``. Kinds with shared rings have the outer ones alone, all
+        seven; what is beyond a sharp side is not used.
+    rings : dict
+        The `SharedRings` of kinds of more than `tables.MOST_FACES` faces, which have one kind for
+        all positions.
     sharpness : (strips,)
         Sharpness of the creases of strips.
     extras : list of operators
@@ -75,6 +80,7 @@ class PatchTable:
         self.turn = np.zeros(0, np.int8)
         self.sectors: list[tables.Sector | None] = [None, None]
         self.controls = [np.zeros((0, 16), np.int32) for _ in self.sectors]
+        self.rings: dict[int, SharedRings] = {}
         self.sharpness = np.zeros(0, dtype=dtype)
         self._kinds: dict[tables.Sector, int] = {}
         self._combined: list[tuple[Array, Array, Array]] = []
@@ -92,11 +98,12 @@ class PatchTable:
         for depth in range(_DEEPEST + 1):
             if depth:
                 level = self._split(level, rules)
-            level = level.of_faces(self._add_smooth(level))
+            rest, many = self._add_smooth(level)
+            level = level.of_faces(rest)
             if len(level.faces) == 0:
                 return
             level = level.part()
-            if len(level.sharpness.concerned):
+            if many or len(level.sharpness.concerned):
                 level = level.of_faces(self._add_sharp(level, Sectors.of(level.sharpness)))
             if len(level.faces) == 0:
                 return
@@ -109,8 +116,11 @@ class PatchTable:
             "without a patch; please report this cage"
         )
 
-    def _add_smooth(self, level: _Level) -> Array:
-        """Add the patches of faces amid smooth quads; return which faces these are not."""
+    def _add_smooth(self, level: _Level) -> tuple[Array, bool]:
+        """Add the patches of faces amid smooth quads; return which faces these are not.
+
+        Also whether there are some among these at which too many faces meet.
+        """
         mesh, numbers, slot, turn = level.mesh, level.numbers, level.slot, level.turn
         valence = np.maximum(mesh._valences, 0)
         valence[level.sharpness.concerned] = 0
@@ -118,6 +128,8 @@ class PatchTable:
             valence[mesh.indices[mesh.sizes[mesh.corner_face] != 4]] = 0
         first = mesh._first(level.faces)
         found, start = smooth_quads(mesh, first, turn, valence)
+        shared = found > tables.MOST_FACES
+        found[shared] = 0
         plain, odd = np.flatnonzero(found == 4), np.flatnonzero((found != 4) & (found != 0))
         grid = grids(mesh, mesh.twin, numbers, first[plain], start[plain])
         self._add(REGULAR, grid, slot[plain], np.zeros(len(plain), dtype=np.int8))
@@ -126,7 +138,7 @@ class PatchTable:
             kind = self._kind(tables.Sector("interior", n, 0))
             control = specials(mesh, numbers, first[here], start[here], n, self._outer(kind))
             self._add(kind, control, slot[here], (turn[here] + start[here]) % 4)
-        return np.flatnonzero(found == 0)
+        return np.flatnonzero(found == 0), bool(shared.any())
 
     def _add_sharp(self, level: _Level, sectors: Sectors) -> Array:
         """Add the patches of faces at sharp edges and vertices; return which are to be split."""
@@ -137,10 +149,18 @@ class PatchTable:
         turn = (level.turn[whole] + start) % 4
         grid = self._grid(level.mesh, sectors.twin, level.numbers, first, start)
         points = level.points
-        for kind, members, ring in self._kinds_of(sectors, first + start, found == 2):
+        special = np.flatnonzero(found == 2)
+        many = sectors.shared[sectors.fans.fan[(first + start)[special]]]
+        for kind, members, ring in self._kinds_of(sectors, first + start, special[~many]):
             around = self._around(kind, points[ring])
             control = np.concatenate([around, grid[members[:, None], self._outer(kind)]], 1)
             self._add(kind, control, slot[members], turn[members])
+        for kind, members, rings in self._shared(sectors, first + start, special[many], points):
+            outer = grid[members[:, None], self._outer(kind)]
+            outer = np.where(outer < 0, grid[members, 5][:, None], outer)
+            self._add(kind, outer, slot[members], turn[members])
+            known = self.rings.get(kind)
+            self.rings[kind] = rings if known is None else known.with_more(rings)
         for kind, which in ((REGULAR, found == 1), (STRIP, found == 3)):
             members = np.flatnonzero(which)
             self._add(kind, grid[members], slot[members], turn[members])
@@ -149,10 +169,9 @@ class PatchTable:
         return np.delete(np.arange(len(level.faces)), whole)
 
     def _kinds_of(
-        self, sectors: Sectors, corners: Array, special: Array
+        self, sectors: Sectors, corners: Array, members: Array
     ) -> Iterator[tuple[int, Array, Array]]:
         """Special corners by kind: number of the kind, which, rings around them (n, ring)."""
-        members = np.flatnonzero(special)
         fan, position = (x[corners[members]] for x in (sectors.fans.fan, sectors.fans.position))
         kinds, sizes = sectors.kind[fan], sectors.fans.sizes[fan]
         alike = np.array([tables.Sector(name, 2).alike for name in tables.KINDS])[kinds]
@@ -180,19 +199,35 @@ class PatchTable:
         middle = self._extend(np.full(n, 2), ring[:, -2:].ravel(), halves)
         return np.concatenate([ring[:, :-2], middle[:, None]], axis=1)
 
+    def _shared(
+        self, sectors: Sectors, corners: Array, members: Array, points: Array
+    ) -> Iterator[tuple[int, Array, SharedRings]]:
+        """Special corners of many faces by kind: number of the kind, which, their rings."""
+        fans, position = (x[corners[members]] for x in (sectors.fans.fan, sectors.fans.position))
+        met, which = np.unique(fans, return_inverse=True)
+        for name, faces, group in sectors.groups(met):
+            own = np.sort(group)
+            here = np.flatnonzero(np.isin(met, own)[which])
+            ring = np.searchsorted(own, fans[here])
+            rings = points[sectors.ring(name, faces, own)]
+            kind = self._kind(tables.Sector(name, faces))
+            yield kind, members[here], SharedRings(rings, ring, position[here])
+
     def _kind(self, sector: tables.Sector) -> int:
         """The number of a kind, a new one when it is met first."""
         number = self._kinds.setdefault(sector, len(self.sectors))
         if number == len(self.sectors):
             self.sectors.append(sector)
-            self.controls.append(np.zeros((0, sector.size), np.int32))
+            width = len(OUTER) if tables.is_shared(sector) else sector.size
+            self.controls.append(np.zeros((0, width), np.int32))
         return number
 
     def _outer(self, kind: int) -> Array:
         """Positions in the grid of the control points of a kind beyond its ring."""
         sector = self.sectors[kind]
         assert sector is not None
-        return np.array([4 * j + i for i, j in sector.outer])
+        outer = OUTER if tables.is_shared(sector) else sector.outer
+        return np.array([4 * j + i for i, j in outer])
 
     def _add(self, kind: int, controls: Array, slot: Array, turn: Array) -> None:
         """Append patches of a kind."""
@@ -268,6 +303,7 @@ class PatchTable:
         needed[: self.n_vertices] = True
         starts = self._early + [0] * (len(self.controls) - len(self._early))
         late = [control[start:] for control, start in zip(self.controls, starts, strict=True)]
+        late += [rings.points for rings in self.rings.values()]
         for control in late:
             needed[control] = True
         kept = []
@@ -303,6 +339,14 @@ class PatchTable:
             code[inside] = self.codes[self.n_limit_faces + 4 * split + i + 2 * j]
         return code, u, v, depth
 
+    def control_points(self, kind: int, rows: Array) -> Array:
+        """Control points of some patches of a kind, (n, K); those of shared rings come first."""
+        outer = self.controls[kind][rows]
+        if kind not in self.rings:
+            return outer
+        rings = self.rings[kind]
+        return np.concatenate([rings.points[rings.ring[rows]], outer], axis=1)
+
     def summary(self) -> list[tuple[str, int]]:
         """How many limit faces are covered in which way, as (reason, number) pairs."""
         code = self.codes[: self.n_limit_faces]
@@ -315,6 +359,32 @@ class PatchTable:
             ("no limit (holes)", int((code == NO_LIMIT).sum())),
         ]
         return [(reason, number) for reason, number in counts if number]
+
+
+@dataclass(frozen=True, eq=False)
+class SharedRings:
+    """The rings around special corners of one kind, whose patches share them.
+
+    Attributes
+    ----------
+    points : (rings, 2 N + 1 or more) int32
+        Control points in the order of ``exact/matrices.py``, from some face on if all are alike.
+    ring, position : (patches,) int
+        Which ring each patch is at, and the number of its face there.
+    """
+
+    points: Array
+    ring: Array
+    position: Array
+
+    def with_more(self, other: SharedRings) -> SharedRings:
+        """These rings and patches, then others."""
+        ring = np.concatenate([self.ring, len(self.points) + other.ring])
+        points, position = (
+            np.concatenate([getattr(x, name) for x in (self, other)])
+            for name in ("points", "position")
+        )
+        return SharedRings(points, ring, position)
 
 
 @dataclass(frozen=True, eq=False)
@@ -559,6 +629,9 @@ def _operator(counts: Array, columns: Array, values: Array, width: int) -> Any:
     np.cumsum(counts, out=starts[1:])
     return csr_array((values, columns, starts), shape=shape)
 
+
+# outer control points, as (i, j)
+OUTER = tables.Sector("interior", 4).outer
 
 # grid positions 4 j + i by side of the quad: its corner, the points across it beside its two
 # corners, that diagonally beyond its corner

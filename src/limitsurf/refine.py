@@ -342,8 +342,12 @@ def _limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arr
         mask = tables.limit_mask(rules.scheme, kind, faces, points.dtype)
         if tables.Sector(kind, faces).carried:  # the last point is the middle of two
             mask = np.append(mask[:-1], [mask[-1] / 2] * 2)
-        for weight, beside in zip(mask[1:], sectors.ring(kind, faces, fans).T[1:], strict=True):
-            step = step + weight * (points[beside] - own)
+        ring = sectors.ring(kind, faces, fans)[:, 1:]
+        if faces > tables.MOST_FACES:
+            step = (mask[1:, None] * (points[ring] - own[:, None])).sum(axis=1)
+        else:
+            for weight, beside in zip(mask[1:], ring.T, strict=True):
+                step = step + weight * (points[beside] - own)
         result[vertex[fans]] = own + step
     # where something is semi-sharp, the limit is that after one more refinement
     pending = np.zeros(len(wanted), dtype=bool)

@@ -641,6 +641,12 @@ class Sectors:
         kind[sharpness.unsettled[fans.vertex]] = PENDING
         return cls(mesh, twin, fans, kind, sharpness)
 
+    @property
+    def shared(self) -> Array:
+        """Whether the patches at a sector share its ring (`tables.is_shared`), (n_fans,) bool."""
+        carried = np.array([tables.Sector(name, 2).carried for name in tables.KINDS])
+        return np.asarray((self.fans.sizes > tables.MOST_FACES) & ~carried[self.kind])
+
     @cached_property
     def regular(self) -> Array:
         """Fans around which the surface is a bicubic spline, reflected at sharp edges: (n_fans,).

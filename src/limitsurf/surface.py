@@ -189,8 +189,11 @@ class LimitSurface:
         self._rules = rules
         patches = PatchTable(mesh, rules, np.dtype(float))
         # masks that do not converge are refused here, not at the first query
-        for sector in filter(None, patches.sectors):
-            tables.eigen_table(rules.scheme, sector)
+        for kind, sector in enumerate(patches.sectors):
+            if sector is not None and kind in patches.rings:
+                tables.ring_masks(rules.scheme, sector.kind, sector.faces)
+            elif sector is not None:
+                tables.eigen_table(rules.scheme, sector)
         self._begin(mesh, patches)
 
     def _set_points(self, mesh: Mesh) -> None:
@@ -547,10 +550,39 @@ class LimitSurface:
         face, u, v, exact = self._broadcast(face, u, v)
         count = threads(workers)
         if not exact and nu in _PLACES and _kernels.compiled(face.size):
-            found: csr_array[Any] = self._packing.weights((face, u, v), _PLACES[nu], count)
-            if found is not None:
+            rest = self._without_rows(face, u, v)
+            flat = face.ravel(), u.ravel(), v.ravel()
+            known = (face, u, v) if rest is None else (x[~rest] for x in flat)
+            f, x, y = known
+            found: csr_array[Any] = self._packing.weights((f, x, y), _PLACES[nu], count)
+            if found is not None and rest is None:
                 return found
+            if found is not None and rest is not None:
+                f, x, y = (z[rest] for z in flat)
+                both = stacked([found, self._reference_weights(f, x, y, nu, exact)])
+                return both[np.argsort(np.argsort(rest, kind="stable"), kind="stable")]
         self._check_ranges(face, u, v, exact)
+        return self._reference_weights(face, u, v, nu, exact)
+
+    def _without_rows(self, face: Array, u: Array, v: Array) -> Array | None:
+        """Queries whose rows of weights only the reference can give, flat; None if there are none.
+
+        Complains of what is out of range before it looks.
+        """
+        if not self._packing.without_rows.any():
+            return None
+        self._check_ranges(face, u, v, False)
+        there = np.flatnonzero(np.isfinite(u.ravel()) & np.isfinite(v.ravel()))
+        where = [x.ravel()[there] for x in (face, u, v)]
+        patch, *_ = self.patches.locate(where[0].astype(np.int64), where[1], where[2])
+        result = np.zeros(face.size, dtype=bool)
+        result[there] = self._packing.without_rows[patch] & (patch >= 0)
+        return result if result.any() else None
+
+    def _reference_weights(
+        self, face: Array, u: Array, v: Array, nu: Order, exact: bool
+    ) -> csr_array[Any] | ExactOperator:
+        """The same by NumPy."""
         groups = self._groups_of(exact)
         patches, dtype = groups.patches, np.dtype(object if exact else float)
         flat, parts = face.ravel(), []

@@ -48,6 +48,7 @@ from limitsurf.exact.scheme import Scheme
 if TYPE_CHECKING:
     from limitsurf.exact.matrices import SubdivisionMatrix
     from limitsurf.exact.ring import FourierRing as FourierModes
+    from limitsurf.exact.wide import Weights
 
 FORMAT = 2
 SHIPPED = Path(__file__).parent / "_data" / "tables"
@@ -61,6 +62,10 @@ SHIPPED_SECTORS = (
         for p in range(n)
     ),
 )
+# Special corners of more faces have no eigen tables, their rings are refined (`RingMasks`): tables
+# of all positions, and copies of the ring in all patches, cost the square of this number. What
+# compiled kernels keep of a patch ends here too.
+MOST_FACES = 64
 _FOURIER = ("interior", "cone")  # kinds whose ring is that of all its rotations
 SCHEMES = {scheme.name: scheme for scheme in (CATMULL_CLARK,)}
 
@@ -677,13 +682,27 @@ def vertex_weights(scheme: Scheme, valences: Array, dtype: Any) -> Array:
 def limit_mask(scheme: Scheme, kind: str, faces: int, dtype: Any) -> Array:
     """Weights of the ring in the limit position of its vertex, (ring,)."""
     from limitsurf.exact.sectors import limit_weights
+    from limitsurf.exact.wide import rounded_dart_limit
 
+    if kind == "dart" and faces > MOST_FACES and dtype != object:
+        edges, around = rounded_dart_limit(scheme, faces)
+        own = 1 - edges.sum() - around.sum()
+        return np.concatenate([[own], np.stack([edges, around], axis=1).ravel()])
     return _numbers(limit_weights(scheme, Sector(kind, faces)), dtype)
 
 
 def normal_masks(scheme: Scheme, kind: str, faces: int) -> Array:
-    """Weights of the ring in the vectors of `EigenTable.normal_pairs`, (2 or 0, 2, ring)."""
+    """Weights of the ring in the vectors of `EigenTable.normal_pairs`, (2 or 0, 2, ring).
+
+    Around more than `MOST_FACES` faces, in the two vectors of `RingMasks.waves`, twice.
+    """
     sector = Sector(kind, faces)
+    if is_shared(sector):
+        rings = ring_masks(scheme, kind, faces)
+        both = np.zeros((2 * rings.has_normal, 2, sector.ring))
+        both[:, :, 1::2], both[:, :, 2::2] = rings.waves if rings.has_normal else (0, 0)
+        both[:, :, 0] = -both.sum(axis=2)
+        return both
     table = eigen_table(scheme, sector)
     masks = table.left_vectors(table.normal_pairs.ravel())[:, : sector.ring]
     return masks.reshape(-1, 2, sector.ring)
@@ -694,12 +713,12 @@ def collapsed_masks(scheme: Scheme, kind: str, faces: int) -> Array:
 
     Pairs of vectors whose cross product points along the limit normal where both edges are points
     (waves 2 and 1), where the first is, and where the second is (those in corners of one face); 0
-    where there is no normal. Then ``e_0 - v`` and ``e_k - v``, which tell. Derived in
-    ``derivations/limit_normals.py``, section 8.
+    where there is no normal, and around more than `MOST_FACES` faces, where none is sought. Then
+    ``e_0 - v`` and ``e_k - v``, which tell. Derived in ``derivations/limit_normals.py``, section 8.
     """
     sector = Sector(kind, faces)
     masks = np.zeros((4, 2, sector.ring))
-    if not sector.open or sector.carried:
+    if not sector.open or sector.carried or is_shared(sector):
         return masks
     table = eigen_table(scheme, sector)
     masks[3, [0, 1], [1, -1]], masks[3, :, 0] = 1, -1
@@ -713,6 +732,53 @@ def collapsed_masks(scheme: Scheme, kind: str, faces: int) -> Array:
     elif kind == "corner":
         masks[1], masks[2] = (first, masks[3, 1]), (masks[3, 0], first)
     return masks
+
+
+def is_shared(sector: Sector) -> bool:
+    """Whether the patches around a special corner share its ring, for which there is no table."""
+    return sector.faces > MOST_FACES and not sector.carried
+
+
+@dataclass(frozen=True, eq=False)
+class RingMasks:
+    """Float64 masks around a special corner of many faces: what its rings are refined by.
+
+    Attributes
+    ----------
+    sector : Sector
+    weights : Weights
+        Those of face, edge and vertex points.
+    limit : ((edges,), (faces,))
+        Weights of the edge neighbours and face corners in the limit of the vertex.
+    waves : ((n, edges), (n, faces))
+        The left eigenvectors that fall most slowly, up to positive factors.
+    """
+
+    sector: Sector
+    weights: Weights
+    limit: tuple[Array, Array]
+    waves: tuple[Array, Array]
+
+    @property
+    def has_normal(self) -> bool:
+        """Whether general points have a limit normal there, the cross product of two waves."""
+        return len(self.waves[0]) == 2
+
+
+@lru_cache(maxsize=16)
+def ring_masks(scheme: Scheme, kind: str, faces: int) -> RingMasks:
+    """Return the masks around a special corner of many faces.
+
+    Raises a ValueError, `UnsupportedSpectrum`, for masks that do not converge there.
+    """
+    from limitsurf.exact.wide import Weights, slowest_waves
+
+    weights = Weights.of(scheme, faces)
+    limit = limit_mask(scheme, kind, faces, float)
+    waves = slowest_waves(scheme, kind, faces)
+    for array in (limit, *waves):
+        array.flags.writeable = False
+    return RingMasks(Sector(kind, faces), weights, (limit[1::2], limit[2::2]), waves)
 
 
 def one(dtype: Any) -> Array:

@@ -100,13 +100,16 @@ def limit_mask(matrix: SubdivisionMatrix) -> tuple[Fraction, Fraction, Fraction]
     The left eigenvector of eigenvalue 1, an exact rational (Halstead, Kass and DeRose 1993,
     appendix A; derivations/limit_masks.py).
     """
-    block = centre_block(matrix)
-    _check_convergence(matrix.sector.faces, block)
+    return centre_mask(matrix.sector.faces, centre_block(matrix))
+
+
+def centre_mask(faces: int, block: list[list[Fraction]]) -> tuple[Fraction, Fraction, Fraction]:
+    """The same from the block of frequency 0 of so many faces."""
+    _check_convergence(faces, block)
     transposed = [[block[j][i] - (i == j) for j in range(3)] for i in range(3)]
     (mask,) = null_space(transposed)
     total = sum(mask)
-    n = matrix.sector.faces
-    return mask[0] / total, mask[1] / total / n, mask[2] / total / n
+    return mask[0] / total, mask[1] / total / faces, mask[2] / total / faces
 
 
 def ring_modes(matrix: SubdivisionMatrix) -> list[Mode]:

@@ -33,15 +33,15 @@ from limitsurf.exact.fixed import (
     Fixed,
     UnsupportedSpectrum,
     mp,
-    null_space,
     product,
     reduced,
     to_fixed,
     to_mpf,
 )
 from limitsurf.exact.matrices import Sector, SubdivisionMatrix, subdivision_matrix
-from limitsurf.exact.ring import boundary_limit_mask, limit_mask, ring_generators, wave_modes
+from limitsurf.exact.ring import boundary_limit_mask, centre_mask, ring_generators, wave_modes
 from limitsurf.exact.scheme import Scheme
+from limitsurf.exact.wide import Weights, dart_limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,28 +203,22 @@ def curve_mode(matrix: SubdivisionMatrix) -> tuple[Fraction, Fraction, Fraction]
 
 def limit_weights(scheme: Scheme, sector: Sector) -> list[Fraction]:
     """Exact weights of the points of a ring in the limit of its vertex, (ring,)."""
-    matrix = subdivision_matrix(scheme, sector)
     weights = [Fraction(0)] * sector.ring
-    if sector.kind == "corner":
+    if sector.kind in ("corner", "cone"):
         weights[0] = Fraction(1)
     elif sector.kind == "crease":
         weights[0], weights[1] = boundary_limit_mask(scheme)
         weights[-1] = weights[1]
     elif sector.carried:
-        *_, weights[-1] = curve_mode(matrix)
+        *_, weights[-1] = curve_mode(subdivision_matrix(scheme, sector))
         weights[0] = 1 - weights[-1]
     elif sector.kind == "dart":
-        alike = orbits(sector.faces)
-        block = folded(matrix, alike)
-        n = range(len(block))
-        (mask,) = null_space([[block[j][i] - (i == j) for j in n] for i in n])
-        total = sum(mask)
-        for weight, orbit in zip(mask, alike, strict=True):
-            for point in orbit:
-                weights[point] = weight / total / len(orbit)
+        weights = dart_limit(scheme, sector.faces)
     else:
-        own, edge, face = limit_mask(matrix)
-        weights = [own, *[edge, face] * sector.faces]
+        faces = sector.faces
+        block = Weights.of(scheme, faces, exact=True).centre(faces)
+        own, edge, face = centre_mask(faces, block)
+        weights = [own, *[edge, face] * faces]
     return weights
 
 

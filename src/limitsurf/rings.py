@@ -1,0 +1,691 @@
+"""Special corners at which many faces meet: rings refined recursively, instead of eigenbases.
+
+With K = 2 N + 8 control points a patch and N patches around a vertex of N faces, eigenbases would
+cost N^2. But all these patches share one ring, and a step of refinement maps it to a ring of the
+same kind at the cost of N (`Ring`). Of a single patch, 4 x 4 control points and what three points
+of the next ring are is enough to refine it (`_Patches`), down to the regular piece that holds a
+query. The vertex stands at 0 and units are powers of two, so that all digits are kept at any depth.
+The outer control points of a patch forget where they began by an eighth with every step, while
+rings fall by 0.65: where they did not matter `_WINDOW` steps before, they begin there
+(``derivations/wide_rings.py``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf import basis, tables
+from limitsurf._kernels import reference as kernels
+from limitsurf.patches import OUTER, SharedRings
+
+if TYPE_CHECKING:
+    from limitsurf.tables import RingMasks
+
+Array = NDArray[Any]
+Order: TypeAlias = tuple[int, int]
+
+# steps after which outer points have forgotten where they began, and how many binary digits of the
+# ring must remain of its size before that
+_WINDOW, _DIGITS = 40, 80
+_EVERY = 64  # every so many steps of a deep ring are kept
+# where the three regular pieces begin in 5 x 5 refined points, (i, j)
+_PIECES = np.array([(1, 0), (1, 1), (0, 1)])
+_OUTER_I, _OUTER_J = np.array(OUTER).T
+_ENDS = (0, -1), (-1, 0)  # the edge along u, and along v, where it is sharp, and the other end
+_AHEAD = OUTER.index((3, 1)), OUTER.index((1, 3))  # outer points that continue these edges
+# positions (j, i) in the grid of e_p-1 to e_p+2 and of f_p-1 to f_p+1
+_EDGES, _FACES = ([0, 1, 2, 1], [1, 2, 1, 0]), ([0, 2, 2], [2, 2, 0])
+
+
+@dataclass(frozen=True)
+class Ring:
+    """Rings of one kind after some steps of refinement, relative to the vertex.
+
+    Attributes
+    ----------
+    edges, faces : (R, d, edges), (R, d, faces)
+        Edge neighbours and face corners, in units of ``2**exponent``.
+    step : (R, d)
+        From the vertex before to this one, in the units before.
+    exponent : (R,)
+    shift : (R,)
+        How much of it is of the last step.
+    """
+
+    edges: Array
+    faces: Array
+    step: Array
+    exponent: Array
+    shift: Array
+
+    @classmethod
+    def of(cls, edges: Array, faces: Array) -> Ring:
+        """Rings of the cage."""
+        none = np.zeros(len(edges), dtype=np.int64)
+        return cls(edges, faces, np.zeros(edges.shape[:2]), none, none)._scaled()
+
+    def refined(self, masks: RingMasks) -> Ring:
+        """One step."""
+        w, kind = masks.weights, masks.sector.kind
+        E = self.edges
+        around = w.corner * (_before(E, masks) + self.faces + _after(E, masks))
+        edges = w.end * E
+        if masks.sector.open:
+            edges[:, :, 1:-1] += w.face * (around[:, :, :-1] + around[:, :, 1:])
+            edges[:, :, [0, -1]] = w.half * E[:, :, [0, -1]]
+        else:
+            edges += w.face * (np.roll(around, 1, axis=2) + around)
+        step = np.zeros(E.shape[:2])
+        if kind == "dart":
+            edges[:, :, 0] = w.half * E[:, :, 0]
+        if kind in ("interior", "dart"):
+            step = w.edge * E.sum(axis=2) + w.around * around.sum(axis=2)
+        elif kind == "crease":
+            step = w.beside * (E[:, :, 0] + E[:, :, -1])
+        edges -= step[:, :, None]
+        around -= step[:, :, None]
+        return Ring(edges, around, step, self.exponent, 0 * self.exponent)._scaled()
+
+    def _scaled(self) -> Ring:
+        """The same in units in which the largest coordinate is in [1/2, 1); 0 stays."""
+        parts = self.edges, self.faces
+        largest = np.max([np.abs(x).max(axis=(1, 2), initial=0) for x in parts], axis=0)
+        shift = np.frexp(largest)[1].astype(np.int64)
+        edges, faces = (kernels.scale_by_two(x, -shift[:, None, None]) for x in parts)
+        return Ring(edges, faces, self.step, self.exponent + shift, shift)
+
+    def limit(self, masks: RingMasks) -> Array:
+        """The limit of the vertex, relative to it, (R, d)."""
+        edges, faces = masks.limit
+        return np.asarray((self.edges * edges).sum(axis=2) + (self.faces * faces).sum(axis=2))
+
+
+def _before(edges: Array, masks: RingMasks) -> Array:
+    return edges[..., :-1] if masks.sector.open else edges
+
+
+def _after(edges: Array, masks: RingMasks) -> Array:
+    return edges[..., 1:] if masks.sector.open else np.roll(edges, -1, axis=-1)
+
+
+@dataclass(frozen=True)
+class _Patches:
+    """4 x 4 control points of patches at some step of their rings, relative to the vertex.
+
+    Attributes
+    ----------
+    ring, position : (A,)
+    grid : (A, 4, 4, d)
+        By j and i, in the units of the ring; what is beyond sharp sides is reflected at them.
+    """
+
+    ring: Array
+    position: Array
+    grid: Array
+
+    @classmethod
+    def of(
+        cls, masks: RingMasks, state: Ring, ring: Array, position: Array, outer: Array
+    ) -> _Patches:
+        """Patches from their ring and outer points (A, 7, d), relative and in its units."""
+        grid = np.zeros((len(ring), 4, 4, outer.shape[2]))
+        grid[:, _OUTER_J, _OUTER_I] = outer
+        edge, face = _beside(masks, position)
+        grid[:, *_EDGES] = state.edges[ring[:, None], :, edge]
+        grid[:, *_FACES] = state.faces[ring[:, None], :, face]
+        along_u, along_v = sharp_sides(masks, position)
+        grid[along_u, 0] = 2 * grid[along_u, 1] - grid[along_u, 2]
+        grid[along_v, :, 0] = 2 * grid[along_v, :, 1] - grid[along_v, :, 2]
+        return cls(ring, position, grid)
+
+    def refined(self, masks: RingMasks, after: Ring) -> Array:
+        """5 x 5 refined points (A, 5, 5, d), from the rings after this step."""
+        lines, (A, *_, d) = _lines(masks), self.grid.shape
+        fine = np.matmul(lines, self.grid.reshape(A, 4, 4 * d)).reshape(A, 5, 4, d)
+        fine = np.matmul(lines, fine)
+        fine = fine - after.step[self.ring][:, None, None]
+        fine = kernels.scale_by_two(fine, -after.shift[self.ring][:, None, None, None])
+        before, *_, beyond = _beside(masks, self.position)[0].T
+        fine[:, 1, 1] = 0
+        fine[:, 0, 1] = after.edges[self.ring, :, before]
+        fine[:, 1, 0] = after.edges[self.ring, :, beyond]
+        # sharp sides refine by themselves: what they fall by may be much less than the faces
+        across = fine.swapaxes(1, 2)
+        grid, over = self.grid, self.grid.swapaxes(1, 2)
+        for side, points, on in zip(
+            sharp_sides(masks, self.position), (fine, across), (grid, over), strict=True
+        ):
+            rings = self.ring[side]
+            line = np.matmul(lines, on[side, 1]) - after.step[rings][:, None]
+            line = kernels.scale_by_two(line, -after.shift[rings][:, None, None])
+            points[side, 1, 1:] = line[:, 1:]
+            points[side, 1, 1] = 0
+            points[side, 0] = 2 * points[side, 1] - points[side, 2]
+        return np.asarray(fine)
+
+
+def _beside(masks: RingMasks, position: Array) -> tuple[Array, Array]:
+    """The edges p - 1 to p + 2 and the faces p - 1 to p + 1 of faces p, (A, 4) and (A, 3)."""
+    faces = masks.sector.faces
+    both = [position[:, None] + np.arange(-1, most) for most in (3, 2)]
+    if masks.sector.open:  # beyond sharp sides there is nothing: any will do
+        return both[0].clip(0, faces), both[1].clip(0, faces - 1)
+    return both[0] % faces, both[1] % faces
+
+
+def sharp_sides(masks: RingMasks, position: Array) -> tuple[Array, Array]:
+    """Whether the edges along u and along v of faces are sharp, (A,) each."""
+    sector = masks.sector
+    ends = sector.open or sector.kind == "dart"
+    return ends & (position == 0), ends & (position == sector.faces - 1)
+
+
+def _lines(masks: RingMasks) -> Array:
+    """Refined points of a line of 4 control points: edge, vertex, edge, vertex, edge, (5, 4)."""
+    half, beside = masks.weights.half, masks.weights.beside
+    lines = np.zeros((5, 4))
+    for k in range(5):
+        weights = [beside, 1 - 2 * beside, beside] if k % 2 else [half, half]
+        lines[k, k // 2 : k // 2 + len(weights)] = weights
+    return lines
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where queries are: like `basis.CornerPlace`, with the refined points that they depend on.
+
+    Attributes
+    ----------
+    corner, away : (n,), (q - n,)
+        The queries at the corner itself, and the others; what follows is about these.
+    local : basis.CornerPlace
+    points : (q - n, 16, d)
+        Control points of the regular piece relative to the vertex, in units of ``2**exponent``.
+    exponent : (q - n,)
+    limit : (q - n, d)
+        The limit of the corner, relative to the vertex, in these units.
+    sharp : (2, q - n) bool
+        Whether the side t = 0, and s = 0, of the piece is sharp.
+    """
+
+    corner: Array
+    away: Array
+    local: basis.CornerPlace
+    points: Array
+    exponent: Array
+    limit: Array
+    sharp: Array
+
+    def __getitem__(self, here: Array) -> Place:
+        """The places of some queries away from the corner, as if there were no others."""
+        points, exponent, limit = (x[here] for x in (self.points, self.exponent, self.limit))
+        near = self.corner[:0], self.away[here], self.local[here]
+        return Place(*near, points, exponent, limit, self.sharp[:, here])
+
+    def derivatives(self, nu: Order) -> Array:
+        """The derivatives themselves, (q - n, d), in units of ``2**exponent``."""
+        return np.asarray(
+            np.matmul(_weights(self.local, self.sharp, nu)[:, None], self.points)[:, 0]
+        )
+
+
+def _weights(local: basis.CornerPlace, sharp: Array, nu: Order) -> Array:
+    """Weights (n, 16) of the control points of pieces, with or without `sharp` sides, (2, n)."""
+    across, along = kernels.cubic_weights(local.T, nu[1]), kernels.cubic_weights(local.S, nu[0])
+    across[sharp[0]] = _reflected(local.T[sharp[0]], nu[1])
+    along[sharp[1]] = _reflected(local.S[sharp[1]], nu[0])
+    return np.asarray((across[:, :, None] * along[:, None, :]).reshape(len(along), 16))
+
+
+def _sharp_pieces(masks: RingMasks, position: Array, local: basis.CornerPlace) -> Array:
+    """Whether the sides t = 0 and s = 0 of the pieces that hold queries are sharp, (2, n)."""
+    sides = np.stack(sharp_sides(masks, position))
+    return np.asarray(sides & (local.piece == np.array([[0], [2]])))
+
+
+def _reflected(x: Array, order: int) -> Array:
+    """Weights (n, 4) like `kernels.cubic_weights`, of points of which the first is a reflection.
+
+    That is ``2 p1 - p2``. Its weight is given to these, so that nothing is left of p2 at x = 0,
+    where p1 can be smaller by any factor.
+    """
+    weights = kernels.cubic_weights(x, order)
+    powers = kernels.monomials(x, 3)
+    inner, factor = np.zeros_like(x), 1
+    for k in range(order, 4):
+        start = kernels.cubic_weights(np.zeros(1), k)[0]
+        inner += (start[2] - start[0]) / factor * powers[:, k - order]
+        factor *= k - order + 1
+    weights[:, 2] = inner
+    weights[:, 1] = (order == 0) - inner - weights[:, 3]
+    weights[:, 0] = 0
+    return np.asarray(weights)
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """What is kept of some rings, (R,): few of their steps, and the exponents of all."""
+
+    rings: Array
+    steps: dict[int, Ring]
+    sizes: dict[int, Array]
+
+
+class RingValues:
+    """Values around special corners of one kind of many faces.
+
+    Parameters
+    ----------
+    masks : RingMasks
+    rings : SharedRings
+    outer : (patches, 7) int
+        Outer control points.
+    high, low : (n_points, d)
+        Control points as unevaluated sums.
+    """
+
+    def __init__(
+        self, masks: RingMasks, rings: SharedRings, outer: Array, high: Array, low: Array
+    ) -> None:
+        self._masks, self._rings, self._outer = masks, rings, outer
+        self._high, self._low = high, low
+        around = self._relative(rings.points, np.arange(len(rings.points)))
+        parts = (np.ascontiguousarray(around[:, k::2].swapaxes(1, 2)) for k in (1, 2))
+        self._first = Ring.of(*parts)
+        self._kept = _Kept(np.zeros(0, dtype=np.int64), {}, {})
+
+    # ------------------------------------------------------------------ rings, step by step
+
+    def _kept_of(self, rings: Array) -> _Kept:
+        """What is known of some rings: of those that were asked for last, or of the cage."""
+        kept = self._kept
+        if not np.array_equal(rings, kept.rings):
+            first = self._first
+            parts = first.edges, first.faces, first.step, first.exponent, first.shift
+            begin = Ring(*(x[rings] for x in parts))
+            self._kept = kept = _Kept(rings, {0: begin}, {0: begin.exponent})
+        return kept
+
+    def _walk(self, kept: _Kept, start: int) -> Iterator[tuple[int, Ring]]:
+        """Steps of some rings from one on, for ever."""
+        level = max(k for k in list(kept.steps) if k <= start)
+        state = kept.steps[level]
+        while True:
+            if level >= start:
+                yield level, state
+            state, level = state.refined(self._masks), level + 1
+            kept.sizes[level] = state.exponent
+            if level % _EVERY == 0:
+                kept.steps[level] = state
+
+    def _starts(self, kept: _Kept, which: Array, row: Array, level: Array) -> Array:
+        """The step at which each patch may begin without outer points; 0 is with them."""
+        start = np.asarray(np.maximum(level - _WINDOW, 0))
+        most = int(level.max())
+        if not start.any():
+            return start
+        if most not in kept.sizes:
+            next(self._walk(kept, most))
+        sizes = np.array([kept.sizes[k] for k in range(most + 1)])  # (steps, rings): powers of two
+        # what outer points owe to a step is an eighth with each later one: the largest by now
+        owed = np.maximum.accumulate(sizes + 3 * np.arange(most + 1)[:, None], axis=0)
+        own = self._relative(self._outer[row], self._rings.ring[row])
+        outer = np.frexp(np.abs(own).max(axis=(1, 2), initial=0))[1]
+        owing = np.maximum(owed[start, which], outer) - 3 * level
+        return np.asarray(np.where(owing < sizes[level, which] - _DIGITS, start, 0))
+
+    def _relative(self, ids: Array, ring: Array) -> Array:
+        """Control points (n, k) relative to the vertices of rings (n,): (n, k, d)."""
+        vertex = self._rings.points[ring, :1]
+        high, low = self._high, self._low
+        return np.asarray(high[ids] - high[vertex] + (low[ids] - low[vertex]))
+
+    def _refined(self, row: Array, level: Array) -> tuple[Array, Array, Array]:
+        """5 x 5 refined points of patches at their levels (A, 5, 5, d), exponents and limits."""
+        d = self._high.shape[1]
+        rings, which = np.unique(self._rings.ring[row], return_inverse=True)
+        position = self._rings.position[row]
+        fine = np.empty((len(row), 5, 5, d))
+        exponent, limit = np.empty(len(row), dtype=np.int64), np.empty((len(row), d))
+        kept = self._kept_of(rings)
+        start = self._starts(kept, which, row, level)
+        active, grid = np.zeros(0, dtype=np.int64), np.zeros((0, 4, 4, d))
+        walk = self._walk(kept, int(start.min()))
+        step, state = next(walk)
+        while True:
+            new = np.flatnonzero(start == step)
+            if len(new):
+                outer = self._outer_points(row[new], state, which[new], step)
+                more = _Patches.of(self._masks, state, which[new], position[new], outer)
+                active = np.concatenate([active, new])
+                grid = np.concatenate([grid, more.grid])
+            here = _Patches(which[active], position[active], grid)
+            following, after = next(walk)
+            points = here.refined(self._masks, after)
+            done = level[active] == step
+            fine[active[done]] = points[done]
+            exponent[active[done]] = after.exponent[which[active[done]]]
+            if done.any():
+                limit[active[done]] = after.limit(self._masks)[which[active[done]]]
+            active, grid = active[~done], points[~done][:, :4, :4]
+            step, state = following, after
+            if not len(active):
+                later = start[start >= step]
+                if not len(later):
+                    return fine, exponent, limit
+                if later.min() > step:
+                    walk = self._walk(kept, int(later.min()))
+                    step, state = next(walk)
+
+    def _outer_points(self, row: Array, state: Ring, which: Array, step: int) -> Array:
+        """Outer points of patches relative to the vertex, in the units of their rings."""
+        if step:
+            return np.zeros((len(row), len(OUTER), self._high.shape[1]))
+        points = self._relative(self._outer[row], self._rings.ring[row])
+        return kernels.scale_by_two(points, -state.exponent[which][:, None, None])
+
+    # ------------------------------------------------------------------ queries
+
+    def place(self, row: Array, s: Array, t: Array, turn: Array) -> Place:
+        """Where queries of patches are."""
+        local = basis.CornerPlace.of(s, t, turn)
+        corner, away = np.flatnonzero(local.level < 0), np.flatnonzero(local.level >= 0)
+        local = local[away]
+        # patches and levels, each once; there are fewer than 2**11 levels
+        found, query = np.unique(
+            row[away].astype(np.int64) << 11 | local.level, return_inverse=True
+        )
+        patch, level = found >> 11, found & ((1 << 11) - 1)
+        fine, exponent, limit = (
+            self._refined(patch, level)
+            if len(patch)
+            else (np.zeros((0, 5, 5, self._high.shape[1])), level, np.zeros((0, 1)))
+        )
+        i, j = (_PIECES[local.piece, k][:, None] for k in (0, 1))
+        number = np.arange(16)
+        points = fine[query[:, None], j + number // 4, i + number % 4]
+        sharp = _sharp_pieces(self._masks, self._rings.position[row[away]], local)
+        return Place(corner, away, local, points, exponent[query], limit[query], sharp)
+
+    def derivatives(
+        self, row: Array, s: Array, t: Array, turn: Array, depth: Array, orders: Sequence[Order]
+    ) -> list[Array]:
+        """Derivatives (q, d) in (u, v) of the limit face, which is `depth` halvings above."""
+        place, position = self.place(row, s, t, turn), self._rings.position[row]
+        vertex = self._rings.points[self._rings.ring[row], 0]
+        start = self._first.limit(self._masks)
+        start = kernels.scale_by_two(start, self._first.exponent[:, None])[self._rings.ring[row]]
+        result = []
+        for nu in orders:
+            turned, sign = basis.turned(nu)
+            order = sum(nu)
+            # positions relative to the limit of the corner
+            found = np.zeros((len(row), self._high.shape[1]))
+            for choice in set(turned):
+                mine = np.array([x == choice for x in turned])[turn]
+                here = np.flatnonzero(mine[place.away])
+                value, exponent = place[here].derivatives(choice), place.exponent[here]
+                if order == 0:
+                    value -= place.limit[here]
+                exponent = exponent + order * (place.local.level[here] + 1)
+                found[place.away[here]] = kernels.scale_by_two(value, exponent[:, None])
+                if order:
+                    found[place.corner[mine[place.corner]]] = 0 if max(choice) > 3 else np.nan
+                    on = np.flatnonzero(mine & on_curve(self._masks, position, s, t, choice))
+                    found[on] = self._along_curve(row[on], s[on], t[on], choice)
+            if order == 0:
+                found = found + (self._low[vertex] + start) + self._high[vertex]
+            else:
+                found = kernels.scale_by_two(found, (depth * order)[:, None])
+                found *= sign[turn][:, None]
+            result.append(found)
+        return result
+
+    def _along_curve(self, row: Array, s: Array, t: Array, nu: Order) -> Array:
+        """Derivatives of positive order along a sharp side of a sector, (n, d)."""
+        axis, ring, first = int(nu[0] == 0), self._rings.ring[row], self._first
+        near, far = _ENDS[axis]
+        back, ahead = first.edges[ring, :, far], first.edges[ring, :, near]
+        outer = self._outer_points(row, first, ring, 0)[:, _AHEAD[axis]]
+        weights = _curve_weights(self._masks, (s, t)[axis], sum(nu))[:, :, None]
+        value = weights[:, 0] * back + weights[:, 2] * ahead + weights[:, 3] * outer
+        return np.asarray(kernels.scale_by_two(value, first.exponent[ring][:, None]))
+
+    def directions(self, row: Array, place: Place) -> tuple[Array, Array]:
+        """Vectors along d/ds and d/dt, (2, q, d), and what their rounding errors are, (2, q, 1)."""
+        found = np.zeros((2, len(row), self._high.shape[1]))
+        error = np.ones((2, len(row), 1))
+        # points have the errors of the ring, whose size is 1, but those on sharp sides of their own
+        sizes = np.maximum(np.abs(place.points).max(axis=2, initial=0), 1)
+        for side, on in zip(place.sharp, (slice(4, 8), slice(1, 16, 4)), strict=True):
+            own = np.abs(place.points[side, on]).max(axis=(1, 2), initial=0)
+            sizes[side, on] = own[:, None]
+        for axis, nu in enumerate(((1, 0), (0, 1))):
+            weights = _weights(place.local, place.sharp, nu)
+            found[axis, place.away] = np.matmul(weights[:, None], place.points)[:, 0]
+            error[axis, place.away] = (np.abs(weights) * sizes).sum(axis=1, keepdims=True)
+            at = row[place.corner]
+            found[axis, place.corner], error[axis, place.corner] = self._corner_directions(at, axis)
+        return found, error
+
+    def _corner_directions(self, row: Array, axis: int) -> tuple[Array, Array]:
+        """Limits of the directions along a side, (n, d), and their errors, (n, 1)."""
+        masks, rings, first = self._masks, self._rings, self._first
+        sector, faces = masks.sector, masks.sector.faces
+        ring, edge = rings.ring[row], rings.position[row] + axis
+        waves, sizes = self._waves(ring)
+        share = np.ones((len(row), len(waves)))
+        if sector.kind in ("interior", "dart"):
+            angle = 2 * np.pi * ((edge % faces) / faces)
+            share = np.stack([np.cos(angle), np.sin(angle)], axis=1)[:, : len(waves)]
+        if sector.kind == "dart":
+            # the odd wave is the slower one, and vanishes on the line of the sharp edge
+            on = (2 * edge) % faces == 0
+            share[:, 0] = np.where(on, np.sign(share[:, 0]), 0)
+            share[:, 1] = np.where(on, 0, share[:, 1])
+        found = np.einsum("qw,wqd->qd", share, waves)
+        error = np.einsum("qw,w->q", np.abs(share), sizes)[:, None]
+        if not len(waves):
+            found[:] = np.nan
+        if sector.open:
+            sharp = np.flatnonzero((edge == 0) | (edge == faces))
+            r, near = ring[sharp], np.where(edge[sharp] == 0, 0, -1)
+            ahead, back = first.edges[r, :, near], first.edges[r, :, -1 - near]
+            found[sharp] = ahead - (back if sector.kind == "crease" else 0)
+            error[sharp] = 2
+        return found, error
+
+    def _waves(self, ring: Array) -> tuple[Array, Array]:
+        """Coefficients of the slowest waves (n, q, d) of rings, and the sums of weights, (n,)."""
+        edges, faces = self._masks.waves
+        used, which = np.unique(ring, return_inverse=True)
+        first = self._first
+        E, F = first.edges[used], first.faces[used]
+        waves = [
+            (E * e).sum(axis=2) + (F * f).sum(axis=2) for e, f in zip(edges, faces, strict=True)
+        ]
+        shape = len(edges), len(used), E.shape[1]
+        found = np.array(waves).reshape(shape)[:, which]
+        return found, np.abs(edges).sum(axis=1) + np.abs(faces).sum(axis=1)
+
+    def normals(self, row: Array, place: Place) -> Array:
+        """Unit normals (q, 3)."""
+        (along, across), error = self.directions(row, place)
+        noise, other = basis.NOISE * error
+        result = kernels.unit_normals(along, across, (noise, other))
+        if len(at := place.corner):
+            result[at] = np.nan
+            if self._masks.has_normal:
+                (x, y), sizes = self._waves(self._rings.ring[row[at]])
+                noise = basis.NOISE * sizes[:, None, None] * np.ones((1, len(at), 1))
+                result[at] = kernels.unit_normals(x, y, (noise[0], noise[1]))
+        return result
+
+    def is_flat(self, row: Array, normal: Array) -> Array:
+        """Whether all control points lie in the plane of a normal (n, 3), up to rounding, (n,)."""
+        ring = self._rings.ring[row]
+        used, which = np.unique(ring, return_inverse=True)
+        _, first = np.unique(which, return_index=True)
+        parts = (x[used] for x in (self._first.edges, self._first.faces))
+        own = self._outer_points(row, self._first, ring, 0)
+        high = [np.abs(np.einsum("rd,rdk->rk", normal[first], x)).max(axis=1) for x in parts]
+        beyond = np.abs(np.einsum("qd,qkd->qk", normal, own)).max(axis=1)
+        size = np.maximum(np.abs(own).max(axis=(1, 2)), 1)
+        return np.asarray(np.maximum(np.max(high, axis=0)[which], beyond) <= basis.NOISE * size)
+
+
+def on_curve(masks: RingMasks, position: Array, s: Array, t: Array, nu: Order) -> Array:
+    """Whether queries ask for a derivative along a sharp side of a sector that they are on, (n,).
+
+    There the limit is one piece of a cubic spline, and has these at the corner too; elsewhere the
+    slowest wave falls by more than a half, and leaves none at the corner.
+    """
+    if min(nu) > 0 or not masks.sector.open:
+        return np.zeros(len(position), dtype=bool)
+    axis = int(nu[0] == 0)
+    return np.asarray(sharp_sides(masks, position)[axis] & ((t, s)[axis] == 0))
+
+
+def _curve_weights(masks: RingMasks, x: Array, order: int) -> Array:
+    """Weights (n, 4) of points of a sharp side; at a corner the first is a reflection."""
+    return (
+        _reflected(x, order) if masks.sector.kind == "corner" else kernels.cubic_weights(x, order)
+    )
+
+
+def columns(sector: tables.Sector, position: int) -> tuple[Array, tables.Sector]:
+    """Where the control points of a face stand among those of a shared ring and all outer ones.
+
+    Also the sector of the face, in whose order they are.
+    """
+    turns = 0 if sector.open or sector.kind == "dart" else position
+    own = tables.Sector(sector.kind, sector.faces, position - turns)
+    ring = np.arange(sector.ring)
+    if turns:
+        ring[1:] = 1 + (ring[1:] - 1 + 2 * turns) % (sector.ring - 1)
+    outer = sector.ring + np.array([OUTER.index(place) for place in own.outer])
+    return np.concatenate([ring, outer]), own
+
+
+def weights(masks: RingMasks, position: Array, s: Array, t: Array, turn: Array, nu: Order) -> Array:
+    """Weights (q, K) of control points for a derivative in (s, t) of patches.
+
+    K counts a shared ring, then all outer points. The steps of refinement, transposed: weights are
+    those of points relative to the vertex, which at the end takes what is missing.
+    """
+    edges, faces = (len(x) for x in masks.limit)
+    rows = _Rows(np.zeros((len(position), edges)), np.zeros((len(position), faces)))
+    outer = np.zeros((len(position), len(OUTER)))
+    order, local = sum(nu), basis.CornerPlace.of(s, t, turn)
+    curve = on_curve(masks, position, s, t, nu) & (order > 0)
+    level = np.where(curve, -1, local.level)
+    away = level >= 0
+    if order == 0:
+        rows.edges[away] -= masks.limit[0]
+        rows.faces[away] -= masks.limit[1]
+    else:
+        rows.edges[~away] = 0 if max(nu) > 3 else np.nan
+        rows.edges[curve] = 0
+        _set_curves(masks, (s, t)[int(nu[0] == 0)], nu, np.flatnonzero(curve), rows, outer)
+    b = _weights(local, _sharp_pieces(masks, position, local), nu)
+    fine, number = np.zeros((len(position), 5, 5)), np.arange(16)
+    i, j = (_PIECES[local.piece, k][:, None] for k in (0, 1))
+    fine[np.arange(len(b))[:, None], j + number // 4, i + number % 4] = b
+    for step in range(int(level.max(initial=-1)), -1, -1):
+        here = np.flatnonzero(level >= step)
+        some = _Rows(rows.edges[here], rows.faces[here])
+        some, grid = some.coarser(masks, position[here], fine[here])
+        if step:
+            fine[here] = 0
+            fine[here, :4, :4] = grid
+        else:
+            outer[here] += some.gathered(masks, position[here], grid)
+        rows.edges[here], rows.faces[here] = some.edges, some.faces
+    result = np.empty((len(position), 1 + edges + faces + len(OUTER)))
+    result[:, 1 : 1 + edges + faces : 2] = rows.edges
+    result[:, 2 : 1 + edges + faces : 2] = rows.faces
+    result[:, 1 + edges + faces :] = outer
+    if order:
+        exponent = np.where(away, order * (level + 1), 0)
+        result[:, 1:] = kernels.scale_by_two(result[:, 1:], exponent[:, None])
+        result[:, 0] = -result[:, 1:].sum(axis=1)
+    else:
+        limits = np.zeros(edges + faces)
+        limits[::2], limits[1::2] = masks.limit
+        result[:, 1 : 1 + edges + faces] += limits
+        result[:, 0] = 1 - result[:, 1:].sum(axis=1)
+    return result
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Weights of the points of rings relative to the vertex, (q, edges) and (q, faces)."""
+
+    edges: Array
+    faces: Array
+
+    def coarser(self, masks: RingMasks, position: Array, fine: Array) -> tuple[_Rows, Array]:
+        """Those one step before, and of 4 x 4 control points, (q, 4, 4).
+
+        `fine` (q, 5, 5) are weights of refined points of a patch: `_Patches.refined`, transposed.
+        """
+        w, kind, every = masks.weights, masks.sector.kind, np.arange(len(position))
+        edges, fine = self.edges.copy(), fine.copy()
+        along_u, along_v = sharp_sides(masks, position)
+        before, *_, beyond = _beside(masks, position)[0].T
+        for side, (j, i), edge in ((along_u, (0, 1), before), (along_v, (1, 0), beyond)):
+            fine[side, 2 - j, 2 - i] -= fine[side, j, i]
+            edges[every, edge] += np.where(side, 0, fine[:, j, i])
+            fine[:, j, i] = 0
+        fine[:, 0, 0] = fine[:, 1, 1] = 0
+        lines = _lines(masks)
+        grid = np.matmul(lines.T, np.matmul(fine, lines))
+        step = -(fine.sum(axis=(1, 2)) + edges.sum(axis=1) + self.faces.sum(axis=1))[:, None]
+        smooth = edges.copy()
+        sharp = {"dart": [0], "crease": [0, -1], "corner": [0, -1]}.get(kind, [])
+        smooth[:, sharp] = 0
+        around = self.faces + w.face * (_before(smooth, masks) + _after(smooth, masks))
+        result = w.end * smooth
+        if kind in ("interior", "dart"):
+            around += w.around * step
+            result += w.edge * step
+        result[:, sharp] += w.half * edges[:, sharp]
+        if kind == "crease":
+            result[:, sharp] += w.beside * step
+        if masks.sector.open:
+            result[:, :-1] += w.corner * around
+            result[:, 1:] += w.corner * around
+        else:
+            result += w.corner * (around + np.roll(around, 1, axis=1))
+        return _Rows(result, w.corner * around), grid
+
+    def gathered(self, masks: RingMasks, position: Array, grid: Array) -> Array:
+        """Add what 4 x 4 control points take from the ring; return that of outer ones, (q, 7)."""
+        along_u, along_v = sharp_sides(masks, position)
+        for side, across in ((along_v, grid.swapaxes(1, 2)), (along_u, grid)):
+            across[side, 1] += 2 * across[side, 0]
+            across[side, 2] -= across[side, 0]
+            across[side, 0] = 0
+        every = np.arange(len(position))
+        for part, beside, (j, i) in zip(
+            (self.edges, self.faces), _beside(masks, position), (_EDGES, _FACES), strict=True
+        ):
+            for k, place in enumerate(beside.T):
+                part[every, place] += grid[:, j[k], i[k]]
+        return np.asarray(grid[:, _OUTER_J, _OUTER_I])
+
+
+def _set_curves(
+    masks: RingMasks, x: Array, nu: Order, here: Array, rows: _Rows, outer: Array
+) -> None:
+    """Weights of derivatives at x (q,) along sharp sides of sectors, of the queries `here`."""
+    back, _, ahead, beyond = _curve_weights(masks, x[here], sum(nu)).T
+    axis = int(nu[0] == 0)
+    near, far = _ENDS[axis]
+    rows.edges[here, near], rows.edges[here, far] = ahead, back
+    outer[here, _AHEAD[axis]] = beyond
