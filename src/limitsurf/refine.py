@@ -707,6 +707,8 @@ def refined(
         boundary=boundary if boundary is not None else mesh.boundary,
         creasing=creasing if creasing is not None else mesh.creasing,
         triangles=triangles if triangles is not None else mesh.triangles,
+        units=mesh.units,
+        up=mesh.up,
     )
     # valid as they are made: no edge is looked for
     tags: dict[str, Any] = {**sharpness.tags()}

@@ -304,7 +304,7 @@ def _complaints() -> Iterator[list[str]]:
         said += [line for line in window.GetOutput().splitlines() if "rror" in line]
 
 
-def read_vtk(name: str, suffix: str, data: bytes) -> Mesh:
+def read_vtk(name: str, suffix: str, data: bytes, *, strict: bool = False) -> Mesh:
     """The cage of a file of VTK; active texture coordinates of points are the channel "uv"."""
     _check_beginning(name, suffix, data)
     if find_spec("vtkmodules") is None:
@@ -312,7 +312,7 @@ def read_vtk(name: str, suffix: str, data: bytes) -> Mesh:
     return _read_apart(name, len(data), [suffix], data)
 
 
-def read_pyvista(name: str, suffix: str) -> Mesh:
+def read_pyvista(name: str, suffix: str, *, strict: bool = False) -> Mesh:
     """The cage of a file of another format that PyVista reads, from its path."""
     return _read_apart(name, os.path.getsize(name), [suffix, os.path.abspath(name)], b"")
 
@@ -400,7 +400,9 @@ def _quiet() -> Iterator[None]:
         logger.setLevel(level)
 
 
-def read_trimesh(name: str, suffix: str, data: bytes, folder: str | None) -> Mesh:
+def read_trimesh(
+    name: str, suffix: str, data: bytes, folder: str | None, *, strict: bool = False
+) -> Mesh:
     """The cage of a file that trimesh reads, its objects together, points joined."""
     trimesh = _trimesh()
     _check_beginning(name, suffix, data)

@@ -30,7 +30,14 @@ __all__ = ["from_pyvista", "from_trimesh", "read", "to_pyvista", "to_trimesh", "
 _PARSERS = {".obj": obj.parse, ".ply": plain.parse_ply, ".off": plain.parse_off}
 
 
-def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None = None) -> Mesh:
+def read(
+    file: Path | IO[bytes],
+    *,
+    suffix: str | None = None,
+    prim: str | None = None,
+    time: float | None = None,
+    strict: bool = False,
+) -> Mesh:
     """Read a cage from a file; the suffix of its name says in which format it is.
 
     ==========================  =====================================================  ==========
@@ -99,6 +106,12 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
     prim : str, optional
         Of a USD file, the path of one prim such as "/World/hand": only it, if it is a mesh, or
         else the meshes below it are read.
+    time : float, optional
+        Of a USD file, the frame to read, as a time code; by default the earliest that each
+        attribute has. Between samples USD interpolates.
+    strict : bool
+        Whether damage is an error. Otherwise what can be read is read, and a warning says what was
+        left out or mended, and where.
 
     Returns
     -------
@@ -145,6 +158,9 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
     is_usd = kind in (*formats.USD, ".usdz")
     if prim is not None and not is_usd:
         raise ValueError(f"{name}: got prim {prim!r}, but only a USD file has some")
+    if time is not None and not is_usd:
+        raise ValueError(f"{name}: got time {time!r}, but only a USD file has frames that are read")
+    asked = {"prim": prim, "time": time, "strict": strict}
     is_path = isinstance(file, (str, bytes, os.PathLike))
     # USD reads no open file, and takes the format from the name of a path
     whole = is_usd and not (is_path and os.path.splitext(name)[1].lower() == kind)
@@ -162,21 +178,21 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
             path = os.path.join(place, f"mesh{kind}")
             with open(path, "wb") as copy:
                 copy.write(data)
-            return _usd().read(name, prim, path)  # type: ignore[no-any-return]
+            return _usd().read(name, path, **asked)  # type: ignore[no-any-return]
     if is_usd:
-        return _usd().read(name, prim, name)  # type: ignore[no-any-return]
+        return _usd().read(name, name, **asked)  # type: ignore[no-any-return]
     if not data and kind != ".obj":
         raise MeshError(f"{name}: the file is empty")
     if library == "pyvista" and (folder is None or not os.path.isfile(name)):
         raise ValueError(f"{name}: files of type {kind} are read from a path, not from a pipe")
     try:
         if library == "pyvista":
-            return formats.read_pyvista(name, kind)
+            return formats.read_pyvista(name, kind, strict=strict)
         if kind in _PARSERS:
-            return _PARSERS[kind](name, data)
+            return _PARSERS[kind](name, data, strict=strict)
         if kind in formats.VTK:
-            return formats.read_vtk(name, kind, data)
-        return formats.read_trimesh(name, kind, data, folder)
+            return formats.read_vtk(name, kind, data, strict=strict)
+        return formats.read_trimesh(name, kind, data, folder, strict=strict)
     except MeshError as error:
         if str(error).startswith(name):
             raise

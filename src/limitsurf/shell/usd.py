@@ -64,7 +64,14 @@ VALUES = {  # of a primvar, by the shape of one
 OF_POINTS = {"vertex": "none", "varying": "all"}
 
 
-def read(name: str, path: str | None, file: str) -> Mesh:
+def read(
+    name: str,
+    file: str,
+    *,
+    prim: str | None = None,
+    time: float | None = None,
+    strict: bool = False,
+) -> Mesh:
     """The mesh, or all meshes as one, of a stage or of what is at or below the prim of a path.
 
     `name` is that of the file for messages.
@@ -76,7 +83,7 @@ def read(name: str, path: str | None, file: str) -> Mesh:
         # USD would hand out one that somebody has open.
         fresh = {"limitsurf": secrets.token_hex(8)}
         stage = Usd.Stage.Open(Sdf.Layer.CreateIdentifier(os.path.abspath(file), fresh))
-        return _merged(name, [_Reader(name, prim) for prim in _found(name, stage, path)])
+        return _merged(name, [_Reader(name, prim) for prim in _found(name, stage, prim)])
     except Tf.ErrorException as error:
         said = _plain(error.args[0])
         at = re.search(r":(\d+):\d+: ", said)
