@@ -25,6 +25,8 @@ from limitsurf.shell.program import (
     reads_cage,
     refuse_beyond_memory,
     report,
+    strict_option,
+    time_option,
     to_option,
     write_mesh,
 )
@@ -558,9 +560,11 @@ def _direction(view: str | None) -> str | tuple[float, ...] | None:
 @from_option
 @to_option
 @prim_option
+@time_option
+@strict_option
 @json_option
 def convert(
-    source: str, output: str, from_: str | None, to: str | None, prim: str | None, as_json: bool
+    source: str, output: str, from_: str | None, to: str | None, as_json: bool, **asked: Any
 ) -> None:
     """Read a cage in one format, write it in another.
 
@@ -575,7 +579,7 @@ def convert(
     Keys of --json: output, vertices, edges, faces.
     """
     mesh_suffix(output, to, as_json)
-    mesh = Cage(source, from_, prim, {}).read()
+    mesh = Cage(source, from_, {}, asked).read()
     counts = {"vertices": mesh.n_vertices, "edges": mesh.n_edges, "faces": mesh.n_faces}
     write_mesh(output, to, mesh, as_json, **counts)
 

@@ -29,7 +29,7 @@ class Losses:
     >>> from limitsurf.shell.losses import Losses
     >>> losses = Losses("cage.obj", strict=False)
     >>> for line in 7, 9:
-    ...     losses.add("crease", f"line {line}", "the mesh has no such edge: left out")
+    ...     losses.add("crease", f"line {line}", "the mesh has no such edge")
     >>> losses.messages()
     ['cage.obj, line 7: the mesh has no such edge: left out; 1 more like it: line 9']
     """
@@ -38,14 +38,14 @@ class Losses:
         self.name, self.strict = name, strict
         self._found: dict[str, list[tuple[str, str]]] = {}
 
-    def add(self, kind: str, where: str, message: str) -> None:
+    def add(self, kind: str, where: str, message: str, done: str = "left out") -> None:
         """Note damage at a line or path, "" for the whole file; MeshError if strict.
 
-        Of each kind the first message is said, and where there are more.
+        Of each kind the first message is said, with what was done, and where there are more.
         """
         if self.strict:
             raise MeshError(_located(self.name, where, message))
-        self.note(kind, where, message)
+        self.note(kind, where, f"{message}: {done}")
 
     def note(self, kind: str, where: str, message: str) -> None:
         """Note what is no damage, and never an error."""
@@ -94,7 +94,7 @@ def finite_points(points: Array, indices: IntArray, lost: Callable[[IntArray, st
         if len(number):
             points = points.copy()
             points[number] = points[indices[0]]
-            lost(number, "is not finite, but in no face: put elsewhere")
+            lost(number, "is not finite, but in no face")
     return points
 
 
@@ -253,7 +253,7 @@ def _agreed(
             losses.add(
                 f"{what} of {name}",
                 first[value],
-                f"channel {name!r}: {what}: got {value!r}, but {chosen!r} in {first[chosen]}: "
-                + ("left out" if what != "interpolation" else f"{chosen!r} holds for all"),
+                f"channel {name!r}: {what}: got {value!r}, but {chosen!r} in {first[chosen]}",
+                "left out" if what != "interpolation" else f"{chosen!r} holds for all",
             )
     return chosen

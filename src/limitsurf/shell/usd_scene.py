@@ -1,0 +1,227 @@
+"""Which meshes of a USD stage are shown, and where, those of point instancers included."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from limitsurf.mesh import MeshError
+from limitsurf.shell.losses import Losses
+from limitsurf.shell.usd_reader import numbers
+
+Array: TypeAlias = NDArray[np.float64]
+
+MOST_CORNERS = 5 * 10**7  # of faces, that point instancers may make
+# prototypes may stand below what is a mere "over", where nothing is shown in place
+PROTOTYPES = Usd.TraverseInstanceProxies(
+    Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimHasDefiningSpecifier & ~Usd.PrimIsAbstract
+)
+HIDDEN = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
+
+
+@dataclass
+class Scene:
+    """What a traversal of a stage, or of what is at or below a prim, finds.
+
+    Attributes
+    ----------
+    placed : list of (prim, (n, 4, 4) float64)
+        Each mesh that is shown, with the matrices that put its points, as rows, into the world: one
+        of its own, or several by point instancers.
+    others : {str: list of path}
+        What is shown besides, by type, and the subsets of meshes.
+    """
+
+    time: Any
+    losses: Losses
+    placed: list[tuple[Any, Array]] = field(default_factory=list)
+    others: dict[str, list[str]] = field(default_factory=dict)
+    corners: int = 0
+
+    @cached_property
+    def _transforms(self) -> Any:
+        return UsdGeom.XformCache(self.time)
+
+    def add(self, root: Any) -> None:
+        """All that is shown at or below a prim, which itself is shown in any case."""
+        prims = Usd.PrimRange(root, Usd.TraverseInstanceProxies())
+        for prim, is_instancer in self._found(prims):
+            if prim == root or self._is_shown(prim):
+                world = np.array(self._transforms.GetLocalToWorldTransform(prim))[None]
+                if is_instancer:
+                    self._instances(prim, world, ())
+                else:
+                    self.placed.append((prim, world))
+
+    def _found(self, prims: Any) -> Iterator[tuple[Any, bool]]:
+        """Meshes and point instancers, and whether it is one of the latter; others are noted."""
+        prims = iter(prims)
+        for prim in prims:
+            if prim.IsA(UsdGeom.PointInstancer):
+                prims.PruneChildren()  # its prototypes, which are nowhere themselves
+                yield prim, True
+            elif prim.IsA(UsdGeom.Mesh):
+                yield prim, False
+            elif prim.IsA(UsdGeom.Subset):
+                self.others.setdefault("subsets", []).append(str(prim.GetPath()))
+            elif prim.IsA(UsdGeom.Gprim) and self._is_shown(prim):
+                self.others.setdefault(prim.GetTypeName(), []).append(str(prim.GetPath()))
+
+    def _is_shown(self, prim: Any) -> bool:
+        image = UsdGeom.Imageable(prim)
+        visible = image.ComputeVisibility(self.time) != UsdGeom.Tokens.invisible
+        return visible and image.ComputePurpose() not in HIDDEN
+
+    def _is_shown_below(self, prim: Any, root: Any) -> bool:
+        """Whether nothing from a prim up to the root of its prototype hides it."""
+        if UsdGeom.Imageable(prim).ComputePurpose() in HIDDEN:
+            return False
+        while True:
+            image = UsdGeom.Imageable(prim)
+            if image and image.GetVisibilityAttr().Get(self.time) == UsdGeom.Tokens.invisible:
+                return False
+            if prim == root:
+                return True
+            prim = prim.GetParent()
+
+    def _instances(self, instancer: Any, outer: Array, around: tuple[str, ...]) -> None:
+        """What a point instancer shows, which itself stands at some matrices (m, 4, 4).
+
+        `around` are the instancers that it is a prototype of.
+        """
+        path = str(instancer.GetPath())
+        if path in around:
+            self.losses.add("cycle", path, "the point instancer is its own prototype")
+            return
+        roots = UsdGeom.PointInstancer(instancer).GetPrototypesRel().GetTargets()
+        for name in "protoIndices", "positions":
+            self._check_number(path, _length(instancer, name, self.time) * len(outer))
+        try:
+            prototype, matrices = self._matrices(instancer, path, len(roots))
+        except MeshError as error:
+            self.losses.add("instancer", path, str(error), "the point instancer is left out")
+            return
+        for number, target in enumerate(roots):
+            chosen = matrices[prototype == number]
+            root = instancer.GetStage().GetPrimAtPath(target)
+            if not root:
+                text = f"there is no prim {target} for prototype {number}"
+                self.losses.add("prototype", path, text, f"{len(chosen)} instances are left out")
+                continue
+            if not len(chosen):
+                continue
+            self._check_number(path, len(chosen) * len(outer))
+            own = np.array(UsdGeom.XformCache(self.time).GetLocalTransformation(root)[0])
+            placed = (own @ chosen @ outer[:, None]).reshape(-1, 4, 4)
+            for prim, is_instancer in self._found(Usd.PrimRange(root, PROTOTYPES)):
+                if not self._is_shown_below(prim, root):
+                    continue
+                relative, _ = self._transforms.ComputeRelativeTransform(prim, root)
+                world = np.array(relative) @ placed
+                if is_instancer:
+                    self._instances(prim, world, (*around, path))
+                else:
+                    number = len(world) * _length(prim, "faceVertexIndices", self.time)
+                    self._check_number(path, number)
+                    self.corners += number
+                    self.placed.append((prim, world))
+
+    def _check_number(self, path: str, number: int) -> None:
+        """Refuse so many instances, or corners of faces, more."""
+        if self.corners + number > MOST_CORNERS:
+            raise MeshError(
+                f"{self.losses.name}, {path}: the point instancer makes {number} instances or "
+                f"corners of faces, and with those before it more than {MOST_CORNERS}, which is "
+                'too much for one cage: read a part of the stage with prim="PATH"'
+            )
+
+    def _matrices(
+        self, instancer: Any, path: str, n_prototypes: int
+    ) -> tuple[NDArray[np.int64], Array]:
+        """The prototype (n,) of each instance that is shown, and its matrix (n, 4, 4).
+
+        Raises
+        ------
+        MeshError
+            Prototypes and positions that do not fit together.
+        """
+
+        def array(name: str, kind: str, shape: tuple[int, ...] = ()) -> Any:
+            return numbers(instancer, name, self.time, kind, shape)
+
+        def optional(name: str, shape: tuple[int, ...], default: Any, kind: str = "f") -> Any:
+            try:
+                found = array(name, kind, shape)
+                if len(found) not in (0, n):
+                    raise MeshError(f"{name}: got {len(found)}, need {n}, one for each instance")
+            except MeshError as error:
+                self.losses.add(name, path, str(error))
+                found = ()
+            return found if len(found) else default
+
+        prototype, positions = array("protoIndices", "i"), array("positions", "f", (3,))
+        n = len(prototype)
+        if len(positions) != n:
+            raise MeshError(f"positions: got {len(positions)}, need {n}, one for each protoIndices")
+        turns = optional("orientations", (4,), np.array([[0.0, 0, 0, 1]]))
+        if instancer.GetAttribute("orientationsf").HasAuthoredValue():
+            turns = optional("orientationsf", (4,), turns)
+        scales = optional("scales", (3,), np.ones((1, 3)))
+        ids = optional("ids", (), np.arange(n), "i")
+        matrices = np.zeros((n, 4, 4))
+        matrices[:, :3, :3] = scales[:, :, None] * _rotations(turns)
+        matrices[:, 3, :3] = positions
+        matrices[:, 3, 3] = 1
+        shown = ~np.isin(ids, self._hidden_ids(instancer, path))
+        wrong = {
+            f"is of prototype {{}}, need 0 to {n_prototypes - 1}": (prototype < 0)
+            | (prototype >= n_prototypes),
+            "stands at no finite place": ~np.isfinite(matrices).all(axis=(1, 2)),
+        }
+        for reason, found in wrong.items():
+            number = np.flatnonzero(found & shown)
+            if len(number):
+                text = f"instance {number[0]} {reason.format(prototype[number[0]])}"
+                more = f"; {len(number) - 1} more like it" if len(number) > 1 else ""
+                self.losses.add(reason, path, text + more)
+                shown &= ~found
+        return prototype[shown], matrices[shown]
+
+    def _hidden_ids(self, instancer: Any, path: str) -> NDArray[np.int64]:
+        """The ids of instances that are not shown."""
+        inactive = instancer.GetMetadata("inactiveIds")
+        listed_ids = inactive.ApplyOperations([]) if inactive is not None else []
+        hidden = np.array(listed_ids, dtype=np.int64)
+        try:
+            invisible = numbers(instancer, "invisibleIds", self.time, "i")
+        except MeshError as error:
+            self.losses.add("invisibleIds", path, str(error))
+            return hidden
+        return np.concatenate([hidden, invisible])
+
+
+def _length(prim: Any, attribute: str, time: Any) -> int:
+    """How many numbers an attribute has."""
+    value = prim.GetAttribute(attribute).Get(time)
+    return len(value) if hasattr(value, "__len__") else 0
+
+
+def _rotations(turns: Array) -> Array:
+    """Rotations of rows, (n, 3, 3), by quaternions (n, 4) with their real part last.
+
+    Those of length zero turn nothing.
+    """
+    length = np.linalg.norm(turns, axis=1, keepdims=True)
+    x, y, z, w = (turns / np.where(length == 0, 1, length)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
+        [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)],
+        [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
