@@ -76,9 +76,10 @@ def info(cage: Cage, as_json: bool) -> None:
     Keys of --json: cage; vertices, unused_vertices, edges, boundary_edges, nonmanifold_edges,
     faces, components, closed; face_sizes, valences, boundary_faces, nonmanifold_faces (how
     often which number of corners, or of faces at a vertex, occurs); creases, corners (number,
-    infinite, least, most); holes; channels (of each name values, numbers, interpolation); rules
-    (of each value, by_default); limit_faces; patches (how many limit faces are covered how);
-    special_corners (kind, faces, patches); no_surface (why there is none, else null).
+    infinite, least, most); holes; channels (of each name values, numbers, interpolation); scheme,
+    units (metres), up (as the cage says, else null); rules (of each value, by_default);
+    limit_faces; patches (how many limit faces are covered how); special_corners (kind, faces,
+    patches); no_surface (why there is none, else null).
     """
     from limitsurf.shell import facts
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
 from collections.abc import Iterator
@@ -160,6 +161,8 @@ def read(
         raise ValueError(f"{name}: got prim {prim!r}, but only a USD file has some")
     if time is not None and not is_usd:
         raise ValueError(f"{name}: got time {time!r}, but only a USD file has frames that are read")
+    if time is not None and not (isinstance(time, (int, float)) and math.isfinite(time)):
+        raise ValueError(f"time: got {time!r}, need a finite number, the time code of a frame")
     asked = {"prim": prim, "time": time, "strict": strict}
     is_path = isinstance(file, (str, bytes, os.PathLike))
     # USD reads no open file, and takes the format from the name of a path

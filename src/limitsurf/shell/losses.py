@@ -15,6 +15,10 @@ Array: TypeAlias = NDArray[Any]
 LISTED = 3  # places that a warning names, beside the first one
 
 
+class LocatedError(MeshError):
+    """A MeshError whose message begins with the file and the place in it."""
+
+
 class Losses:
     """What is left out of a file or mended: an error at once if strict, else one warning a kind.
 
@@ -44,7 +48,7 @@ class Losses:
         Of each kind the first message is said, with what was done, and where there are more.
         """
         if self.strict:
-            raise MeshError(_located(self.name, where, message))
+            raise LocatedError(_located(self.name, where, message))
         self.note(kind, where, f"{message}: {done}")
 
     def note(self, kind: str, where: str, message: str) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import Mesh, MeshError
-from limitsurf.shell.losses import Losses, listed
+from limitsurf.shell.losses import LocatedError, Losses, listed
 from limitsurf.shell.parts import MIXED, Part, merged
 from limitsurf.shell.polygons import IntArray, float_points, polygons
 
@@ -116,6 +116,8 @@ def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh
                 for what in reader.left_out:
                     others.setdefault(what, []).append(reader.path)
             parts.append(Part.of(reader.path, *read[reader.path], matrices))
+        except LocatedError:
+            raise
         except MeshError as error:
             broken[reader.path] = error
     if not parts:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from limitsurf.mesh import MeshError
-from limitsurf.shell.losses import Losses
+from limitsurf.shell.losses import LocatedError, Losses
 from limitsurf.shell.usd_reader import numbers
 
 Array: TypeAlias = NDArray[np.float64]
@@ -104,6 +104,8 @@ class Scene:
             self._check_number(path, _length(instancer, name, self.time) * len(outer))
         try:
             prototype, matrices = self._matrices(instancer, path, len(roots))
+        except LocatedError:
+            raise
         except MeshError as error:
             self.losses.add("instancer", path, str(error), "the point instancer is left out")
             return
