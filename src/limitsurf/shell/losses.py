@@ -87,7 +87,7 @@ def finite_points(points: Array, indices: IntArray, lost: Callable[[IntArray, st
     """Points (V, ...) of which those that no face uses are finite.
 
     Where they are not, they are put where the first vertex of the first face is: `lost` is told
-    their numbers and why. What faces use stays as it is.
+    their numbers, and why, a text to follow the first of them. What faces use stays as it is.
     """
     if not np.issubdtype(points.dtype, np.floating) or not len(indices):
         return points
@@ -98,7 +98,7 @@ def finite_points(points: Array, indices: IntArray, lost: Callable[[IntArray, st
         if len(number):
             points = points.copy()
             points[number] = points[indices[0]]
-            lost(number, "is not finite, but in no face")
+            lost(number, " is not finite, but in no face")
     return points
 
 
@@ -119,21 +119,22 @@ def tagged(
         Without tags.
     lost : callable
         Is told of the others: "crease", "corner" or "hole"; the edges (n, 2), vertices (n,) or
-        faces (n,), as given; and what is wrong with them, a clause.
+        faces (n,), as given; and what is wrong, a text to follow the name of the first of them.
     creases, corners : (edges (c, 2) or vertices (c,), sharpness (c,)), optional
     holes : (n,) int, optional
     **others
         What else ``Mesh`` takes, which must be right.
     """
 
-    def kept(what: str, names: IntArray, wrong: Mapping[str, Array]) -> IntArray:
-        """Rows of what is not wrong, and the last of each."""
-        sound = np.ones(len(names), dtype=bool)
-        for reason, found in wrong.items():
-            if (found & sound).any():
-                lost(what, names[found & sound], reason)
-            sound &= ~found
-        rows = np.flatnonzero(sound)
+    def kept(what: str, names: IntArray, sharpness: Array, wrong: Array, reason: str) -> IntArray:
+        """Rows of what is neither wrong nor of no sharpness, the last ones of each name."""
+        unsharp = ~(wrong | np.asarray(sharpness >= 0, dtype=bool))  # so is NaN
+        if wrong.any():
+            lost(what, names[wrong], reason)
+        if unsharp.any():
+            value = sharpness[unsharp][0]
+            lost(what, names[unsharp], f": sharpness {value} is not in [0, inf]")
+        rows = np.flatnonzero(~(wrong | unsharp))
         _, first = np.unique(names[rows][::-1], axis=0, return_index=True)
         return np.sort(rows[len(rows) - 1 - first])
 
@@ -143,30 +144,22 @@ def tagged(
         inside = (edges[:, 0] >= 0) & (edges[:, 1] < mesh.n_vertices)
         number = mesh.edge_numbers(np.where(inside[:, None], edges, 0)).clip(max=mesh.n_edges - 1)
         missing = ~inside | (mesh.edges[number] != edges).any(axis=1)
-        rows = kept("crease", edges, {_NO_EDGE: missing, _NO_SHARPNESS: _unsharp(sharpness)})
+        rows = kept("crease", edges, sharpness, missing, ": the mesh has no such edge")
         tags["creases"] = edges[rows], sharpness[rows]
     if corners is not None and len(corners[0]):
         vertices, sharpness = np.asarray(corners[0], np.int64), np.asarray(corners[1])
         outside = (vertices < 0) | (vertices >= mesh.n_vertices)
-        need = f"is out of range, need 0 to {mesh.n_vertices - 1}"
-        rows = kept("corner", vertices, {need: outside, _NO_SHARPNESS: _unsharp(sharpness)})
+        need = f" is out of range, need 0 to {mesh.n_vertices - 1}"
+        rows = kept("corner", vertices, sharpness, outside, need)
         tags["corners"] = vertices[rows], sharpness[rows]
     if holes is not None and len(holes):
         faces = np.asarray(holes, np.int64)
-        need = f"is out of range, need 0 to {mesh.n_faces - 1}"
+        need = f" is out of range, need 0 to {mesh.n_faces - 1}"
         outside = (faces < 0) | (faces >= mesh.n_faces)
-        tags["holes"] = faces[kept("hole", faces, {need: outside})]
+        tags["holes"] = faces[kept("hole", faces, np.zeros(len(faces)), outside, need)]
     return Mesh._from_valid(
         mesh.points, mesh.sizes, mesh.indices, mesh._connectivity, **tags, **others
     )
-
-
-_NO_EDGE = "is no edge of the mesh"
-_NO_SHARPNESS = "has a sharpness that is not in [0, inf]"
-
-
-def _unsharp(sharpness: Array) -> Array:
-    return np.asarray(~(sharpness >= 0), dtype=bool)  # so is NaN
 
 
 def first_of(names: IntArray) -> tuple[str, str]:

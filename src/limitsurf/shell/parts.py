@@ -69,9 +69,7 @@ class Part:
             worst = points[broken[0]][~np.isfinite(points[broken[0]])][0]
             more = f"; {len(broken) - 1} more like it" if len(broken) > 1 else ""
             vertex = broken[0] % mesh.n_vertices
-            raise MeshError(
-                f"vertex {vertex}: coordinate {worst} is not finite, where transforms put it{more}"
-            )
+            raise MeshError(f"vertex {vertex}: coordinate {worst} is not finite in its place{more}")
         corner = np.arange(mesh.n_corners)
         source = np.broadcast_to(corner, (len(matrices), len(corner)))
         if turned.any():

@@ -204,7 +204,7 @@ def _define(stage: Any, mesh: Mesh) -> Any:
         value = getattr(mesh, option)
         if option == "scheme" and value == MIXED:
             text = "its meshes are of several schemes, which one mesh cannot be: written as 'none'"
-            warnings.warn(text, stacklevel=5)
+            warnings.warn(text, stacklevel=4)
             value = "none"
         _choose(prim, option, attribute, meanings, value)
     if mesh.creasing is not None:

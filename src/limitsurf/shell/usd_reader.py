@@ -64,7 +64,7 @@ def numbers(prim: Any, attribute: str, time: Any, kind: str, shape: tuple[int, .
     if array.ndim == 0:
         what = "integers" if kind == "i" else "numbers"
         each = f" of {shape[0]}" if shape else ""
-        got = prim.GetAttribute(attribute).GetTypeName()
+        got = type(value).__name__
         raise MeshError(f"{attribute}: got {got}, need an array of {what}{each}")
     return array.astype(dtype)
 
@@ -157,18 +157,19 @@ class Reader:
             self.left_out.append("skeletons")
         prim = self.prim
         while prim:
-            if prim.GetAuthoredPropertiesInNamespace("material:binding"):
+            if prim.GetAuthoredPropertiesInNamespace("material"):
                 self.left_out.append("materials")
                 break
             prim = prim.GetParent()
 
     def _unused(self, number: IntArray, reason: str) -> None:
         first, more = first_of(number)
-        self.lost("unused points", f"point {first} {reason}{more}", "put elsewhere")
+        self.lost("unused points", f"point {first}{reason}{more}", "put elsewhere")
 
     def _untagged(self, what: str, names: IntArray, reason: str) -> None:
         first, more = first_of(names)
-        self.lost(f"{what}, {reason}", f"{what} {first} {reason}{more}")
+        kind = f"{what} sharpness" if reason.startswith(": sharpness") else what
+        self.lost(kind, f"{what} {first}{reason}{more}")
 
     def _renumbered(self, holes: IntArray | None, sizes: IntArray) -> IntArray | None:
         """Holes by the numbers of the faces that are kept; those out of range stay so."""
