@@ -311,7 +311,7 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
 
 def _pieces(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]:
     """The bytes of a file that holds polygons only."""
-    shape = polygons(x, uv=kind in formats.WITH_UV)
+    shape = formats.placed(polygons(x, uv=kind in formats.WITH_UV), kind, x)
     if kind in formats.TRIMESH and np.abs(shape.points).max() > np.finfo(np.float32).max:
         raise ValueError(f"a coordinate is beyond float32, in which a file of type {kind} keeps it")
     warn_of_loss(name, kind, x, uv=kind in formats.WITH_UV)
