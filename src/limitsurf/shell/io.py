@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import os
 import tempfile
+import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from io import TextIOWrapper
 from typing import IO, TYPE_CHECKING, Any
 
@@ -71,6 +73,10 @@ def read(
     cage of quadrilaterals, written by whatever program, they give the triangles that it was cut
     into, which have another limit surface.
 
+    What is damaged costs no more than it must: of an attribute, a tag or a mesh that makes no sense
+    the rest is read, and a warning says what was left out, where, and how often; with `strict` that
+    is an error. What is sound but has no place in a cage, such as materials, is told in a warning.
+
     **OBJ.** Positions ``v`` (three coordinates; a weight or a colour after them is ignored), faces
     ``f`` of any size with positive or negative indices, and OpenSubdiv's tags ``t`` (crease,
     corner, hole, interpolateboundary, creasemethod, smoothtriangles,
@@ -82,21 +88,29 @@ def read(
 
     **USD** (with ``pip install "limitsurf[usd]"``). All meshes that are shown (visible, neither
     proxy nor guide) become one, disconnected, in the order of the stage, as all objects of an OBJ
-    file do. Every mesh stands where its transforms put it in the world, at its earliest time; the
-    stage's unit and up axis change nothing. Faces of a mesh that is left-handed or mirrored are
-    turned around, keeping their first corner. Creases, corners, holes and the attributes
-    ``subdivisionScheme``, ``interpolateBoundary`` and ``triangleSubdivisionRule`` are read; where a
-    file has none of the latter they are left open, as None: USD's defaults are those of
-    ``LimitSurface``. The scheme is kept by name, also "loop", "bilinear" and "none" (a mere polygon
-    mesh); to subdivide such a mesh by Catmull-Clark all the same, name that scheme to
-    ``LimitSurface``. Of an edge that is creased twice the last sharpness holds.
+    file do. Every mesh stands where its transforms put it in the world, at its earliest time or at
+    `time`. ``metersPerUnit`` and ``upAxis`` become the ``units`` and ``up`` of the mesh and change
+    nothing else; where a file has none, None does not mean USD's fallback of centimetres and Y.
+    Instances are read where they stand, those of point instancers too, in the place of the
+    instancer and ordered by prototype; those that it hides are not. Faces of a mesh that is
+    left-handed or mirrored are turned around, keeping their first corner. Creases, corners, holes
+    and the attributes ``subdivisionScheme``, ``interpolateBoundary`` and
+    ``triangleSubdivisionRule`` are read; where a file has none of the latter they are left open, as
+    None: USD's defaults are those of ``LimitSurface``. The scheme is kept by name, also "loop",
+    "bilinear" and "none" (a mere polygon mesh), and "mixed" where meshes have several; to subdivide
+    such a mesh by Catmull-Clark all the same, name that scheme to ``LimitSurface``. Where meshes differ in the other choices these are
+    left open, with a warning. Of an edge that is creased twice the last sharpness holds.
 
     Primvars of floats and vectors become channels by the same name, ``primvars:st`` the channel
     "st": "faceVarying" ones with the interpolation of ``faceVaryingLinearInterpolation`` (where
     they are not indexed, every face corner has a value of its own); "vertex" ones with "none",
-    which is as smooth as the points; "varying" ones, which are linear, with "all". Other primvars,
-    normals, materials, subsets, point instancers and skeletons are ignored. Of several meshes the
-    choices must agree, and the channels are kept that all of them have.
+    which is as smooth as the points; "varying" ones, which are linear, with "all". Where one of
+    several meshes has no such primvar, the channel is NaN on its faces; where they differ in
+    interpolation, that of most corners holds. Other primvars, materials, subsets, skeletons and
+    shapes that are no meshes have no place in a cage, which a warning says. Normals are ignored.
+
+    **glTF, DAE, 3MF** say in which units and with which axis up they are (glTF: metres, Y), which
+    become the ``units`` and ``up`` of the mesh.
 
     Parameters
     ----------
@@ -121,12 +135,13 @@ def read(
     Raises
     ------
     MeshError
-        Anything malformed or truncated, with the file's name, line or prim where there is one, and
-        what was expected; all that ``Mesh`` refuses; a USD file without a mesh, or with meshes
-        whose choices differ.
+        Anything malformed or truncated that leaves no mesh to read, and with `strict` any damage,
+        with the file's name, line or prim where there is one, and what was expected; a USD file
+        without a mesh, or with so many instances that they make more than 50 million face corners.
     ValueError
-        An unknown suffix; a prim that does not exist, or one of a file that is not USD; a format
-        that needs a path, from what is open.
+        An unknown suffix; a prim that does not exist, or one of a file that is not USD; a time that
+        is no number, or one of a file that is not USD; a format that needs a path, from what is
+        open.
     OSError
         A file that cannot be read.
     ImportError
@@ -135,8 +150,10 @@ def read(
     Warns
     -----
     UserWarning
-        A statement or a tag of an OBJ file that is not known, and therefore ignored, with its line;
-        anything that USD warns of, such as a reference to a file that does not exist.
+        What is left out or mended, once for each kind, with the first line or prim, and how often;
+        a statement or a tag of an OBJ file that is not known, and therefore ignored; meshes that
+        differ in their choices or channels; anything that USD warns of, such as a reference to a
+        file that does not exist.
 
     Examples
     --------
@@ -233,6 +250,10 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     channel "uv", or "st" if there is none, of two numbers. What a format has no place for, such as
     other channels or creases, is left out with a warning.
 
+    USD states the ``units`` and ``up`` of a mesh. glTF and DAE are in metres with Y up, 3MF in
+    millimetres with Z up: points are scaled and turned to be so, as far as the mesh says what it
+    is in. The other formats have no place for either.
+
     **OBJ.** Coordinates are written as the shortest decimals that give the same float64; exact ones
     (Fractions and their like) are rounded to float64 first. Tags are written as OpenSubdiv's, the
     channel "uv" as texture coordinates, a scheme's name as a tag of our own, ``t scheme 0/0/1``.
@@ -315,6 +336,13 @@ def _pieces(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]:
     if kind in formats.TRIMESH and np.abs(shape.points).max() > np.finfo(np.float32).max:
         raise ValueError(f"a coordinate is beyond float32, in which a file of type {kind} keeps it")
     warn_of_loss(name, kind, x, uv=kind in formats.WITH_UV)
+    if "uv" in shape.channels:
+        values, rows = shape.channels["uv"]
+        gaps = int(np.isnan(values).any(axis=1)[rows].sum())
+        if gaps:
+            text = f"{name}: texture coordinates of {gaps} corners of faces, which have none, are 0"
+            warnings.warn(text, stacklevel=3)
+            shape = replace(shape, channels={"uv": (np.nan_to_num(values, nan=0.0), rows)})
     if kind in formats.TRIMESH:
         warn_of_cuts(name, kind, x)
         warn_of_rounding(name, kind, x, shape.points, formats.rounded(kind, shape.points), 4)

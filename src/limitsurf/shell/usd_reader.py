@@ -137,7 +137,7 @@ class Reader:
             creasing = None
         channels = dict(self.channels(len(points), indices, enclosing))
         holes = self.kept("holes", lambda: self.array("holeIndices", "i"))
-        self._look_around(options["scheme"] == "none")
+        self._look_around()
         return tagged(
             kept,
             self._untagged,
@@ -149,10 +149,8 @@ class Reader:
             **options,
         )
 
-    def _look_around(self, of_polygons: bool) -> None:
+    def _look_around(self) -> None:
         """Note what else there is, of which a cage has none."""
-        if of_polygons and self.prim.GetAttribute("normals").HasAuthoredValue():
-            self.left_out.append("normals")
         if self.prim.HasRelationship("skel:skeleton"):
             self.left_out.append("skeletons")
         prim = self.prim
