@@ -98,8 +98,9 @@ def read(
     ``triangleSubdivisionRule`` are read; where a file has none of the latter they are left open, as
     None: USD's defaults are those of ``LimitSurface``. The scheme is kept by name, also "loop",
     "bilinear" and "none" (a mere polygon mesh), and "mixed" where meshes have several; to subdivide
-    such a mesh by Catmull-Clark all the same, name that scheme to ``LimitSurface``. Where meshes differ in the other choices these are
-    left open, with a warning. Of an edge that is creased twice the last sharpness holds.
+    such a mesh by Catmull-Clark all the same, name that scheme to ``LimitSurface``. Where meshes
+    differ in the other choices these are left open, with a warning. Of an edge that is creased
+    twice the last sharpness holds.
 
     Primvars of floats and vectors become channels by the same name, ``primvars:st`` the channel
     "st": "faceVarying" ones with the interpolation of ``faceVaryingLinearInterpolation`` (where

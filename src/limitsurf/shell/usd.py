@@ -26,7 +26,7 @@ try:
 except ImportError as error:
     raise ImportError('usd-core is needed for USD files: pip install "limitsurf[usd]"') from error
 
-from limitsurf.shell.usd_reader import CHOICES, CREASING_NOTE, LINEAR, OF_POINTS, Reader
+from limitsurf.shell.usd_reader import CHOICES, CREASING_NOTE, LINEAR, OF_POINTS, Reader, plain
 from limitsurf.shell.usd_scene import Scene
 
 PRIM = "/mesh"  # what a file of ours calls its mesh
@@ -62,12 +62,12 @@ def read(
         stage = Usd.Stage.Open(Sdf.Layer.CreateIdentifier(os.path.abspath(file), fresh))
         mesh = _scene_mesh(stage, prim, code, losses)
     except Tf.ErrorException as error:
-        said = _plain(error.args[0])
+        said = plain(error.args[0])
         at = re.search(r":(\d+):\d+: ", said)
         place = f"{name}, line {at[1]}: {said[at.end() :]}" if at else f"{name}: {said}"
         raise MeshError(place) from None
     finally:
-        complaints = [_plain(found) for found in diagnostics.TakeUncoalescedDiagnostics()]
+        complaints = [plain(found) for found in diagnostics.TakeUncoalescedDiagnostics()]
         if not strict:
             for text in complaints:
                 warnings.warn(f"{name}: {text}", stacklevel=3)
@@ -75,18 +75,6 @@ def read(
         raise MeshError(f"{name}: {complaints[0]}")
     losses.warn(stacklevel=3)
     return mesh
-
-
-def _plain(diagnostic: Any) -> str:
-    """What USD says, in one line and without what only its programmers understand."""
-    internal = (
-        r":SDF_FORMAT_ARGS:\w+=\w+| matching \w+::.*?(?= at ')| \(instantiating stage [^)]*\)"
-    )
-    try:
-        said = diagnostic.commentary
-    except UnicodeDecodeError as error:
-        said = error.object.decode(errors="backslashreplace")
-    return " ".join(re.sub(internal, "", said).split())
 
 
 def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh:
@@ -107,7 +95,7 @@ def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh
         raise MeshError(f"{name}: need a mesh of UsdGeom, found none that is shown {place}")
     parts, others = [], scene.others
     read: dict[str, tuple[Mesh, bool]] = {}
-    broken: dict[str, MeshError] = {}
+    broken: dict[str, str] = {}
     for prim, matrices in scene.placed:
         reader = Reader(prim, time, losses)
         try:
@@ -118,14 +106,14 @@ def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh
             parts.append(Part.of(reader.path, *read[reader.path], matrices))
         except LocatedError:
             raise
-        except MeshError as error:
-            broken[reader.path] = error
+        except (MeshError, Tf.ErrorException) as error:
+            broken[reader.path] = plain(error.args[0])
     if not parts:
         where = next(iter(broken))
         more = f"; {len(broken) - 1} more meshes are broken" if len(broken) > 1 else ""
         raise MeshError(f"{name}, {where}: {broken[where]}{more}")
     for where, reason in broken.items():
-        losses.add("mesh", where, str(reason), "the mesh is left out")
+        losses.add("mesh", where, reason, "the mesh is left out")
     if others:
         kinds = [f"{kind} ({listed(paths)})" for kind, paths in sorted(others.items())]
         losses.note("others", "", f"a cage has no place for all, left out: {', '.join(kinds)}")
@@ -173,7 +161,7 @@ def pieces(x: Mesh | Tessellation, suffix: str) -> Iterator[bytes]:
         try:
             stage.GetRootLayer().Export(whole)
         except Tf.ErrorException as error:
-            raise OSError(_plain(error.args[0])) from None
+            raise OSError(plain(error.args[0])) from None
         with open(whole, "rb") as source:
             content = source.read()
     return iter([content])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, NoReturn
@@ -44,6 +45,19 @@ CREASING_NOTE = "limitsurf:creasing"
 # smooth as the points, with their creases and corners.
 OF_POINTS = {"vertex": "none", "varying": "all"}
 LARGEST = np.iinfo(np.int32).max  # count of what an array of USD describes
+
+
+def plain(said: Any) -> str:
+    """A message, or what USD says, in one line and without what only programmers understand."""
+    internal = (
+        r":SDF_FORMAT_ARGS:\w+=\w+| matching \w+::.*?(?= at ')| \(instantiating stage [^)]*\)"
+    )
+    if not isinstance(said, str):
+        try:
+            said = said.commentary
+        except UnicodeDecodeError as error:
+            said = error.object.decode(errors="backslashreplace")
+    return " ".join(re.sub(internal, "", said).split())
 
 
 def numbers(prim: Any, attribute: str, time: Any, kind: str, shape: tuple[int, ...] = ()) -> Any:

@@ -9,11 +9,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdGeom
+from pxr import Gf, Tf, Usd, UsdGeom
 
 from limitsurf.mesh import MeshError
 from limitsurf.shell.losses import LocatedError, Losses
-from limitsurf.shell.usd_reader import numbers
+from limitsurf.shell.usd_reader import numbers, plain
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -48,12 +48,35 @@ class Scene:
     def _transforms(self) -> Any:
         return UsdGeom.XformCache(self.time)
 
+    def _local(self, prim: Any) -> tuple[Any, bool]:
+        """The transform of a prim in its parent, and whether it is in the world instead."""
+        try:
+            matrix, resets = self._transforms.GetLocalTransformation(prim)
+        except Tf.ErrorException as error:
+            self.losses.add("transform", str(prim.GetPath()), plain(error.args[0]))
+            return Gf.Matrix4d(1), False
+        return matrix, resets
+
+    def _place(self, prim: Any, root: Any) -> Any:
+        """The transform of a prim in another one above it."""
+        chain = []
+        while prim != root:
+            matrix, resets = self._local(prim)
+            chain.append(matrix)
+            if resets:
+                break
+            prim = prim.GetParent()
+        place = Gf.Matrix4d(1)
+        for matrix in reversed(chain):
+            place = matrix * place
+        return place
+
     def add(self, root: Any) -> None:
         """All that is shown at or below a prim, which itself is shown in any case."""
         prims = Usd.PrimRange(root, Usd.TraverseInstanceProxies())
         for prim, is_instancer in self._found(prims):
             if prim == root or self._is_shown(prim):
-                world = np.array(self._transforms.GetLocalToWorldTransform(prim))[None]
+                world = np.array(self._place(prim, prim.GetStage().GetPseudoRoot()))[None]
                 if is_instancer:
                     self._instances(prim, world, ())
                 else:
@@ -119,13 +142,14 @@ class Scene:
             if not len(chosen):
                 continue
             self._check_number(path, len(chosen) * len(outer))
-            own = np.array(UsdGeom.XformCache(self.time).GetLocalTransformation(root)[0])
-            placed = (own @ chosen @ outer[:, None]).reshape(-1, 4, 4)
+            with np.errstate(over="ignore", invalid="ignore"):
+                own = np.array(self._local(root)[0])
+                placed = (own @ chosen @ outer[:, None]).reshape(-1, 4, 4)
             for prim, is_instancer in self._found(Usd.PrimRange(root, PROTOTYPES)):
                 if not self._is_shown_below(prim, root):
                     continue
-                relative, _ = self._transforms.ComputeRelativeTransform(prim, root)
-                world = np.array(relative) @ placed
+                with np.errstate(over="ignore", invalid="ignore"):
+                    world = np.array(self._place(prim, root)) @ placed
                 if is_instancer:
                     self._instances(prim, world, (*around, path))
                 else:
@@ -177,7 +201,8 @@ class Scene:
         scales = optional("scales", (3,), np.ones((1, 3)))
         ids = optional("ids", (), np.arange(n), "i")
         matrices = np.zeros((n, 4, 4))
-        matrices[:, :3, :3] = scales[:, :, None] * _rotations(turns)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is left out
+            matrices[:, :3, :3] = scales[:, :, None] * _rotations(turns)
         matrices[:, 3, :3] = positions
         matrices[:, 3, 3] = 1
         shown = ~np.isin(ids, self._hidden_ids(instancer, path))
