@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import usd_damage
 import zoo
 from click.testing import CliRunner
 from hypothesis import given
@@ -1049,6 +1050,26 @@ def test_bad_units_and_up_axes(read, refused, head, message):
     with pytest.warns(UserWarning, match=re.escape(message)):
         assert read(f"({head})\n" + prim()) == ls.Mesh(POINTS, FACES)
     assert refused(f"({head})\n" + prim(), strict=True).startswith(message)
+
+
+@pytest.mark.parametrize("start", range(0, 60, 10))
+def test_damage_of_all_kinds_together(tmp_path, start):
+    """The sound mesh is read whatever is beside it; where there is a warning, strict refuses."""
+    path = str(tmp_path / "damaged.usdc")
+    for seed in range(start, start + 10):
+        stage = usd_damage.damaged_stage(random.Random(seed))
+        stage.GetRootLayer().Export(path)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            mesh = ls.read(path)
+        assert (mesh.points == [100, 100, 100]).all(axis=1).any()
+        harmless = r"differ in scheme|have none, and are NaN|no place for all"
+        damage = [one for one in caught if not re.search(harmless, str(one.message))]
+        assert all(one.category is UserWarning for one in caught)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with pytest.raises(ls.MeshError, match="damaged") if damage else nullcontext():
+                ls.read(path, strict=True)
 
 
 # --- Writing

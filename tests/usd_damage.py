@@ -126,7 +126,7 @@ def _damaged(g: random.Random, prim: Any, names: list[str]) -> None:
         if value is None:
             kind = g.choice(TYPES)
             value = _array(g, kind)
-        spec = stage_attribute(prim, name, kind)
+        spec = _attribute(prim, name, kind)
         if g.random() < 0.2:
             prim.GetStage().GetRootLayer().SetTimeSample(spec.path, g.choice([0.0, 5.0]), value)
         else:
@@ -138,11 +138,11 @@ def _damaged(g: random.Random, prim: Any, names: list[str]) -> None:
                 spec.SetInfo("elementSize", g.choice([-1, 0, 2]))
     if g.random() < 0.3:
         order = [name for name in names if name.startswith("xformOp:")] + ["!resetXformStack!"]
-        spec = stage_attribute(prim, "xformOpOrder", Sdf.ValueTypeNames.TokenArray)
+        spec = _attribute(prim, "xformOpOrder", Sdf.ValueTypeNames.TokenArray)
         spec.default = Vt.TokenArray(g.sample(order, g.randrange(1, len(order) + 1)))
 
 
-def stage_attribute(prim: Any, name: str, kind: Any) -> Any:
+def _attribute(prim: Any, name: str, kind: Any) -> Any:
     """The attribute of a prim in its layer, of a type that need not be that of its schema."""
     spec = prim.GetStage().GetRootLayer().GetPrimAtPath(prim.GetPath())
     if name in spec.attributes:
