@@ -430,6 +430,10 @@ def read_trimesh(
 
 def _measures(suffix: str, data: bytes, scene: Any) -> dict[str, Any]:
     """Units and up axis of a file, as far as its format has them."""
+    if suffix == ".zae":  # an archive with a DAE file
+        with zipfile.ZipFile(BytesIO(data)) as archive:
+            names = [name for name in archive.namelist() if name.lower().endswith(".dae")]
+            suffix, data = ".dae", archive.read(names[0]) if names else b""
     if suffix not in MEASURES:
         return {}
     up, units = MEASURES[suffix]

@@ -280,8 +280,7 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
         An unknown suffix; points that are not of shape (n_vertices, 3) or too large for the
         format; a tessellation without polygons; in OBJ a scheme that is no name; in USD a scheme
         other than "catmull-clark", "loop", "bilinear" and "none", channels with a name that is no
-        identifier, of shapes other than (k,), (k, 2), (k, 3) and (k, 4), or with seams of different
-        interpolation.
+        identifier, or of shapes other than (k,), (k, 2), (k, 3) and (k, 4).
     OSError
         A file that cannot be written.
     ImportError
@@ -290,7 +289,8 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     Warns
     -----
     UserWarning
-        What of a cage or tessellation the format cannot hold; faces of a cage that are cut into
+        What of a cage or tessellation the format cannot hold, in USD seams of several
+        interpolations, or several schemes; faces of a cage that are cut into
         triangles; how many distinct points become equal as they are rounded for the file.
 
     Examples

@@ -205,11 +205,11 @@ def _define(stage: Any, mesh: Mesh) -> Any:
     for name in mesh.channels:
         if _add_primvar(prim, mesh, name) == "faceVarying":
             modes[name] = mesh.channels[name][2]
+    mode = next(iter(modes.values()), None)
     if len(set(modes.values())) > 1:
-        raise ValueError(
-            f"channels: a USD mesh holds one interpolation for all its seams, got {modes}"
-        )
-    _choose(prim, "interpolation", *LINEAR, next(iter(modes.values()), None))
+        text = f"channels: a USD mesh holds one interpolation for all its seams, got {modes}"
+        warnings.warn(f"{text}: written as {mode!r}", stacklevel=4)
+    _choose(prim, "interpolation", *LINEAR, mode)
     return geom
 
 
