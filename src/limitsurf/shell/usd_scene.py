@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Tf, Usd, UsdGeom
 
 from limitsurf.mesh import MeshError
-from limitsurf.shell.losses import LocatedError, Losses
+from limitsurf.shell.losses import LocatedError, Losses, first_of
 from limitsurf.shell.usd_reader import numbers, plain
 
 Array: TypeAlias = NDArray[np.float64]
@@ -122,103 +122,132 @@ class Scene:
         if path in around:
             self.losses.add("cycle", path, "the point instancer is its own prototype")
             return
-        roots = UsdGeom.PointInstancer(instancer).GetPrototypesRel().GetTargets()
-        for name in "protoIndices", "positions":
-            self._check_number(path, _length(instancer, name, self.time) * len(outer))
+        targets = UsdGeom.PointInstancer(instancer).GetPrototypesRel().GetTargets()
+        roots = [instancer.GetStage().GetPrimAtPath(target) for target in targets]
+        below = [self._below(root) if root else [] for root in roots]
         try:
-            prototype, matrices = self._matrices(instancer, path, len(roots))
+            prototype, shown = self._chosen(instancer, path, len(roots))
+            chosen = np.bincount(prototype[shown], minlength=len(roots))
+            corners = [
+                sum(
+                    _length(prim, "faceVertexIndices", self.time)
+                    for prim, other in prims
+                    if not other
+                )
+                for prims in below
+            ]
+            self._reserve(path, int(chosen.sum()), int(chosen @ corners), len(outer))
+            matrices = self._matrices(instancer, path, prototype, shown)
         except LocatedError:
             raise
         except MeshError as error:
             self.losses.add("instancer", path, str(error), "the point instancer is left out")
             return
-        for number, target in enumerate(roots):
-            chosen = matrices[prototype == number]
-            root = instancer.GetStage().GetPrimAtPath(target)
+        for number, root in enumerate(roots):
+            some = matrices[prototype[shown] == number]
             if not root:
-                text = f"there is no prim {target} for prototype {number}"
-                self.losses.add("prototype", path, text, f"{len(chosen)} instances are left out")
+                text = f"there is no prim {targets[number]} for prototype {number}"
+                self.losses.add("prototype", path, text, f"{len(some)} instances are left out")
                 continue
-            if not len(chosen):
+            if not len(some):
                 continue
-            self._check_number(path, len(chosen) * len(outer))
-            with np.errstate(over="ignore", invalid="ignore"):
+            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused
                 own = np.array(self._local(root)[0])
-                placed = (own @ chosen @ outer[:, None]).reshape(-1, 4, 4)
-            for prim, is_instancer in self._found(Usd.PrimRange(root, PROTOTYPES)):
-                if not self._is_shown_below(prim, root):
-                    continue
-                with np.errstate(over="ignore", invalid="ignore"):
+                placed = (own @ some @ outer[:, None]).reshape(-1, 4, 4)
+                for prim, is_instancer in below[number]:
                     world = np.array(self._place(prim, root)) @ placed
-                if is_instancer:
-                    self._instances(prim, world, (*around, path))
-                else:
-                    number = len(world) * _length(prim, "faceVertexIndices", self.time)
-                    self._check_number(path, number)
-                    self.corners += number
-                    self.placed.append((prim, world))
+                    if is_instancer:
+                        self._instances(prim, world, (*around, path))
+                    else:
+                        self.placed.append((prim, world))
 
-    def _check_number(self, path: str, number: int) -> None:
-        """Refuse so many instances, or corners of faces, more."""
+    def _below(self, root: Any) -> list[tuple[Any, bool]]:
+        """Meshes and point instancers of a prototype, as `_found` has them, that are shown."""
+        found = self._found(Usd.PrimRange(root, PROTOTYPES))
+        return [(prim, other) for prim, other in found if self._is_shown_below(prim, root)]
+
+    def _reserve(self, path: str, instances: int, corners: int, times: int) -> None:
+        """Count instances, and the corners of faces that they make, and refuse too many."""
+        number = times * max(instances, corners)
         if self.corners + number > MOST_CORNERS:
-            raise MeshError(
-                f"{self.losses.name}, {path}: the point instancer makes {number} instances or "
-                f"corners of faces, and with those before it more than {MOST_CORNERS}, which is "
-                'too much for one cage: read a part of the stage with prim="PATH"'
+            before = f", after {self.corners} of others" if self.corners else ""
+            raise LocatedError(
+                f"{self.losses.name}, {path}: {times * instances} instances make {times * corners} "
+                f"corners of faces{before}, which is more than {MOST_CORNERS} and too much for one "
+                'cage: read a part of the stage, prim="PATH"'
             )
+        self.corners += number
 
-    def _matrices(
+    def _chosen(
         self, instancer: Any, path: str, n_prototypes: int
-    ) -> tuple[NDArray[np.int64], Array]:
-        """The prototype (n,) of each instance that is shown, and its matrix (n, 4, 4).
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """The prototype of each instance, and whether it is shown, both (n,).
 
         Raises
         ------
         MeshError
-            Prototypes and positions that do not fit together.
+            Indices of prototypes that are none.
         """
+        prototype = numbers(instancer, "protoIndices", self.time, "i")
+        ids = self._of_instances(instancer, path, "ids", len(prototype), "i")
+        shown = ~np.isin(
+            np.arange(len(prototype)) if ids is None else ids, self._hidden_ids(instancer, path)
+        )
+        wrong = shown & ((prototype < 0) | (prototype >= n_prototypes))
+        if wrong.any():
+            first, more = first_of(np.flatnonzero(wrong))
+            need = f"need 0 to {n_prototypes - 1}" if n_prototypes else "and there is none"
+            text = f"instance {first} is of prototype {prototype[wrong][0]}, {need}{more}"
+            self.losses.add("prototype index", path, text)
+        return prototype, shown & ~wrong
 
-        def array(name: str, kind: str, shape: tuple[int, ...] = ()) -> Any:
-            return numbers(instancer, name, self.time, kind, shape)
+    def _matrices(
+        self, instancer: Any, path: str, prototype: NDArray[np.int64], shown: NDArray[np.bool_]
+    ) -> Array:
+        """The matrices of the instances that are shown, (n, 4, 4); `shown` loses some.
 
-        def optional(name: str, shape: tuple[int, ...], default: Any, kind: str = "f") -> Any:
-            try:
-                found = array(name, kind, shape)
-                if len(found) not in (0, n):
-                    raise MeshError(f"{name}: got {len(found)}, need {n}, one for each instance")
-            except MeshError as error:
-                self.losses.add(name, path, str(error))
-                found = ()
-            return found if len(found) else default
-
-        prototype, positions = array("protoIndices", "i"), array("positions", "f", (3,))
+        Raises
+        ------
+        MeshError
+            Positions that do not fit the prototypes.
+        """
         n = len(prototype)
+        positions = numbers(instancer, "positions", self.time, "f", (3,))
         if len(positions) != n:
             raise MeshError(f"positions: got {len(positions)}, need {n}, one for each protoIndices")
-        turns = optional("orientations", (4,), np.array([[0.0, 0, 0, 1]]))
-        if instancer.GetAttribute("orientationsf").HasAuthoredValue():
-            turns = optional("orientationsf", (4,), turns)
-        scales = optional("scales", (3,), np.ones((1, 3)))
-        ids = optional("ids", (), np.arange(n), "i")
-        matrices = np.zeros((n, 4, 4))
+        turns = self._of_instances(instancer, path, "orientationsf", n, "f", (4,))
+        if turns is None:
+            turns = self._of_instances(instancer, path, "orientations", n, "f", (4,))
+        scales = self._of_instances(instancer, path, "scales", n, "f", (3,))
+        turns = np.array([[0.0, 0, 0, 1]]) if turns is None else turns[shown]
+        scales = np.ones((1, 3)) if scales is None else scales[shown]
+        matrices = np.zeros((int(shown.sum()), 4, 4))
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is left out
             matrices[:, :3, :3] = scales[:, :, None] * _rotations(turns)
-        matrices[:, 3, :3] = positions
+        matrices[:, 3, :3] = positions[shown]
         matrices[:, 3, 3] = 1
-        shown = ~np.isin(ids, self._hidden_ids(instancer, path))
-        wrong = {
-            f"is of prototype {{}}, need 0 to {n_prototypes - 1}": (prototype < 0)
-            | (prototype >= n_prototypes),
-            "stands at no finite place": ~np.isfinite(matrices).all(axis=(1, 2)),
-        }
-        for reason, found in wrong.items():
-            number = np.flatnonzero(found & shown)
-            if len(number):
-                text = f"instance {number[0]} {reason.format(prototype[number[0]])}"
-                more = f"; {len(number) - 1} more like it" if len(number) > 1 else ""
-                self.losses.add(reason, path, text + more)
-                shown &= ~found
-        return prototype[shown], matrices[shown]
+        finite = np.isfinite(matrices).all(axis=(1, 2))
+        if not finite.all():
+            number = np.flatnonzero(shown)[~finite]
+            first, more = first_of(number)
+            self.losses.add("place", path, f"instance {first} stands at no finite place{more}")
+            shown[number] = False
+        return matrices[finite]
+
+    def _of_instances(
+        self, instancer: Any, path: str, name: str, n: int, kind: str, shape: tuple[int, ...] = ()
+    ) -> Any:
+        """What an attribute says of each instance (n, *shape), None where it says nothing."""
+        if not instancer.GetAttribute(name):
+            return None
+        try:
+            found = numbers(instancer, name, self.time, kind, shape)
+            if len(found) not in (0, n):
+                raise MeshError(f"{name}: got {len(found)}, need {n}, one for each instance")
+        except MeshError as error:
+            self.losses.add(name, path, str(error))
+            return None
+        return found if len(found) else None
 
     def _hidden_ids(self, instancer: Any, path: str) -> NDArray[np.int64]:
         """The ids of instances that are not shown."""
