@@ -1375,6 +1375,24 @@ def test_the_command_line_reads_usd(tmp_path):
     assert "limit faces" in result.output
 
 
+def test_the_command_line_is_strict_when_told(tmp_path):
+    path = tmp_path / "cage.usda"
+    path.write_text("#usda 1.0\n" + prim("int[] holeIndices = [7]"))
+    message = f"{path}, /quads: hole 7 is out of range, need 0 to 1"
+    for command in ["info"], ["refine", "-o", str(tmp_path / "fine.obj")]:
+        done = CliRunner().invoke(main, [*command, str(path)])
+        assert (done.exit_code, done.stderr) == (0, f"limitsurf: warning: {message}: left out\n")
+        done = CliRunner().invoke(main, [*command, str(path), "--strict"])
+        assert (done.exit_code, done.stderr) == (2, f"limitsurf: error: {message}\n")
+
+
+def test_why_there_is_no_mesh(refused):
+    text = instancer(INSTANCES.replace("(0, 0, 0), ", "", 1))
+    message = refused(text)
+    assert message.startswith("need a mesh of UsdGeom, found none that is shown in the stage; ")
+    assert "/scatter: positions: got 4, need 5" in message
+
+
 def test_without_usd(tmp_path, monkeypatch):
     path = tmp_path / "cube.usda"
     ls.write(path, ls.Mesh(*zoo.cube()))

@@ -92,7 +92,8 @@ def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh
     scene.add(root)
     if not scene.placed:
         place = "in the stage" if path is None else f"at or below {path}"
-        raise MeshError(f"{name}: need a mesh of UsdGeom, found none that is shown {place}")
+        text = f"{name}: need a mesh of UsdGeom, found none that is shown {place}"
+        raise MeshError("; ".join([text, *losses.messages()]))
     parts, others = [], scene.others
     read: dict[str, tuple[Mesh, bool]] = {}
     broken: dict[str, str] = {}
