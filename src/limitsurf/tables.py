@@ -77,11 +77,11 @@ def find_scheme(scheme: str | Scheme) -> Scheme:
     if isinstance(scheme, Scheme):
         return scheme
     if not isinstance(scheme, str) or scheme not in SCHEMES:
-        known = ", ".join(sorted(SCHEMES))
+        text = f"unknown scheme {scheme!r}; known: {', '.join(sorted(SCHEMES))}"
         if isinstance(scheme, str) and scheme in _OTHERS:
             advice = f'to subdivide it all the same, say scheme="{CATMULL_CLARK.name}"'
-            raise ValueError(f"scheme {scheme!r}: {_OTHERS[scheme]}; {advice} (known: {known})")
-        raise ValueError(f"unknown scheme {scheme!r}; known: {known}")
+            text += f" ({_OTHERS[scheme]}; {advice})"
+        raise ValueError(text)
     return SCHEMES[scheme]
 
 
