@@ -1051,7 +1051,7 @@ def test_bad_units_and_up_axes(read, refused, head, message):
     assert refused(f"({head})\n" + prim(), strict=True).startswith(message)
 
 
-@pytest.mark.parametrize("start", range(0, 60, 10))
+@pytest.mark.parametrize("start", [*range(0, 60, 10), 1210])
 def test_damage_of_all_kinds_together(tmp_path, start):
     """The sound mesh is read whatever is beside it; where there is a warning, strict refuses."""
     path = str(tmp_path / "damaged.usdc")

@@ -267,7 +267,7 @@ class Reader:
                 or primvar.GetElementSize() != 1
                 or not primvar.GetTypeName().isArray
                 or values.dtype.kind != "f"
-                or values.ndim > 2
+                or values.ndim not in (1, 2)
             ):
                 self.left_out.append(name)
                 continue
