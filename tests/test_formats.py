@@ -1141,3 +1141,47 @@ def test_without_trimesh(monkeypatch):
         ls.to_trimesh(CUBE)
     with pytest.raises(ImportError, match=r'pip install "limitsurf\[formats\]"'):
         ls.from_trimesh(None)
+
+
+# --- Units and axes
+
+
+@pytest.mark.parametrize(
+    ("suffix", "up", "metres"),
+    [(".glb", "y", 1), (".gltf", "y", 1), (".dae", "y", 1), (".3mf", "z", 1e-3)],
+)
+def test_units_and_axes_of_formats_that_have_their_own(tmp_path, suffix, up, metres):
+    """A tetrahedron of 1, 2 and 3 cm along x, y and the height, whatever axis is up."""
+    points = {"z": np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3.0]])}
+    points["y"] = points["z"][:, [0, 2, 1]] * [1, 1, -1]  # what is in front is at -y, and at +z
+    faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+    expected = sorted((points[up] * 0.01 / metres).tolist())
+    path = tmp_path / f"cage{suffix}"
+    for own in "y", "z":
+        mesh = ls.Mesh(points[own], faces, units=0.01, up=own)
+        ls.write(path, mesh)
+        again = ls.read(path)
+        assert (again.up, again.units) == (up, metres)
+        assert np.allclose(sorted(again.points.tolist()), expected, rtol=1e-6, atol=1e-12)
+        assert np.linalg.det(again.points[again.faces[1]] - again.points.mean(0)) > 0
+        ls.write(path, ls.tessellate(ls.LimitSurface(mesh), 1))
+        assert np.abs(ls.read(path).points).max() < 3 * 0.01 / metres
+    ls.write(path, ls.Mesh(points["z"], faces))  # nothing is known: it is taken to be right
+    assert sorted(np.round(ls.read(path).points, 6).tolist()) == sorted(points["z"].tolist())
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".off", ".stl", ".vtp"])
+def test_units_and_axes_that_have_no_place(tmp_path, suffix):
+    mesh = ls.Mesh(np.eye(3), [[0, 1, 2]], units=0.01, up="z")
+    with pytest.warns(UserWarning, match=r"left out: units \(0.01 m\), up axis \(z\)"):
+        ls.write(tmp_path / f"cage{suffix}", mesh)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb", ".vtp"])
+def test_texture_coordinates_with_gaps(tmp_path, suffix):
+    channels = {"uv": ([[1, 2], [3, 4], [5, 6], [np.nan, np.nan]], [0, 1, 2, 3, 3, 3], "all")}
+    mesh = ls.Mesh(np.eye(4, 3), [[0, 1, 2], [2, 1, 3]], channels=channels)
+    with pytest.warns(UserWarning, match="coordinates of 3 corners of faces, which have none, are"):
+        ls.write(tmp_path / f"cage{suffix}", mesh)
+    values, rows, _ = ls.read(tmp_path / f"cage{suffix}").channels["uv"]
+    assert values[rows].tolist() == [[1, 2], [3, 4], [5, 6], [0, 0], [0, 0], [0, 0]]

@@ -14,6 +14,7 @@ import zoo
 from hypothesis import given
 from hypothesis import strategies as st
 
+import limitsurf as ls
 from limitsurf.mesh import Mesh, MeshError
 
 TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
@@ -731,3 +732,54 @@ def test_nothing_is_masked(what, place, match):
     with pytest.raises(MeshError, match=match):
         Mesh(*cage, **tags)
     assert Mesh(np.ma.array(points), np.ma.array(faces)).n_faces == 6
+
+
+# --- Units, axes and gaps
+
+
+def test_units_and_up_are_carried():
+    mesh = ls.Mesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], units=1, up="z")
+    assert (mesh.units, mesh.up) == (1.0, "z")
+    assert "units=1.0, up='z'" in repr(mesh)
+    copies = [mesh.with_points(mesh.points), pickle.loads(pickle.dumps(mesh)), copy.copy(mesh)]
+    assert all(each == mesh for each in copies)
+    for other in {"units": 1}, {"up": "z"}, {"units": 2, "up": "z"}, {"units": 1, "up": "y"}:
+        assert ls.Mesh(mesh.points, mesh.faces, **other) != mesh
+    fine = ls.refined(mesh, 1)
+    assert (fine.units, fine.up) == (1.0, "z")
+    plain = ls.Mesh(mesh.points, mesh.faces)
+    assert plain.units is plain.up is None
+
+
+@pytest.mark.parametrize("units", [0, -1, math.nan, math.inf, "m", True, [1], 1j])
+def test_units_that_are_none(units):
+    with pytest.raises(ValueError, match=r"units: got .*, need a positive number of metres"):
+        ls.Mesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], units=units)
+
+
+@pytest.mark.parametrize("up", ["x", "Y", 1, ""])
+def test_axes_that_are_none(up):
+    with pytest.raises(ValueError, match=r"up: got .*, need one of None, 'y', 'z'"):
+        ls.Mesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], up=up)
+
+
+@pytest.mark.parametrize("kind", [float, object])
+def test_gaps_in_channels(kind):
+    """Values may be NaN, but neither infinite, nor may points be either."""
+    points, faces = [[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [2, 1]], [[0, 1, 2, 3], [1, 4, 5, 2]]
+    rows = [0, 1, 2, 3, 4, 4, 4, 4]
+
+    def channels(last):
+        return {"st": (np.array([0, 1, 2, 3, last], dtype=kind), rows, "corners_plus1")}
+
+    mesh = ls.Mesh(points, faces, channels=channels(math.nan))
+    assert mesh == ls.Mesh(points, faces, channels=channels(math.nan))
+    assert mesh != ls.Mesh(points, faces, channels=channels(3))
+    with pytest.raises(ls.MeshError, match="channel 'st': row 4: coordinate inf is not finite"):
+        ls.Mesh(points, faces, channels=channels(math.inf))
+    if kind is float:
+        found = ls.LimitSurface(mesh).evaluate([0, 1], 0.5, 0.5, channel="st")
+        assert np.isnan(found).tolist() == [False, True]
+        fine = ls.refined(mesh, 1)
+        values, where, _ = fine.channels["st"]
+        assert np.isnan(values[where]).reshape(8, 4).tolist() == [[i > 3] * 4 for i in range(8)]

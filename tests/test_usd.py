@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 import sys
 import warnings
 from contextlib import nullcontext
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import usd_damage
 import zoo
 from click.testing import CliRunner
 from hypothesis import given
@@ -152,8 +154,9 @@ def test_choices(read, token, option, value):
 
 def test_no_surface_is_made_of_a_polygon_mesh_unasked(read):
     mesh = read(prim("uniform token subdivisionScheme = 'none'"))
-    with pytest.raises(ValueError, match="unknown scheme 'none'"):
-        ls.LimitSurface(mesh)
+    for make in ls.LimitSurface, ls.refined:
+        with pytest.raises(ValueError, match=r"'none'.* polygons, .* say scheme=.catmull-clark"):
+            make(mesh)
     assert len(ls.LimitSurface(mesh, scheme="catmull-clark").limit_faces) == 2
 
 
@@ -234,8 +237,7 @@ def test_primvars_of_points(read, interpolation, boundary, mode):
 
 
 def test_primvars_that_are_no_channels(read):
-    mesh = read(
-        prim("""
+    text = prim("""
     color3f[] primvars:displayColor = [(1, 0, 0)]
     float[] primvars:constant = [1] (interpolation = "constant")
     float[] primvars:uniform = [1, 2] (interpolation = "uniform")
@@ -250,9 +252,23 @@ def test_primvars_that_are_no_channels(read):
     texCoord2f[] primvars:blocked = None (interpolation = "faceVarying")
     normal3f[] normals = [(0, 0, 1)] (interpolation = "constant")
     float[] plain = [1, 2, 3]
+    rel material:binding = </paint>
+    def GeomSubset "front" {}
 """)
-    )
-    assert mesh == ls.Mesh(POINTS, FACES)
+    with pytest.warns(UserWarning, match="no place for all, left out") as caught:
+        mesh = read(text + 'def Sphere "ball" {}\n' + text.replace('"quads"', '"again"'))
+    assert mesh == ls.Mesh([*POINTS, *POINTS], [*FACES, *(np.array(FACES) + 6).tolist()])
+    assert len(caught) == 1
+    said = str(caught[0].message)
+    for what in (
+        "Sphere (1: /ball)",
+        "materials (2: /quads, /again)",
+        "primvars:displayColor (2: /quads, /again)",
+        "primvars:weights (2: ",
+        "primvars:names (2: ",
+        "subsets (2: /quads/front, /again/front)",
+    ):
+        assert what in said
 
 
 CORNERS = "[(0, 0), (1, 0), (1, 1), (0, 1), (1, 0), (2, 0), (2, 1), (1, 1)]"
@@ -335,10 +351,9 @@ def test_several_meshes_become_one(read):
     int[] primvars:st:indices = [0, 0, 1, 1, 0, 0, 1, 1]
     float[] primvars:once_{0} = [1, 1, 1, 1, 1, 1, 1, 1] (interpolation = "faceVarying")
 """
-    mesh = read(
-        group(prim(tags.format(3) + MOVED, "b") + prim(tags.format(4), "a"))
-        + 'def Sphere "ball" {}\n'
-    )
+    with pytest.warns(UserWarning, match="'once_.': 2 of 4 faces have none, and are NaN there"):
+        mesh = read(group(prim(tags.format(3) + MOVED, "b") + prim(tags.format(4), "a")))
+    nan, ones, none = np.nan, [0, 1, 2, 3, 4, 5, 6, 7], [8] * 8
     moved = np.array(POINTS) * [2, 3, 4] + [10, 20, 30]
     assert mesh == ls.Mesh(
         [*moved.tolist(), *POINTS],
@@ -352,9 +367,18 @@ def test_several_meshes_become_one(read):
                 [[0, 0], [3, 0], [0, 0], [4, 0]],
                 [0, 0, 1, 1, 0, 0, 1, 1, 2, 2, 3, 3, 2, 2, 3, 3],
                 "corners_plus1",
-            )
+            ),
+            "once_3": ([1] * 8 + [nan], ones + none, "corners_plus1"),
+            "once_4": ([1] * 8 + [nan], none + ones, "corners_plus1"),
         },
     )
+    surface = ls.LimitSurface(mesh)
+    assert np.isnan(surface.evaluate([0, 1, 2], 0.5, 0.5, channel="once_4")).tolist() == [
+        True,
+        True,
+        True,
+    ]
+    assert surface.evaluate(3, 0.2, 0.5, channel="once_4") == 1
 
 
 def test_a_default_agrees_with_the_same_said(read):
@@ -374,41 +398,99 @@ ST += "int[] primvars:st:indices = [0, 0, 0, 0, 0, 0, 0, 0]\n"
 
 
 @pytest.mark.parametrize(
-    ("one", "other", "message"),
+    ("one", "other", "option", "message"),
     [
-        (
-            "",
-            "uniform token subdivisionScheme = 'none'",
-            "scheme is 'catmull-clark' in /a, but 'none' in /b: one mesh cannot have both, read "
-            "them apart with prim=...",
-        ),
         (
             "token interpolateBoundary = 'none'",
             "",
-            "boundary is 'none' in /a, but 'edge_and_corner' in /b",
+            "boundary",
+            "its meshes differ in boundary: 'none' (1: /a), 'edge_and_corner' (1: /b): choose",
         ),
         (
             "token triangleSubdivisionRule = 'smooth'",
             "",
-            "triangles is 'smooth' in /a, but 'catmull-clark' in /b",
+            "triangles",
+            "its meshes differ in triangles: 'smooth' (1: /a), 'catmull-clark' (1: /b): choose",
         ),
         (
             ST.format(n=2, value="(0, 1)", interpolation="faceVarying"),
             ST.format(n=2, value="(0, 1)", interpolation="faceVarying")
             + "token faceVaryingLinearInterpolation = 'all'",
-            "interpolation of primvars:st is 'corners_plus1' in /a, but 'all' in /b",
+            "st",
+            "/b: channel 'st': interpolation: got 'all', but 'corners_plus1' in /a",
+        ),
+        (
+            ST.format(n=2, value="(0, 1)", interpolation="faceVarying"),
+            ST.format(n=2, value="(0, 1)", interpolation="vertex").replace("0, 0, 0]", "0]"),
+            "st",
+            "/b: channel 'st': interpolation: got 'none', but 'corners_plus1' in /a",
         ),
         (
             ST.format(n=2, value="(0, 1)", interpolation="faceVarying"),
             ST.format(n=3, value="(0, 1, 2)", interpolation="faceVarying"),
-            "primvars:st is '(2,) per value' in /a, but '(3,) per value' in /b",
+            "st",
+            "/b: channel 'st': numbers of a value: got (3,), but (2,) in /a",
         ),
     ],
 )
-def test_meshes_that_cannot_be_one(read, refused, one, other, message):
+def test_meshes_that_differ(read, refused, one, other, option, message):
     text = prim(one, "a") + prim(other, "b")
-    assert refused(text).startswith(message)
+    with pytest.warns(UserWarning, match=re.escape(message) + "|2 of 4 faces have none") as caught:
+        mesh = read(text)
+    assert message in str(caught[0].message)
+    assert len(caught) == 1 + ("(3,)" in message)  # where one is left out, there is a gap
+    assert mesh.n_faces == 4
+    if option == "st":
+        values, rows, mode = mesh.channels["st"]
+        assert mode == "corners_plus1"
+        assert values[rows][:8].tolist() == [[0, 1]] * 8
+        lacking = np.isnan(values[rows][8:])
+        assert lacking.all() if "(3,)" in message else not lacking.any()
+    else:
+        assert getattr(mesh, option) is None
+    assert refused(text, strict=True).startswith(message)
     assert read(text, prim="/a").n_faces == read(text, prim="/b").n_faces == 2
+
+
+def test_meshes_of_several_schemes(read, tmp_path):
+    text = group(prim("uniform token subdivisionScheme = 'none'", "ground") + prim(name="box"))
+    with pytest.warns(UserWarning, match=r"'none' \(1: /World/ground\), 'catmull-clark' \(1: "):
+        mesh = read(text)
+    assert mesh.scheme == "mixed"
+    with pytest.raises(ValueError, match=r'with several schemes; .* say scheme="catmull-clark"'):
+        ls.LimitSurface(mesh)
+    assert len(ls.LimitSurface(mesh, scheme="catmull-clark").limit_faces) == 4
+    with pytest.warns(UserWarning, match="of several schemes, .*: written as 'none'") as caught:
+        ls.write(tmp_path / "again.usda", mesh)
+    assert caught[0].filename == __file__
+    assert ls.read(tmp_path / "again.usda").scheme == "none"
+    path = str(tmp_path / "cage.usda")
+    told = CliRunner().invoke(main, ["info", path])
+    assert told.exit_code == 0
+    assert "--scheme catmull-clark" in told.stdout
+    assert "differ in scheme: 'none' (1: /World/ground)" in told.stderr
+    assert "--prim PATH" in told.stderr
+    chosen = CliRunner().invoke(main, ["info", path, "--scheme", "catmull-clark"])
+    assert (chosen.exit_code, chosen.stderr) == (0, "")
+    assert "limit faces" in chosen.stdout
+
+
+@pytest.mark.parametrize(
+    ("scheme", "reason"),
+    [("none", "a mere mesh of polygons"), ("loop", "not there yet"), ("bilinear", "not there yet")],
+)
+def test_how_to_subdivide_all_the_same(tmp_path, scheme, reason):
+    path = str(tmp_path / "cage.usda")
+    ls.write(path, ls.Mesh(POINTS, FACES, scheme=scheme))
+    for command in "tessellate", "refine", "validate":
+        done = CliRunner().invoke(main, [command, path])
+        assert done.exit_code == 2
+        assert reason in done.stderr
+        assert "say --scheme catmull-clark" in done.stderr
+    told = CliRunner().invoke(main, ["info", path])
+    assert told.exit_code == 0
+    assert re.search(rf"scheme +{scheme}\n", told.stdout)
+    assert CliRunner().invoke(main, ["refine", path, "--scheme", "catmull-clark"]).exit_code == 0
 
 
 HIDDEN = {
@@ -419,13 +501,6 @@ HIDDEN = {
     "inactive": prim(name="hidden", head="active = false"),
     "class": prim(name="hidden").replace("def", "class"),
     "over": prim(name="hidden").replace("def", "over"),
-    "prototype": f"""def PointInstancer "instancer" {{
-        point3f[] positions = [(0, 0, 0)]
-        int[] protoIndices = [0]
-        rel prototypes = </instancer/hidden>
-        {prim(name="hidden")}
-    }}
-    """,
 }
 
 
@@ -477,6 +552,137 @@ def test_instances_and_references(tmp_path, read):
     assert read(reference.format("two", MOVED), prim="/two/quads").points.tolist() == moved.tolist()
 
 
+def instancer(body, name="scatter", prototypes="</scatter/a>, </scatter/b>", more=""):
+    inside = prim(name="a") + group(prim(MOVED, "c"), "b", MOVED)
+    head = f'def PointInstancer "{name}" {{\nrel prototypes = [{prototypes}]'
+    return f"{head}\n{body}\n{inside}{more}}}\n"
+
+
+INSTANCES = """
+    int[] protoIndices = [0, 1, 0, 1, 0]
+    point3f[] positions = [(0, 0, 0), (1, 2, 3), (4, 5, 6), (7, 8, 9), (-1, -2, -3)]
+    quath[] orientations = [(1, 0, 0, 0), (0.5, 0.5, 0.5, 0.5), (0, 1, 0, 0),
+        (-0.5, 0.5, -0.5, 0.5), (0, 0, 0, 0)]
+    float3[] scales = [(1, 1, 1), (1, 2, 3), (2, 2, 2), (-1, 1, 1), (1, 1, -2)]
+    int64[] ids = [10, 20, 30, 40, 50]
+"""
+
+
+def expected_instances(path):
+    """The points (n, 6, 3) of the instances by USD's own matrices, prototype by prototype."""
+    stage = Usd.Stage.Open(str(path))
+    early = Usd.TimeCode.EarliestTime()
+    scatter = UsdGeom.PointInstancer(stage.GetPrimAtPath("/World/scatter"))
+    matrices = scatter.ComputeInstanceTransformsAtTime(early, early, applyMask=scatter.IgnoreMask)
+    shown = scatter.ComputeMaskAtTime(early) or [True] * len(matrices)
+    world = UsdGeom.Imageable(scatter).ComputeLocalToWorldTransform(early)
+    below = UsdGeom.Xformable(stage.GetPrimAtPath("/World/scatter/b/c")).GetLocalTransformation()
+    found = []
+    for prototype, between in (0, None), (1, below):
+        for index, matrix, is_shown in zip(
+            scatter.GetProtoIndicesAttr().Get(), matrices, shown, strict=True
+        ):
+            if index == prototype and is_shown:
+                whole = matrix * world if between is None else between * matrix * world
+                found.append([list(whole.Transform(tuple(map(float, p)))) for p in POINTS])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("hidden", ["", "int64[] invisibleIds = [20, 50]"])
+def test_point_instancers(read, tmp_path, hidden):
+    text = instancer(INSTANCES + hidden + MOVED).replace("/scatter/", "/World/scatter/")
+    mesh = read(group(text, body=MOVED))
+    expected = expected_instances(tmp_path / "cage.usda")
+    assert len(expected) == (3 if hidden else 5)
+    found = mesh.points.reshape(-1, 6, 3)
+    assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+    first = np.array(mesh.faces).reshape(-1, 2, 4)[0]
+    assert first.tolist() == FACES
+    # mirrored copies are turned around
+    corners = np.array(mesh.faces).reshape(-1, 8) - 6 * np.arange(len(found))[:, None]
+    turned = (corners[:, 1] != 1).tolist()
+    assert turned == ([False, False, True] if hidden else [False, False, True, False, True])
+
+
+def test_instances_of_instancers(read, tmp_path):
+    """Two copies of three copies, of a part with tags and a channel, far below a mere "over"."""
+    tags = """
+    int[] creaseIndices = [1, 2]
+    int[] creaseLengths = [2]
+    float[] creaseSharpnesses = [3]
+    int[] holeIndices = [1]
+    texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1), (2, 0), (2, 1)] (
+        interpolation = "vertex"
+    )
+"""
+    text = f"""
+    over "Prototypes" {{
+        def PointInstancer "row" {{
+            rel prototypes = </Prototypes/one>
+            int[] protoIndices = [0, 0, 0]
+            point3f[] positions = [(0, 0, 0), (3, 0, 0), (6, 0, 0)]
+        }}
+        def Mesh "one" {{{TWO_QUADS + tags}}}
+    }}
+    def PointInstancer "rows" {{
+        rel prototypes = </Prototypes/row>
+        int[] protoIndices = [0, 0]
+        point3f[] positions.timeSamples = {{1: [(0, 0, 0), (0, 2, 0)], 3: [(0, 0, 8), (0, 2, 8)]}}
+    }}
+"""
+    mesh = read(text)
+    move = [[x, y, 0] for y in (0, 2) for x in (0, 3, 6)]
+    assert (mesh.points.reshape(6, 6, 3) == np.array(POINTS) + np.array(move)[:, None]).all()
+    shift = 6 * np.arange(6)[:, None, None]
+    assert (np.reshape(mesh.faces, (6, 2, 4)) == np.array(FACES) + shift).all()
+    assert mesh.creases[0].tolist() == [[1 + 6 * i, 2 + 6 * i] for i in range(6)]
+    assert mesh.holes.tolist() == [1, 3, 5, 7, 9, 11]
+    values, rows, _ = mesh.channels["st"]
+    assert len(values) == 6
+    assert (values[rows].reshape(6, 8, 2) == np.array(POINTS)[np.ravel(FACES), :2]).all()
+    assert (read(text, time=2).points[:, 2] == 4).all()
+    assert read(text, prim="/rows") == mesh
+
+
+@pytest.mark.parametrize(
+    ("change", "faces", "message"),
+    [
+        (("positions = [(0, 0, 0), ", "positions = ["), 2, "/s: positions: got 4, need 5, one for"),
+        (
+            ("protoIndices = [0, 1, 0, 1, 0]", "protoIndices = [0, 1, 7, -1, 0]"),
+            8,
+            "/s: instance 2 is of prototype 7, need 0 to 1; 1 more like it",
+        ),
+        (("(7, 8, 9)", "(nan, 8, 9)"), 10, "/s: instance 3 stands at no finite place"),
+        (
+            ("scales = [(1, 1, 1), ", "scales = ["),
+            12,
+            "/s: scales: got 4, need 5, one for each ins",
+        ),
+        (("ids = [10, ", "ids = ["), 12, "/s: ids: got 4, need 5, one for each instance"),
+        (("</s/a>", "</s/none>"), 6, "/s: there is no prim /s/none for prototype 0: 3 instances"),
+        (("</s/a>", "</s>"), 6, "/s: the point instancer is its own prototype"),
+    ],
+)
+def test_broken_instancers(read, refused, change, faces, message):
+    text = instancer(INSTANCES, "s", "</s/a>, </s/b>").replace(*change) + prim(name="sound")
+    with pytest.warns(UserWarning, match=re.escape(message)):
+        assert read(text).n_faces == faces
+    assert refused(text, strict=True).startswith(message.partition(": 3 inst")[0])
+
+
+def test_instancers_are_bounded(read, refused, monkeypatch):
+    monkeypatch.setattr("limitsurf.shell.usd_scene.MOST_CORNERS", 40)
+    assert read(instancer(INSTANCES)).n_faces == 10
+    text = instancer(INSTANCES, more=instancer("", "other", "</scatter/a>"))
+    assert read(text).n_faces == 10
+    monkeypatch.setattr("limitsurf.shell.usd_scene.MOST_CORNERS", 39)
+    message = refused(text + prim(name="sound"))
+    assert message.startswith(
+        "/scatter: 5 instances make 40 corners of faces, which is more than 39"
+    )
+
+
 def test_the_earliest_time(read):
     mesh = read(
         prim("""
@@ -502,6 +708,38 @@ def test_the_earliest_time(read):
     assert mesh.channels["st"][0].tolist() == [[i, i] for i in range(1, 7)]
 
 
+def test_a_frame(read, tmp_path):
+    first, second = ("(0, 0, 0), (1, 0, 0), (1, 1, 0)".replace("0)", f"{z})") for z in (0, 8))
+    text = f"""
+    def Mesh "sheet" {{
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points.timeSamples = {{1: [{first}], 3: [{second}]}}
+        float[] creaseSharpnesses.timeSamples = {{1: [1], 3: [5]}}
+        int[] creaseIndices = [0, 1]
+        int[] creaseLengths = [2]
+        token visibility.timeSamples = {{1: "inherited", 9: "invisible"}}
+        double3 xformOp:translate.timeSamples = {{1: (0, 0, 0), 3: (0, 0, 2)}}
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }}
+"""
+    for time, z, sharpness in (None, 0, 1), (1, 0, 1), (2, 5, 3), (2.5, 7.5, 4), (3, 10, 5):
+        mesh = read(text, time=time)
+        assert mesh.points[:, 2].tolist() == [z] * 3
+        assert mesh.creases[1].tolist() == [sharpness]
+    with pytest.raises(ls.MeshError, match="found none that is shown"):
+        read(text, time=9)
+    for time in float("nan"), float("inf"), "2", [1]:
+        with pytest.raises(ValueError, match=r"time: got .*, need a finite number"):
+            read(text, time=time)
+    cage = str(tmp_path / "cage.usda")
+    done = CliRunner().invoke(main, ["convert", cage, str(tmp_path / "a.obj"), "--time", "3"])
+    assert done.exit_code == 0
+    assert ls.read(tmp_path / "a.obj").points[:, 2].tolist() == [10] * 3
+    with pytest.raises(ValueError, match=r"got time 2, but only a USD file has frames"):
+        ls.read(tmp_path / "a.obj", time=2)
+
+
 # --- What is broken is located
 
 MATTERS = {
@@ -520,12 +758,17 @@ BROKEN_MESHES = {
     ("counts", "int[] faceVertexCounts = [4]"): "faceVertexCounts add up to 4, but there are 8 ",
     ("counts", "int[] faceVertexCounts = [4, 5]"): "faceVertexCounts add up to 9, but there are 8",
     ("counts", "int[] faceVertexCounts = [9, -1]"): "face 1 has -1 corners, need three or more",
-    ("counts", "int[] faceVertexCounts = [6, 2]"): "face 1 has 2 corners, need three or more",
-    ("counts", "int[] faceVertexCounts = [8, 0]"): "face 1 has 0 corners, need three or more",
+    ("counts", "int[] faceVertexCounts = [2, 2, 2, 2]"): "face 0 has 2 corners, need three or more",
     ("counts", "int[] faceVertexCounts = [2147483647, 2147483647]"): "faceVertexCounts add up to 4",
-    ("counts", "float[] faceVertexCounts = [4, 4]"): "faceVertexCounts: got FloatArray, need int[]",
-    ("counts", "string faceVertexCounts = '44'"): "faceVertexCounts: got str, need int[]",
-    ("counts", "int faceVertexCounts = 4"): "faceVertexCounts: got int, need int[]",
+    (
+        "counts",
+        "float[] faceVertexCounts = [4, 4]",
+    ): "faceVertexCounts: got FloatArray, need an array",
+    (
+        "counts",
+        "string faceVertexCounts = '44'",
+    ): "faceVertexCounts: got str, need an array of int",
+    ("counts", "int faceVertexCounts = 4"): "faceVertexCounts: got int, need an array of integers",
     ("indices", "[]"): "faceVertexCounts add up to 8, but there are 0 faceVertexIndices",
     ("indices", "None"): "faceVertexCounts add up to 8, but there are 0 faceVertexIndices",
     ("indices", "[0, 1, 2, 6, 1, 4, 5, 2]"): "face 0: vertex index 6 is out of range, need 0 to 5",
@@ -535,11 +778,16 @@ BROKEN_MESHES = {
 
 @pytest.mark.parametrize(("change", "message"), BROKEN_MESHES.items())
 @pytest.mark.parametrize("orientation", ["rightHanded", "leftHanded"])
-def test_broken_meshes(refused, change, message, orientation):
+def test_broken_meshes(read, refused, change, message, orientation):
     text = prim(f"uniform token orientation = '{orientation}'", "b")
     text = text.replace(MATTERS[change[0]], change[1])
     assert refused(text).startswith("/b: " + message)
-    assert refused(group(prim(name="a") + text)).startswith("/World/b: " + message)
+    assert refused(text, strict=True).startswith("/b: " + message)
+    both = group(prim(name="a") + text)
+    assert refused(both, strict=True).startswith("/World/b: " + message)
+    with pytest.warns(UserWarning, match=re.escape(f"/World/b: {message}")) as caught:
+        assert read(both) == ls.Mesh(POINTS, FACES)
+    assert str(caught[0].message).endswith("the mesh is left out")
 
 
 CREASE = "int[] creaseIndices = {}\nint[] creaseLengths = {}\nfloat[] creaseSharpnesses = {}\n"
@@ -562,7 +810,7 @@ BROKEN_TAGS = {
     CREASE.format("[0, 1]", "[3]", "[1]"): "creaseLengths add up to 3, but there are 2 creaseInd",
     CREASE.format("[0, 1]", "[]", "[]"): "creaseLengths add up to 0, but there are 2 creaseIndices",
     CREASE.format("[]", "[2]", "[1]"): "creaseLengths add up to 2, but there are 0 creaseIndices",
-    "float[] creaseIndices = [0, 1]": "creaseIndices: got FloatArray, need int[]",
+    "float[] creaseIndices = [0, 1]": "creaseIndices: got FloatArray, need an array of",
     CORNER.format("[6]", "[1]"): "corner 6 is out of range, need 0 to 5",
     CORNER.format("[-1]", "[1]"): "corner -1 is out of range, need 0 to 5",
     CORNER.format("[1]", "[-2]"): "corner 1: sharpness -2.0 is not in [0, inf]",
@@ -585,22 +833,95 @@ BROKEN_TAGS = {
     INDEXED.format("[(0, 0)]", "faceVarying", "[0, 0, 0, 0, 0, 0, 1, 0]"): "primvars:st: got index "
     "1, need 0 to 0",
     INDEXED.format("[(0, 0)]", "vertex", "[0, 0, 0, 0, 0, -1]"): "primvars:st: got index -1, need ",
-    VARYING.format("[(0, 0), (0, 0), (0, nan), (0, 0), (0, 0), (0, 0)]", "vertex"): "channel 'st': "
-    "row 2: coordinate nan is not finite",
-    MOVED.replace("(2, 3, 4)", "(2, nan, 4)"): "vertex 0: coordinate nan is not finite; 5 more",
-    MOVED.replace("(2, 3, 4)", "(1e308, 1, 4)"): "vertex 4: coordinate inf is not finite; 1 more",
 }
 
 
 @pytest.mark.parametrize(("text", "message"), BROKEN_TAGS.items())
-def test_broken_tags(refused, text, message):
-    assert refused(prim(text)).startswith("/quads: " + message)
+def test_broken_tags(read, refused, text, message):
+    with pytest.warns(UserWarning, match=re.escape(f"cage.usda, /quads: {message}")) as caught:
+        mesh = read(prim(text))
+    assert len(caught) == 1
+    assert str(caught[0].message).endswith(": left out")
+    creases = {(0, 1): 1, (1, 2): 1} if "[0, 1, 2, 4]" in text else {}
+    assert mesh == ls.Mesh(POINTS, FACES, creases=creases)
+    assert refused(prim(text), strict=True).startswith("/quads: " + message)
+    with pytest.warns(UserWarning, match=r"; 2 more like it: /b, /c$"):
+        assert read(prim(text, "a") + prim(text, "b") + prim(text, "c")).n_faces == 6
 
 
-def test_broken_note_on_creasing(refused):
+def test_sound_tags_stay_beside_broken_ones(read):
+    text = CREASE.format("[0, 1, 0, 7, 1, 2, 1, 4, 3, 9]", "[2, 2, 2, 2, 2]", "[10, 3, nan, 2, 1]")
+    text += CORNER.format("[5, 6, 0]", "[1, 2, -1]") + "uint[] holeIndices = [1, 2]\n"
+    with pytest.warns(UserWarning, match="left out") as caught:
+        mesh = read(prim(text))
+    tags = {"creases": {(0, 1): 10, (1, 4): 2}, "corners": {5: 1}, "holes": [1]}
+    assert mesh == ls.Mesh(POINTS, FACES, **tags)
+    assert [str(one.message).partition("/quads: ")[2] for one in caught] == [
+        "crease (0, 7): the mesh has no such edge; 1 more like it: left out",
+        "crease (1, 2): sharpness nan is not in [0, inf]: left out",
+        "corner 6 is out of range, need 0 to 5: left out",
+        "corner 0: sharpness -1.0 is not in [0, inf]: left out",
+        "hole 2 is out of range, need 0 to 1: left out",
+    ]
+
+
+@pytest.mark.parametrize("kind", ["uint", "int64", "uint64", "uchar"])
+def test_integers_of_other_types(read, kind):
+    text = prim("int[] holeIndices = [1]").replace("int[]", f"{kind}[]")
+    assert read(text) == ls.Mesh(POINTS, FACES, holes=[1])
+
+
+def test_small_faces_are_left_out(read, refused):
+    text = prim("""
+    int[] holeIndices = [1, 3]
+    float[] primvars:st = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9] (interpolation = "faceVarying")
+""")
+    text = text.replace("[4, 4]", "[4, 2, 0, 4]").replace("3, 1, 4, 5, 2]", "3, 0, 1, 1, 4, 5, 2]")
+    with pytest.warns(UserWarning, match="face 1 has 2 corners, which enclose nothing; 1 more"):
+        mesh = read(text)
+    assert mesh.faces.tolist() == FACES
+    assert mesh.holes.tolist() == [1]
+    assert mesh.channels["st"][0][mesh.channels["st"][1]].tolist() == [0, 1, 2, 3, 6, 7, 8, 9]
+    assert refused(text, strict=True).startswith("/quads: face 1 has 2 corners")
+
+
+def test_points_that_no_face_uses(read, refused):
+    text = prim(MOVED).replace("(2, 1, 0)]", "(2, 1, 0), (nan, 0, 0), (0, inf, 0)]")
+    with pytest.warns(UserWarning, match="point 6 is not finite, but in no face; 1 more like it"):
+        mesh = read(text)
+    assert mesh.points[:6].tolist() == (np.array(POINTS) * [2, 3, 4] + [10, 20, 30]).tolist()
+    assert np.isfinite(mesh.points).all()
+    assert mesh.n_vertices == 8
+    assert refused(text, strict=True).startswith("/quads: point 6 is not finite")
+
+
+@pytest.mark.parametrize(
+    ("scale", "message"),
+    [
+        ("(2, nan, 4)", "vertex 0: coordinate nan is not finite in its place; 5 more"),
+        ("(1e308, 1, 4)", "vertex 4: coordinate inf is not finite in its place; 1 more"),
+    ],
+)
+def test_places_that_are_none(read, refused, scale, message):
+    text = prim(MOVED.replace("(2, 3, 4)", scale), "b")
+    assert refused(text).startswith("/b: " + message)
+    with pytest.warns(UserWarning, match="the mesh is left out"):
+        assert read(prim(name="a") + text) == ls.Mesh(POINTS, FACES)
+
+
+def test_values_that_are_none(read, refused):
+    text = prim(VARYING.format("[(0, 0), (0, 0), (0, nan), (0, 0), (0, 0), (0, 0)]", "vertex"))
+    assert np.isnan(read(text, strict=True).channels["st"][0]).sum() == 1
+    with pytest.warns(UserWarning, match="primvars:st: value 2 is infinite: NaN"):
+        assert np.isnan(read(text.replace("nan", "inf")).channels["st"][0]).sum() == 1
+
+
+def test_broken_note_on_creasing(read, refused):
     for note in "string creasing = 'sharp'", "int creasing = 3", "int[] creasing = [1, 2]":
         text = prim(head=f"customData = {{dictionary limitsurf = {{{note}}}}}")
-        assert refused(text).startswith("/quads: creasing: got ")
+        with pytest.warns(UserWarning, match="/quads: creasing: got "):
+            assert read(text) == ls.Mesh(POINTS, FACES)
+        assert refused(text, strict=True).startswith("/quads: creasing: got ")
 
 
 @pytest.mark.parametrize(
@@ -657,7 +978,7 @@ def test_noise_is_refused_or_read_but_nothing_else(tmp_path, seed):
     path = tmp_path / "noise.usda"
     path.write_bytes(data)
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=r".*noise\.usda: ")
+        warnings.filterwarnings("ignore", message=r".*noise\.usda[:,] ")
         try:
             assert np.isfinite(ls.read(path).points).all()
         except ls.MeshError as error:
@@ -672,6 +993,8 @@ def test_what_usd_warns_of(read):
         assert read(prim(head="references = @none.usda@</a>")).n_faces == 2
     assert caught[0].filename == __file__
     assert "SDF_FORMAT_ARGS" not in str(caught[0].message)
+    with pytest.raises(ls.MeshError, match=r"cage\.usda: .*none\.usda"):
+        read(prim(head="references = @none.usda@</a>"), strict=True)
 
 
 def test_files_that_are_none(tmp_path):
@@ -684,6 +1007,68 @@ def test_files_that_are_none(tmp_path):
     with pytest.raises(OSError, match=r"cube\.usdc"):
         ls.write(tmp_path / "none" / "cube.usdc", ls.Mesh(*zoo.cube()))
     assert os.listdir(tmp_path) == ["folder.usda"]
+
+
+@pytest.mark.parametrize(
+    ("head", "units", "up"),
+    [
+        ('upAxis = "Z"\nmetersPerUnit = 0.001', 0.001, "z"),
+        ('upAxis = "Y"', None, "y"),
+        ("metersPerUnit = 1", 1.0, None),
+        ("", None, None),
+    ],
+)
+def test_units_and_up_axis(read, tmp_path, head, units, up):
+    mesh = read(f"({head})\n" + prim(MOVED))
+    assert (mesh.units, mesh.up) == (units, up)
+    tessellation = ls.tessellate(ls.LimitSurface(mesh), 2)
+    fine = ls.refined(mesh, 1)
+    for x in mesh, fine, tessellation, fine.with_points(fine.points + 1):
+        assert (x.units, x.up) == (units, up)
+        ls.write(tmp_path / "again.usda", x)
+        stage = Usd.Stage.Open(str(tmp_path / "again.usda"))
+        assert UsdGeom.StageHasAuthoredMetersPerUnit(stage) == (units is not None)
+        assert stage.HasAuthoredMetadata("upAxis") == (up is not None)
+        if units is not None:
+            assert UsdGeom.GetStageMetersPerUnit(stage) == units
+        if up is not None:
+            assert UsdGeom.GetStageUpAxis(stage) == up.upper()
+
+
+@pytest.mark.parametrize(
+    ("head", "message"),
+    [
+        ('upAxis = "X"', "upAxis: got 'X', need 'Y' or 'Z'"),
+        ("metersPerUnit = 0", "metersPerUnit: got 0.0, need a positive number"),
+        ("metersPerUnit = -1", "metersPerUnit: got -1.0, need"),
+        ("metersPerUnit = nan", "metersPerUnit: got nan, need"),
+        ("metersPerUnit = inf", "metersPerUnit: got inf, need"),
+    ],
+)
+def test_bad_units_and_up_axes(read, refused, head, message):
+    with pytest.warns(UserWarning, match=re.escape(message)):
+        assert read(f"({head})\n" + prim()) == ls.Mesh(POINTS, FACES)
+    assert refused(f"({head})\n" + prim(), strict=True).startswith(message)
+
+
+@pytest.mark.parametrize("start", [*range(0, 60, 10), 1210])
+def test_damage_of_all_kinds_together(tmp_path, start):
+    """The sound mesh is read whatever is beside it; where there is a warning, strict refuses."""
+    path = str(tmp_path / "damaged.usdc")
+    for seed in range(start, start + 10):
+        stage = usd_damage.damaged_stage(random.Random(seed))
+        stage.GetRootLayer().Export(path)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            mesh = ls.read(path)
+        assert (mesh.points == [100, 100, 100]).all(axis=1).any()
+        harmless = r"differ in scheme|have none, and are NaN|no place for all"
+        damage = [one for one in caught if not re.search(harmless, str(one.message))]
+        assert all(one.category is UserWarning for one in caught)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with pytest.raises(ls.MeshError, match="damaged") if damage else nullcontext():
+                ls.read(path, strict=True)
 
 
 # --- Writing
@@ -705,6 +1090,8 @@ def rounded(mesh):
         boundary=mesh.boundary,
         creasing=mesh.creasing,
         triangles=mesh.triangles,
+        units=mesh.units,
+        up=mesh.up,
         channels={
             name: (single(values), rows, mode)
             for name, (values, rows, mode) in mesh.channels.items()
@@ -767,6 +1154,8 @@ def test_random_tagged_cages_come_back(tmp_path_factory, data):
         boundary=data.draw(st.sampled_from([None, "none", "edge_only", "edge_and_corner"])),
         creasing=data.draw(st.sampled_from([None, "uniform", "chaikin"])),
         triangles=data.draw(st.sampled_from([None, "catmull-clark", "smooth"])),
+        units=data.draw(st.sampled_from([None, 0.01, 1, 1e-300])),
+        up=data.draw(st.sampled_from([None, "y", "z"])),
         channels=channels,
     )
     same(tmp_path_factory.mktemp("again"), tagged, data.draw(suffixes))
@@ -912,12 +1301,6 @@ TRIANGLE = (np.zeros((3, 3)), [[0, 1, 2]])
             ls.Mesh(*TRIANGLE, channels={"st": ([0, 10**400], [0, 1, 0], "all")}),
             "channel 'st': a value is beyond float32",
         ),
-        (
-            ls.Mesh(
-                *TRIANGLE, channels={"a": ([0], [0] * 3, "all"), "b": ([0], [0] * 3, "boundaries")}
-            ),
-            "channels: a USD mesh holds one interpolation for all its seams, got {'a': 'all', 'b':",
-        ),
     ],
 )
 @pytest.mark.parametrize("suffix", [".usda", ".usdc"])
@@ -928,6 +1311,15 @@ def test_what_a_usd_file_cannot_hold(tmp_path, mesh, message, suffix):
         ls.write(path, mesh)
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == [path.name]
+
+
+def test_seams_of_several_interpolations(tmp_path):
+    channels = {"a": ([0], [0] * 3, "all"), "b": ([0, np.nan], [0, 1, 0], "boundaries")}
+    with pytest.warns(UserWarning, match="one interpolation for all its seams, got .* as 'all'"):
+        ls.write(tmp_path / "a.usda", ls.Mesh(*TRIANGLE, channels=channels))
+    again = ls.read(tmp_path / "a.usda").channels
+    assert {name: mode for name, (_, _, mode) in again.items()} == {"a": "all", "b": "all"}
+    assert np.isnan(again["b"][0]).tolist() == [False, True]
 
 
 def test_a_file_is_replaced_whole(tmp_path):
@@ -981,6 +1373,24 @@ def test_the_command_line_reads_usd(tmp_path):
     result = CliRunner().invoke(main, ["info", path])
     assert result.exit_code == 0
     assert "limit faces" in result.output
+
+
+def test_the_command_line_is_strict_when_told(tmp_path):
+    path = tmp_path / "cage.usda"
+    path.write_text("#usda 1.0\n" + prim("int[] holeIndices = [7]"))
+    message = f"{path}, /quads: hole 7 is out of range, need 0 to 1"
+    for command in ["info"], ["refine", "-o", str(tmp_path / "fine.obj")]:
+        done = CliRunner().invoke(main, [*command, str(path)])
+        assert (done.exit_code, done.stderr) == (0, f"limitsurf: warning: {message}: left out\n")
+        done = CliRunner().invoke(main, [*command, str(path), "--strict"])
+        assert (done.exit_code, done.stderr) == (2, f"limitsurf: error: {message}\n")
+
+
+def test_why_there_is_no_mesh(refused):
+    text = instancer(INSTANCES.replace("(0, 0, 0), ", "", 1))
+    message = refused(text)
+    assert message.startswith("need a mesh of UsdGeom, found none that is shown in the stage; ")
+    assert "/scatter: positions: got 4, need 5" in message
 
 
 def test_without_usd(tmp_path, monkeypatch):

@@ -28,7 +28,10 @@ T = TypeVar("T")
 BOUNDARY = (None, "none", "edge_only", "edge_and_corner")
 CREASING = (None, "uniform", "chaikin")
 TRIANGLES = (None, "catmull-clark", "smooth")
+UP = (None, "y", "z")
 INTERPOLATION = ("none", "corners_only", "corners_plus1", "corners_plus2", "boundaries", "all")
+# what a mesh has besides points, faces, tags and channels, as it is given
+CHOICES = ("scheme", "boundary", "creasing", "triangles", "units", "up")
 
 
 class MeshError(ValueError):
@@ -168,7 +171,12 @@ class Mesh:
     triangles : {"catmull-clark", "smooth"}, optional
     channels : mapping {name: (values (k, ...), face_indices (n_corners,), interpolation)}, optional
         Face-varying data: for each corner the row of ``values`` that it takes. ``interpolation``
-        is "none", "corners_only", "corners_plus1", "corners_plus2", "boundaries" or "all".
+        is "none", "corners_only", "corners_plus1", "corners_plus2", "boundaries" or "all". Values
+        may be NaN, where faces have none.
+    units : float, optional
+        The metres that one unit of the points is. It is kept for files; nothing is scaled by it.
+    up : {"y", "z"}, optional
+        The axis that points up, kept for files likewise.
 
     Attributes
     ----------
@@ -184,7 +192,7 @@ class Mesh:
         Vertices ascending.
     holes : ndarray of int64
         Faces ascending.
-    scheme, boundary, creasing, triangles
+    scheme, boundary, creasing, triangles, units, up
         As given.
     channels : read-only mapping {name: (values, face_indices, interpolation)}
 
@@ -197,7 +205,8 @@ class Mesh:
     TypeError
         Points that are no numbers, indices that are no integers.
     ValueError
-        An unknown ``boundary``, ``creasing``, ``triangles`` or interpolation.
+        An unknown ``boundary``, ``creasing``, ``triangles``, interpolation or ``up``; ``units``
+        that are no positive number.
 
     Examples
     --------
@@ -220,6 +229,8 @@ class Mesh:
     boundary: str | None
     creasing: str | None
     triangles: str | None
+    units: float | None
+    up: str | None
 
     def __init__(
         self,
@@ -234,13 +245,16 @@ class Mesh:
         creasing: str | None = None,
         triangles: str | None = None,
         channels: Mapping[str, tuple[ArrayLike, ArrayLike, str]] | None = None,
+        units: float | None = None,
+        up: str | None = None,
     ) -> None:
         self._connectivity: dict[str, Any] = {}
         self.points = read_only(_numbers(points, "vertex"))
         sizes, indices = _face_arrays(faces)
         self.sizes, self.indices = read_only(sizes), read_only(indices)
         _check_faces(self)
-        self._set_tags(creases, corners, holes, scheme, boundary, creasing, triangles, channels)
+        choices = (scheme, boundary, creasing, triangles)
+        self._set_tags(creases, corners, holes, *choices, channels, units, up)
 
     @classmethod
     def _from_valid(
@@ -271,11 +285,14 @@ class Mesh:
         creasing: str | None = None,
         triangles: str | None = None,
         channels: Any = None,
+        units: float | None = None,
+        up: str | None = None,
     ) -> None:
         self.scheme = scheme
         self.boundary = _choice(boundary, "boundary", BOUNDARY)
         self.creasing = _choice(creasing, "creasing", CREASING)
         self.triangles = _choice(triangles, "triangles", TRIANGLES)
+        self.units, self.up = _units(units), _choice(up, "up", UP)
         self.creases = read_only(_crease_tags(self, creases))
         self.corners = read_only(_corner_tags(self, corners))
         self.holes = read_only(_hole_tags(self, holes))
@@ -620,9 +637,7 @@ class Mesh:
             "hole": len(self.holes),
         }
         parts += [_count(n, noun) for noun, n in tagged.items() if n]
-        options = {
-            name: getattr(self, name) for name in ("scheme", "boundary", "creasing", "triangles")
-        }
+        options = {name: getattr(self, name) for name in CHOICES}
         parts += [f"{name}={value!r}" for name, value in options.items() if value is not None]
         parts += [f"channel {name!r}" for name in self.channels]
         return f"{type(self).__name__}({', '.join(parts)})"
@@ -637,7 +652,7 @@ class Mesh:
 
     def _content(self) -> tuple[Any, ...]:
         cage = (self.points, self.sizes, self.indices, self.creases, self.corners, self.holes)
-        return *cage, self.scheme, self.boundary, self.creasing, self.triangles, self._channels
+        return *cage, *(getattr(self, name) for name in CHOICES), self._channels
 
     def __getstate__(self) -> dict[str, Any]:
         # these can be known from how the mesh was made; everything else is computed again
@@ -664,7 +679,7 @@ def read_only(value: T) -> T:
 
 _NO_TAGS: dict[str, Any] = read_only(
     {
-        **dict.fromkeys(("scheme", "boundary", "creasing", "triangles")),
+        **dict.fromkeys(CHOICES),
         "creases": (np.zeros((0, 2), np.int64), np.zeros(0)),
         "corners": (np.zeros(0, np.int64), np.zeros(0)),
         "holes": np.zeros(0, np.int64),
@@ -676,7 +691,9 @@ _NO_TAGS: dict[str, Any] = read_only(
 def _same(one: Any, other: Any) -> bool:
     """Equality, by value, of arrays, of tuples and dicts of them, and of plain values."""
     if isinstance(one, np.ndarray):
-        return isinstance(other, np.ndarray) and np.array_equal(one, other)
+        if not isinstance(other, np.ndarray) or one.shape != other.shape:
+            return False
+        return bool(((one == other) | ((one != one) & (other != other))).all())
     if isinstance(one, dict):
         return one.keys() == other.keys() and all(_same(one[name], other[name]) for name in one)
     if isinstance(one, tuple):
@@ -724,8 +741,21 @@ def _complete(values: T, what: str) -> T:
     return values
 
 
-def _numbers(values: ArrayLike, row: str, prefix: str = "") -> NDArray[Any]:
-    """A copy of coordinates as float64 or objects, all finite; messages call an entry a ``row``."""
+def _units(value: Any) -> float | None:
+    """A length in metres, or None."""
+    if value is None:
+        return None
+    number = isinstance(value, (int, float, np.integer, np.floating, Rational))
+    if not number or isinstance(value, bool) or not 0 < value < math.inf:
+        raise ValueError(f"units: got {value!r}, need a positive number of metres, or None")
+    return float(value)
+
+
+def _numbers(values: ArrayLike, row: str, prefix: str = "", gaps: bool = False) -> NDArray[Any]:
+    """A copy of coordinates as float64 or objects; messages call an entry a ``row``.
+
+    All are finite, or NaN if there may be gaps.
+    """
     values = _complete(values, f"{prefix}coordinates")
     try:
         array = np.array(values)
@@ -741,9 +771,11 @@ def _numbers(values: ArrayLike, row: str, prefix: str = "") -> NDArray[Any]:
         if wrong.any():
             raise TypeError(f"{need}, got {array[wrong][0]!r}")
         infinite = np.frompyfunc(_is_infinite_float, 1, 1)(array).astype(bool)
+        if gaps:
+            infinite &= (array == array).astype(bool)
     else:
         array = array.astype(np.float64, copy=False)
-        infinite = ~np.isfinite(array)
+        infinite = np.isinf(array) if gaps else ~np.isfinite(array)
         if not infinite.any():
             return array
     _check(
@@ -940,7 +972,7 @@ def _distinct_order(keys: IntArray, what: str, names: IntArray) -> IntArray:
 def _channel(mesh: Mesh, name: str, given: Any) -> Channel:
     if not isinstance(given, (tuple, list)) or len(given) != 3:
         raise TypeError(f"channel {name!r}: need (values, face_indices, interpolation)")
-    values = _numbers(given[0], "row", f"channel {name!r}: ")
+    values = _numbers(given[0], "row", f"channel {name!r}: ", gaps=True)
     rows = _integers(given[1], f"channel {name!r}: face_indices")
     if rows.shape != (mesh.n_corners,):
         raise MeshError(

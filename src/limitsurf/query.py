@@ -307,6 +307,8 @@ class Tessellation(Polygons):
         Rows of `normals` of all corners; (0,) without normals.
     channels : {name: (values (k, ...), indices (C,))}
         Face-varying channels in the same way.
+    units, up
+        Those of the cage, for files: see ``Mesh``.
 
     Examples
     --------
@@ -319,6 +321,8 @@ class Tessellation(Polygons):
     face: NDArray[np.int64]
     u: NDArray[np.float64]
     v: NDArray[np.float64]
+    units: float | None = None
+    up: str | None = None
 
     _by_point: ClassVar[tuple[str, ...]] = ("points", "face", "u", "v")
 
@@ -401,7 +405,8 @@ def tessellate(
         values = surface.evaluate(*there, channel=name, workers=workers)
         of_channels[name] = values, value[corners]
     points = surface.evaluate(*at, workers=workers)
-    return Tessellation(points, sizes, number[corners], directions, rows, of_channels, *at)
+    shape = points, sizes, number[corners], directions, rows, of_channels
+    return Tessellation(*shape, *at, surface.mesh.units, surface.mesh.up)
 
 
 def _tips(points: Array) -> Array:

@@ -740,10 +740,12 @@ def refined(
         coarse.sizes,
         coarse.indices,
         coarse._connectivity,
-        scheme=rules.scheme if scheme is not None else mesh.scheme,
+        scheme=scheme if scheme is not None else mesh.scheme,
         boundary=boundary if boundary is not None else mesh.boundary,
         creasing=creasing if creasing is not None else mesh.creasing,
         triangles=triangles if triangles is not None else mesh.triangles,
+        units=mesh.units,
+        up=mesh.up,
     )
     # valid as they are made: no edge is looked for
     tags: dict[str, Any] = {**sharpness.tags()}

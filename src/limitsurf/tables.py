@@ -68,6 +68,13 @@ SHIPPED_SECTORS = (
 MOST_FACES = 64
 _FOURIER = ("interior", "cone")  # kinds whose ring is that of all its rotations
 SCHEMES = {scheme.name: scheme for scheme in (CATMULL_CLARK,)}
+# what else files call a scheme, and what that means
+_OTHERS = {
+    "none": "the cage is a mere mesh of polygons, which is not to be subdivided",
+    "mixed": "the cage is of meshes with several schemes",
+    "loop": "it is not there yet",
+    "bilinear": "it is not there yet",
+}
 
 Array = NDArray[Any]
 
@@ -77,7 +84,11 @@ def find_scheme(scheme: str | Scheme) -> Scheme:
     if isinstance(scheme, Scheme):
         return scheme
     if not isinstance(scheme, str) or scheme not in SCHEMES:
-        raise ValueError(f"unknown scheme {scheme!r}; known: {', '.join(sorted(SCHEMES))}")
+        text = f"unknown scheme {scheme!r}; known: {', '.join(sorted(SCHEMES))}"
+        if isinstance(scheme, str) and scheme in _OTHERS:
+            advice = f'to subdivide it all the same, say scheme="{CATMULL_CLARK.name}"'
+            text += f" ({_OTHERS[scheme]}; {advice})"
+        raise ValueError(text)
     return SCHEMES[scheme]
 
 

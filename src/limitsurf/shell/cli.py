@@ -24,6 +24,8 @@ from limitsurf.shell.program import (
     reads_cage,
     refuse_beyond_memory,
     report,
+    strict_option,
+    time_option,
     to_option,
     write_mesh,
 )
@@ -73,9 +75,10 @@ def info(cage: Cage, as_json: bool) -> None:
     Keys of --json: cage; vertices, unused_vertices, edges, boundary_edges, nonmanifold_edges,
     faces, components, closed; face_sizes, valences, boundary_faces, nonmanifold_faces (how
     often which number of corners, or of faces at a vertex, occurs); creases, corners (number,
-    infinite, least, most); holes; channels (of each name values, numbers, interpolation); rules
-    (of each value, by_default); limit_faces; patches (how many limit faces are covered how);
-    special_corners (kind, faces, patches); no_surface (why there is none, else null).
+    infinite, least, most); holes; channels (of each name values, numbers, interpolation); scheme,
+    units (metres), up (as the cage says, else null); rules (of each value, by_default);
+    limit_faces; patches (how many limit faces are covered how); special_corners (kind, faces,
+    patches); no_surface (why there is none, else null).
     """
     from limitsurf.shell import facts
 
@@ -556,9 +559,11 @@ def _direction(view: str | None) -> str | tuple[float, ...] | None:
 @from_option
 @to_option
 @prim_option
+@time_option
+@strict_option
 @json_option
 def convert(
-    source: str, output: str, from_: str | None, to: str | None, prim: str | None, as_json: bool
+    source: str, output: str, from_: str | None, to: str | None, as_json: bool, **asked: Any
 ) -> None:
     """Read a cage in one format, write it in another.
 
@@ -573,7 +578,7 @@ def convert(
     Keys of --json: output, vertices, edges, faces.
     """
     mesh_suffix(output, to, as_json)
-    mesh = Cage(source, from_, prim, {}).read()
+    mesh = Cage(source, from_, {}, asked).read()
     counts = {"vertices": mesh.n_vertices, "edges": mesh.n_edges, "faces": mesh.n_faces}
     write_mesh(output, to, mesh, as_json, **counts)
 

@@ -64,6 +64,9 @@ def cage_facts(mesh: Mesh, rules: Mapping[str, Any]) -> Facts:
             }
             for name, (values, _, interpolation) in mesh.channels.items()
         },
+        "scheme": mesh.scheme if mesh.scheme is None else getattr(mesh.scheme, "name", mesh.scheme),
+        "units": mesh.units,
+        "up": mesh.up,
         "rules": None,
         "limit_faces": None,
         "patches": None,
@@ -140,7 +143,13 @@ def told(facts: Facts) -> Iterator[tuple[str, str]]:
         yield "holes", f"{facts['holes']}"
     for name, channel in facts["channels"].items():
         yield f"channel {name}", f"{channel['values']} values, {channel['interpolation']}"
+    if facts["units"] is not None:
+        yield "units", f"{facts['units']:g} m"
+    if facts["up"] is not None:
+        yield "up axis", facts["up"]
     if facts["no_surface"] is not None:
+        if facts["scheme"] is not None:
+            yield "scheme", str(facts["scheme"])
         yield "limit surface", f"none: {facts['no_surface']}"
         return
     for name, rule in facts["rules"].items():

@@ -10,6 +10,7 @@ import sys
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from importlib.util import find_spec
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.mesh import Mesh, MeshError
+from limitsurf.mesh import UP, Mesh, MeshError
 from limitsurf.shell import vtk_reader
 from limitsurf.shell.polygons import mesh_of, polygons
 
@@ -33,6 +34,8 @@ WRITABLE = (*PLAIN, *USD, *VTK, *TRIMESH)
 # what else a format holds of a tessellation
 WITH_NORMALS = (".obj", ".ply", *USD, *VTK, ".glb", ".gltf", ".dae")
 WITH_UV = (".obj", ".ply", *USD, *VTK, ".glb", ".gltf", ".dae")
+# the axis that points up, and the metres of one unit, in files as they are written
+MEASURES = {".glb": ("y", 1.0), ".gltf": ("y", 1.0), ".dae": ("y", 1.0), ".3mf": ("z", 0.001)}
 
 _UNPACKED = 1 << 30  # bytes of archives unpacked, beside those in proportion to a file
 _MEMORY = 4 << 30  # bytes that VTK may take up beside those in proportion to a file
@@ -304,7 +307,7 @@ def _complaints() -> Iterator[list[str]]:
         said += [line for line in window.GetOutput().splitlines() if "rror" in line]
 
 
-def read_vtk(name: str, suffix: str, data: bytes) -> Mesh:
+def read_vtk(name: str, suffix: str, data: bytes, *, strict: bool = False) -> Mesh:
     """The cage of a file of VTK; active texture coordinates of points are the channel "uv"."""
     _check_beginning(name, suffix, data)
     if find_spec("vtkmodules") is None:
@@ -312,7 +315,7 @@ def read_vtk(name: str, suffix: str, data: bytes) -> Mesh:
     return _read_apart(name, len(data), [suffix], data)
 
 
-def read_pyvista(name: str, suffix: str) -> Mesh:
+def read_pyvista(name: str, suffix: str, *, strict: bool = False) -> Mesh:
     """The cage of a file of another format that PyVista reads, from its path."""
     return _read_apart(name, os.path.getsize(name), [suffix, os.path.abspath(name)], b"")
 
@@ -400,7 +403,9 @@ def _quiet() -> Iterator[None]:
         logger.setLevel(level)
 
 
-def read_trimesh(name: str, suffix: str, data: bytes, folder: str | None) -> Mesh:
+def read_trimesh(
+    name: str, suffix: str, data: bytes, folder: str | None, *, strict: bool = False
+) -> Mesh:
     """The cage of a file that trimesh reads, its objects together, points joined."""
     trimesh = _trimesh()
     _check_beginning(name, suffix, data)
@@ -420,7 +425,47 @@ def read_trimesh(name: str, suffix: str, data: bytes, folder: str | None) -> Mes
         raise MeshError(f"{name}: trimesh cannot read it, truncated or broken: {reason}") from None
     if not any(len(getattr(part, "faces", ())) for part in scene.geometry.values()):
         raise MeshError(f"{name}: need at least one triangle, got none")
-    return from_trimesh(scene, merge=True)
+    return from_trimesh(scene, merge=True, **_measures(suffix, data, scene))
+
+
+def _measures(suffix: str, data: bytes, scene: Any) -> dict[str, Any]:
+    """Units and up axis of a file, as far as its format has them."""
+    if suffix == ".zae":  # an archive with a DAE file
+        with zipfile.ZipFile(BytesIO(data)) as archive:
+            names = [name for name in archive.namelist() if name.lower().endswith(".dae")]
+            suffix, data = ".dae", archive.read(names[0]) if names else b""
+    if suffix not in MEASURES:
+        return {}
+    up, units = MEASURES[suffix]
+    if suffix == ".dae":
+        said = re.search(rb"<up_axis>\s*([XYZ])_UP\s*</up_axis>", data)
+        up = said[1].decode().lower() if said else "y"
+    if suffix in (".dae", ".3mf") and scene.units is not None:
+        with suppress(ValueError, KeyError, TypeError):
+            units = _trimesh().units.unit_conversion(scene.units, "meters")
+    return {
+        "up": up if up in UP else None,
+        "units": units if 0 < units < float("inf") else None,
+    }
+
+
+def placed(shape: Polygons, suffix: str, x: Mesh | Tessellation) -> Polygons:
+    """Polygons turned and scaled as a format takes them that has units and an up axis of its own.
+
+    What is not known of `x` is taken to be right.
+    """
+    if suffix not in MEASURES:
+        return shape
+    up, units = MEASURES[suffix]
+    points, normals = shape.points, shape.normals
+    if x.up not in (None, up):
+        turn = (
+            [[1, 0, 0], [0, 0, -1], [0, 1, 0]] if up == "y" else [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+        )
+        points, normals = points @ np.array(turn, float), normals @ np.array(turn, float)
+    if x.units not in (None, units):
+        points = points * (x.units / units)
+    return replace(shape, points=points, normals=normals)
 
 
 def trimesh_bytes(shape: Polygons, suffix: str) -> Iterator[bytes]:

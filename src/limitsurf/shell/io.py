@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
+import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from io import TextIOWrapper
 from typing import IO, TYPE_CHECKING, Any
 
@@ -30,7 +33,14 @@ __all__ = ["from_pyvista", "from_trimesh", "read", "to_pyvista", "to_trimesh", "
 _PARSERS = {".obj": obj.parse, ".ply": plain.parse_ply, ".off": plain.parse_off}
 
 
-def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None = None) -> Mesh:
+def read(
+    file: Path | IO[bytes],
+    *,
+    suffix: str | None = None,
+    prim: str | None = None,
+    time: float | None = None,
+    strict: bool = False,
+) -> Mesh:
     """Read a cage from a file; the suffix of its name says in which format it is.
 
     ==========================  =====================================================  ==========
@@ -63,6 +73,10 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
     cage of quadrilaterals, written by whatever program, they give the triangles that it was cut
     into, which have another limit surface.
 
+    What is damaged costs no more than it must: of an attribute, a tag or a mesh that makes no sense
+    the rest is read, and a warning says what was left out, where, and how often; with `strict` that
+    is an error. What is sound but has no place in a cage, such as materials, is told in a warning.
+
     **OBJ.** Positions ``v`` (three coordinates; a weight or a colour after them is ignored), faces
     ``f`` of any size with positive or negative indices, and OpenSubdiv's tags ``t`` (crease,
     corner, hole, interpolateboundary, creasemethod, smoothtriangles,
@@ -74,21 +88,30 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
 
     **USD** (with ``pip install "limitsurf[usd]"``). All meshes that are shown (visible, neither
     proxy nor guide) become one, disconnected, in the order of the stage, as all objects of an OBJ
-    file do. Every mesh stands where its transforms put it in the world, at its earliest time; the
-    stage's unit and up axis change nothing. Faces of a mesh that is left-handed or mirrored are
-    turned around, keeping their first corner. Creases, corners, holes and the attributes
-    ``subdivisionScheme``, ``interpolateBoundary`` and ``triangleSubdivisionRule`` are read; where a
-    file has none of the latter they are left open, as None: USD's defaults are those of
-    ``LimitSurface``. The scheme is kept by name, also "loop", "bilinear" and "none" (a mere polygon
-    mesh); to subdivide such a mesh by Catmull-Clark all the same, name that scheme to
-    ``LimitSurface``. Of an edge that is creased twice the last sharpness holds.
+    file do. Every mesh stands where its transforms put it in the world, at its earliest time or at
+    `time`. ``metersPerUnit`` and ``upAxis`` become the ``units`` and ``up`` of the mesh and change
+    nothing else; where a file has none, None does not mean USD's fallback of centimetres and Y.
+    Instances are read where they stand, those of point instancers too, in the place of the
+    instancer and ordered by prototype; those that it hides are not. Faces of a mesh that is
+    left-handed or mirrored are turned around, keeping their first corner. Creases, corners, holes
+    and the attributes ``subdivisionScheme``, ``interpolateBoundary`` and
+    ``triangleSubdivisionRule`` are read; where a file has none of the latter they are left open, as
+    None: USD's defaults are those of ``LimitSurface``. The scheme is kept by name, also "loop",
+    "bilinear" and "none" (a mere polygon mesh), and "mixed" where meshes have several; to subdivide
+    such a mesh by Catmull-Clark all the same, name that scheme to ``LimitSurface``. Where meshes
+    differ in the other choices these are left open, with a warning. Of an edge that is creased
+    twice the last sharpness holds.
 
     Primvars of floats and vectors become channels by the same name, ``primvars:st`` the channel
     "st": "faceVarying" ones with the interpolation of ``faceVaryingLinearInterpolation`` (where
     they are not indexed, every face corner has a value of its own); "vertex" ones with "none",
-    which is as smooth as the points; "varying" ones, which are linear, with "all". Other primvars,
-    normals, materials, subsets, point instancers and skeletons are ignored. Of several meshes the
-    choices must agree, and the channels are kept that all of them have.
+    which is as smooth as the points; "varying" ones, which are linear, with "all". Where one of
+    several meshes has no such primvar, the channel is NaN on its faces; where they differ in
+    interpolation, that of most corners holds. Other primvars, materials, subsets, skeletons and
+    shapes that are no meshes have no place in a cage, which a warning says. Normals are ignored.
+
+    **glTF, DAE, 3MF** say in which units and with which axis up they are (glTF: metres, Y), which
+    become the ``units`` and ``up`` of the mesh.
 
     Parameters
     ----------
@@ -99,6 +122,12 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
     prim : str, optional
         Of a USD file, the path of one prim such as "/World/hand": only it, if it is a mesh, or
         else the meshes below it are read.
+    time : float, optional
+        Of a USD file, the frame to read, as a time code; by default the earliest that each
+        attribute has. Between samples USD interpolates.
+    strict : bool
+        Whether damage is an error. Otherwise what can be read is read, and a warning says what was
+        left out or mended, and where.
 
     Returns
     -------
@@ -107,12 +136,13 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
     Raises
     ------
     MeshError
-        Anything malformed or truncated, with the file's name, line or prim where there is one, and
-        what was expected; all that ``Mesh`` refuses; a USD file without a mesh, or with meshes
-        whose choices differ.
+        Anything malformed or truncated that leaves no mesh to read, and with `strict` any damage,
+        with the file's name, line or prim where there is one, and what was expected; a USD file
+        without a mesh, or with so many instances that they make more than 50 million face corners.
     ValueError
-        An unknown suffix; a prim that does not exist, or one of a file that is not USD; a format
-        that needs a path, from what is open.
+        An unknown suffix; a prim that does not exist, or one of a file that is not USD; a time that
+        is no number, or one of a file that is not USD; a format that needs a path, from what is
+        open.
     OSError
         A file that cannot be read.
     ImportError
@@ -121,8 +151,10 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
     Warns
     -----
     UserWarning
-        A statement or a tag of an OBJ file that is not known, and therefore ignored, with its line;
-        anything that USD warns of, such as a reference to a file that does not exist.
+        What is left out or mended, once for each kind, with the first line or prim, and how often;
+        a statement or a tag of an OBJ file that is not known, and therefore ignored; meshes that
+        differ in their choices or channels; anything that USD warns of, such as a reference to a
+        file that does not exist.
 
     Examples
     --------
@@ -145,6 +177,11 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
     is_usd = kind in (*formats.USD, ".usdz")
     if prim is not None and not is_usd:
         raise ValueError(f"{name}: got prim {prim!r}, but only a USD file has some")
+    if time is not None and not is_usd:
+        raise ValueError(f"{name}: got time {time!r}, but only a USD file has frames that are read")
+    if time is not None and not (isinstance(time, (int, float)) and math.isfinite(time)):
+        raise ValueError(f"time: got {time!r}, need a finite number, the time code of a frame")
+    asked = {"prim": prim, "time": time, "strict": strict}
     is_path = isinstance(file, (str, bytes, os.PathLike))
     # USD reads no open file, and takes the format from the name of a path
     whole = is_usd and not (is_path and os.path.splitext(name)[1].lower() == kind)
@@ -162,21 +199,21 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
             path = os.path.join(place, f"mesh{kind}")
             with open(path, "wb") as copy:
                 copy.write(data)
-            return _usd().read(name, prim, path)  # type: ignore[no-any-return]
+            return _usd().read(name, path, **asked)  # type: ignore[no-any-return]
     if is_usd:
-        return _usd().read(name, prim, name)  # type: ignore[no-any-return]
+        return _usd().read(name, name, **asked)  # type: ignore[no-any-return]
     if not data and kind != ".obj":
         raise MeshError(f"{name}: the file is empty")
     if library == "pyvista" and (folder is None or not os.path.isfile(name)):
         raise ValueError(f"{name}: files of type {kind} are read from a path, not from a pipe")
     try:
         if library == "pyvista":
-            return formats.read_pyvista(name, kind)
+            return formats.read_pyvista(name, kind, strict=strict)
         if kind in _PARSERS:
-            return _PARSERS[kind](name, data)
+            return _PARSERS[kind](name, data, strict=strict)
         if kind in formats.VTK:
-            return formats.read_vtk(name, kind, data)
-        return formats.read_trimesh(name, kind, data, folder)
+            return formats.read_vtk(name, kind, data, strict=strict)
+        return formats.read_trimesh(name, kind, data, folder, strict=strict)
     except MeshError as error:
         if str(error).startswith(name):
             raise
@@ -214,6 +251,10 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     channel "uv", or "st" if there is none, of two numbers. What a format has no place for, such as
     other channels or creases, is left out with a warning.
 
+    USD states the ``units`` and ``up`` of a mesh. glTF and DAE are in metres with Y up, 3MF in
+    millimetres with Z up: points are scaled and turned to be so, as far as the mesh says what it
+    is in. The other formats have no place for either.
+
     **OBJ.** Coordinates are written as the shortest decimals that give the same float64; exact ones
     (Fractions and their like) are rounded to float64 first. Tags are written as OpenSubdiv's, the
     channel "uv" as texture coordinates, a scheme's name as a tag of our own, ``t scheme 0/0/1``.
@@ -239,8 +280,7 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
         An unknown suffix; points that are not of shape (n_vertices, 3) or too large for the
         format; a tessellation without polygons; in OBJ a scheme that is no name; in USD a scheme
         other than "catmull-clark", "loop", "bilinear" and "none", channels with a name that is no
-        identifier, of shapes other than (k,), (k, 2), (k, 3) and (k, 4), or with seams of different
-        interpolation.
+        identifier, or of shapes other than (k,), (k, 2), (k, 3) and (k, 4).
     OSError
         A file that cannot be written.
     ImportError
@@ -249,7 +289,8 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     Warns
     -----
     UserWarning
-        What of a cage or tessellation the format cannot hold; faces of a cage that are cut into
+        What of a cage or tessellation the format cannot hold, in USD seams of several
+        interpolations, or several schemes; faces of a cage that are cut into
         triangles; how many distinct points become equal as they are rounded for the file.
 
     Examples
@@ -292,10 +333,17 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
 
 def _pieces(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]:
     """The bytes of a file that holds polygons only."""
-    shape = polygons(x, uv=kind in formats.WITH_UV)
+    shape = formats.placed(polygons(x, uv=kind in formats.WITH_UV), kind, x)
     if kind in formats.TRIMESH and np.abs(shape.points).max() > np.finfo(np.float32).max:
         raise ValueError(f"a coordinate is beyond float32, in which a file of type {kind} keeps it")
     warn_of_loss(name, kind, x, uv=kind in formats.WITH_UV)
+    if "uv" in shape.channels:
+        values, rows = shape.channels["uv"]
+        gaps = int(np.isnan(values).any(axis=1)[rows].sum())
+        if gaps:
+            text = f"{name}: texture coordinates of {gaps} corners of faces, which have none, are 0"
+            warnings.warn(text, stacklevel=3)
+            shape = replace(shape, channels={"uv": (np.nan_to_num(values, nan=0.0), rows)})
     if kind in formats.TRIMESH:
         warn_of_cuts(name, kind, x)
         warn_of_rounding(name, kind, x, shape.points, formats.rounded(kind, shape.points), 4)

@@ -206,7 +206,7 @@ class Statements:
         return values.reshape(-1, each)
 
 
-def parse(name: str, data: bytes) -> Mesh:
+def parse(name: str, data: bytes, *, strict: bool = False) -> Mesh:
     """The cage of the bytes of a file; its name is for messages."""
     file = Statements(name, data)
     ignored = _unknown_keywords(file)
@@ -341,7 +341,7 @@ class _Tags:
 
     def __init__(self, file: Statements) -> None:
         self.marked: dict[str, dict[Any, float]] = {"crease": {}, "corner": {}, "hole": {}}
-        self.options: dict[str, str] = {}
+        self.options: dict[str, Any] = {}
         self.statement: dict[tuple[str, Any], int] = {}  # by ("crease", edge) and the like
         self.ignored: dict[str, int] = {}  # where each unknown tag is first
         for statement in file.of(TAG).tolist():

@@ -36,7 +36,7 @@ _BLOCK = 1 << 16  # bytes, or words of text, where rows of an element are sought
 _TEXTURE = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 
-def parse_ply(name: str, data: bytes) -> Mesh:
+def parse_ply(name: str, data: bytes, *, strict: bool = False) -> Mesh:
     """The cage of a PLY file; texture coordinates of its vertices are the channel "uv"."""
     with np.errstate(invalid="ignore"):  # NaN is refused below
         values = _Ply(name, data).values
@@ -226,7 +226,7 @@ def ply(shape: Polygons) -> Iterator[bytes]:
 # --- OFF
 
 
-def parse_off(name: str, data: bytes) -> Mesh:
+def parse_off(name: str, data: bytes, *, strict: bool = False) -> Mesh:
     """The cage of an OFF file; colours and whatever else follows coordinates are ignored."""
     file = Statements(name, data)
     if not len(file.n_words) or not re.fullmatch(r"(ST)?C?N?OFF", file.words(0)[0]):

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 IntArray: TypeAlias = NDArray[np.int64]
 
+# formats that have units and an up axis, which polygons are scaled and turned to
+OWN_MEASURES = (".glb", ".gltf", ".dae", ".3mf")
+
 
 def float_points(mesh: Mesh) -> NDArray[np.float64]:
     """A copy of the points in space as float64, (n_vertices, 3).
@@ -80,6 +83,10 @@ def warn_of_loss(
         lost = [what for what, found in counts.items() if len(found)] + lost
         choices = ("boundary", "creasing", "triangles")
         lost += [choice for choice in choices if getattr(x, choice) is not None]
+        lost += ["scheme"] if x.scheme not in (None, "none", "catmull-clark") else []
+    if kind not in OWN_MEASURES:
+        lost += [f"units ({x.units:g} m)"] if x.units is not None else []
+        lost += [f"up axis ({x.up})"] if x.up is not None else []
     if lost:
         text = f"{name}: a file of type {kind} cannot hold everything, left out: "
         warnings.warn(text + ", ".join(lost), stacklevel=3 if tags else 4)

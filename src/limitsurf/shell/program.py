@@ -5,8 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import wraps
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -90,18 +90,20 @@ class Cage:
 
     path: str
     suffix: str | None
-    prim: str | None
     rules: Mapping[str, Any]  # for `LimitSurface` and `refined`
+    asked: Mapping[str, Any]  # what else `ls.read` takes: prim, time, strict
 
     def read(self) -> Mesh:
-        with ExitStack() as stack:
-            stack.enter_context(terminal.working("reading the cage"))
+        with terminal.working("reading the cage"), warnings.catch_warnings():
+            for rule in (rule for rule, value in self.rules.items() if value is not None):
+                # the choice is made: nothing is left to differ in
+                warnings.filterwarnings("ignore", rf".*: its meshes differ in {rule}:", UserWarning)
             if self.path == "-":
                 file = terminal.standard_input().buffer
-                return ls.read(file, suffix=self.suffix or ".obj", prim=self.prim)
+                return ls.read(file, suffix=self.suffix or ".obj", **self.asked)
             if self.suffix is None:
                 self._check_suffix()
-            return ls.read(self.path, suffix=self.suffix, prim=self.prim)
+            return ls.read(self.path, suffix=self.suffix, **self.asked)
 
     def _check_suffix(self) -> None:
         """Say more than `ls.read` can, of a name that does not tell the format."""
@@ -162,6 +164,12 @@ to_option = click.option(
 prim_option = click.option(
     "--prim", metavar="PATH", help="Of a USD file, only the meshes at or below this prim."
 )
+time_option = click.option(
+    "--time", type=float, metavar="T", help="Of a USD file, the frame; else the earliest."
+)
+strict_option = click.option(
+    "--strict", is_flag=True, help="Refuse a damaged cage, of which else is read what can be."
+)
 output_option = click.option(
     "-o",
     "--output",
@@ -181,6 +189,8 @@ def reads_cage(command: Command) -> Command:
         cage: str,
         from_: str | None,
         prim: str | None,
+        time: float | None,
+        strict: bool,
         scheme: str | None,
         boundary: str | None,
         creasing: str | None,
@@ -189,7 +199,8 @@ def reads_cage(command: Command) -> Command:
     ) -> Any:
         names = ("scheme", "boundary", "creasing", "triangles")
         rules = dict(zip(names, (scheme, boundary, creasing, triangles), strict=True))
-        return command(cage=Cage(cage, from_, prim, rules), **others)
+        asked = {"prim": prim, "time": time, "strict": strict}
+        return command(cage=Cage(cage, from_, rules, asked), **others)
 
     decorated: Any = with_cage
     for name, values, text in (
@@ -201,6 +212,8 @@ def reads_cage(command: Command) -> Command:
         decorated = click.option(f"--{name}", type=choice, help=f"{text} {RULE}")(decorated)
     for option in (
         click.option("--scheme", metavar="NAME", help=f"Of subdivision. {RULE}"),
+        strict_option,
+        time_option,
         prim_option,
         from_option,
         click.argument("cage", type=PATH),

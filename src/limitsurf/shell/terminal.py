@@ -7,6 +7,7 @@ import io
 import json
 import logging
 import os
+import re
 import signal
 import sys
 import threading
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
     from limitsurf.surface import LimitSurface
 
+# of the library that commands have by the same name
+OPTIONS = ("boundary", "creasing", "prim", "scheme", "triangles")
 ROUNDING = 1e-12  # of the largest coordinate; what refinement adds up stays far below
 STANDARD_OUTPUT = "standard output"
 
@@ -37,7 +40,19 @@ def sentence(error: BaseException) -> str:
         text = error.format_message()
     elif isinstance(error, MemoryError):
         text = f"not enough memory. {text}"
-    return " ".join(text.split()) or type(error).__name__
+    return as_options(" ".join(text.split())) or type(error).__name__
+
+
+def as_options(text: str) -> str:
+    """A message of the library, in which options are named as on the command line.
+
+    Examples
+    --------
+    >>> from limitsurf.shell.terminal import as_options
+    >>> as_options('say scheme="catmull-clark", or read a part, prim="/a"')
+    'say --scheme catmull-clark, or read a part, --prim /a'
+    """
+    return re.sub(rf'\b({"|".join(OPTIONS)})="([^"\s]*)"', r"--\1 \2", text)
 
 
 @contextmanager
@@ -45,7 +60,8 @@ def warnings_in_one_line() -> Iterator[None]:
     """Say warnings as this program, without the place in its source."""
 
     def say_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-        click.echo(f"limitsurf: warning: {' '.join(str(message).split())}", err=True)
+        text = as_options(" ".join(str(message).split()))
+        click.echo(f"limitsurf: warning: {text}", err=True)
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
