@@ -55,6 +55,8 @@ class Ring:
     exponent : (R,)
     shift : (R,)
         How much of it is of the last step.
+    size : (R,)
+        The exponent, or where all points are at the vertex one far below all others.
     """
 
     edges: Array
@@ -62,12 +64,13 @@ class Ring:
     step: Array
     exponent: Array
     shift: Array
+    size: Array
 
     @classmethod
     def of(cls, edges: Array, faces: Array) -> Ring:
         """Rings of the cage."""
         none = np.zeros(len(edges), dtype=np.int64)
-        return cls(edges, faces, np.zeros(edges.shape[:2]), none, none)._scaled()
+        return cls(edges, faces, np.zeros(edges.shape[:2]), none, none, none)._scaled()
 
     def refined(self, masks: RingMasks) -> Ring:
         """One step."""
@@ -89,7 +92,7 @@ class Ring:
             step = w.beside * (E[:, :, 0] + E[:, :, -1])
         edges -= step[:, :, None]
         around -= step[:, :, None]
-        return Ring(edges, around, step, self.exponent, 0 * self.exponent)._scaled()
+        return Ring(edges, around, step, self.exponent, self.shift, self.size)._scaled()
 
     def _scaled(self) -> Ring:
         """The same in units in which the largest coordinate is in [1/2, 1); 0 stays."""
@@ -97,7 +100,9 @@ class Ring:
         largest = np.max([np.abs(x).max(axis=(1, 2), initial=0) for x in parts], axis=0)
         shift = np.frexp(largest)[1].astype(np.int64)
         edges, faces = (kernels.scale_by_two(x, -shift[:, None, None]) for x in parts)
-        return Ring(edges, faces, self.step, self.exponent + shift, shift)
+        exponent = self.exponent + shift
+        size = np.where(largest == 0, -(1 << 40), exponent)
+        return Ring(edges, faces, self.step, exponent, shift, size)
 
     def limit(self, masks: RingMasks) -> Array:
         """The limit of the vertex, relative to it, (R, d)."""
@@ -269,7 +274,7 @@ def _reflected(x: Array, order: int) -> Array:
 
 @dataclass(frozen=True)
 class _Kept:
-    """What is kept of some rings, (R,): few of their steps, and the exponents of all."""
+    """What is kept of some rings, (R,): few of their steps, and the sizes of all."""
 
     rings: Array
     steps: dict[int, Ring]
@@ -306,9 +311,9 @@ class RingValues:
         kept = self._kept
         if not np.array_equal(rings, kept.rings):
             first = self._first
-            parts = first.edges, first.faces, first.step, first.exponent, first.shift
+            parts = first.edges, first.faces, first.step, first.exponent, first.shift, first.size
             begin = Ring(*(x[rings] for x in parts))
-            self._kept = kept = _Kept(rings, {0: begin}, {0: begin.exponent})
+            self._kept = kept = _Kept(rings, {0: begin}, {0: begin.size})
         return kept
 
     def _walk(self, kept: _Kept, start: int) -> Iterator[tuple[int, Ring]]:
@@ -319,7 +324,7 @@ class RingValues:
             if level >= start:
                 yield level, state
             state, level = state.refined(self._masks), level + 1
-            kept.sizes[level] = state.exponent
+            kept.sizes[level] = state.size
             if level % _EVERY == 0:
                 kept.steps[level] = state
 

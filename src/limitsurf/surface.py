@@ -157,9 +157,10 @@ class LimitSurface:
 
     After Stam, "Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter
     values", SIGGRAPH 1998; sharpness after DeRose, Kass and Truong, SIGGRAPH 1998. A face is cut,
-    where it must be, until each piece has one special corner (``limitsurf/patches.py``). The
-    eigenstructure is derived in ``derivations/eigenstructure.py`` and ``derivations/sectors.py``,
-    the table in ``derivations/limit_normals.py``.
+    where it must be, until each piece has one special corner (``limitsurf/patches.py``). Where
+    more than 64 faces meet, the ring around them is refined as deep as queries go
+    (``limitsurf/rings.py``). The eigenstructure is derived in ``derivations/eigenstructure.py`` and
+    ``derivations/sectors.py``, the table in ``derivations/limit_normals.py``.
 
     Examples
     --------
