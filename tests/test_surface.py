@@ -1323,7 +1323,7 @@ def test_any_finite_coordinates(tags, scale, engine):
 
 @pytest.mark.parametrize("nu", [(10**9, 0), (0, 10**40), (10**9, 1), (4, 4)])
 def test_derivatives_of_any_order(nu, engine):
-    surface = cube_with(creases={(0, 1): 2.5}, corners={7: math.inf})
+    surface = ls.LimitSurface(cube_with(creases={(0, 1): 2.5}, corners={7: math.inf}))
     u, v = np.array([[0, 0, 0.5, 1, np.nan], [0, 0.3, 0.5, 1, 0]])
     for face in range(6):
         assert not surface.evaluate(face, u[:4], v[:4], nu).any()
@@ -1333,14 +1333,14 @@ def test_derivatives_of_any_order(nu, engine):
 
 
 def test_orders_of_jets():
-    surface = cube_with()
+    surface = ls.LimitSurface(cube_with())
     assert len(surface.jet(0, 0.2, 0.3, order=30)) == 496
     with pytest.raises(ValueError, match=r"1000000000 has 500,000,001,500,000,001 derivatives"):
         surface.jet(0, 0.2, 0.3, order=10**9)
 
 
 def test_masked_queries_have_no_answer(engine):
-    surface = cube_with()
+    surface = ls.LimitSurface(cube_with())
     u = np.ma.array([0.1, 0.2, 7], mask=[False, True, True])
     face = np.ma.array([0, 99, 1], mask=[False, True, False])
     for given, gone in (((0, u, 0.3), [1, 2]), ((face, 0.1, 0.3), [1]), ((face, 0.2, u), [1, 2])):
@@ -1358,7 +1358,7 @@ def test_masked_queries_have_no_answer(engine):
             found = call(surface, *given)
             assert type(found) is np.ndarray
             assert np.isnan(found[gone]).all()
-            np.testing.assert_array_equal(found[known], call(surface, *plain)[known])
+            np.testing.assert_allclose(found[known], call(surface, *plain)[known], rtol=1e-13)
     assert np.isnan(surface.evaluate(0, np.ma.masked, 0.5)).all()
     assert np.isnan(surface.evaluate(0, [np.ma.masked, 0.5], 0.5)[0]).all()
     exact = np.ma.array([HALF, F(7)], mask=[False, True], dtype=object)

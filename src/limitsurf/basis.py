@@ -440,7 +440,7 @@ def _frames(table: EigenTable, points: Array, noise: Array) -> tuple[Array, Arra
                 axis = axis[:, None]  # (P, 1, 3)
                 rest = rest - (rest * axis).sum(axis=2, keepdims=True) * axis
                 error = noise + (noise * np.abs(axis)).sum(axis=2, keepdims=True) * np.abs(axis)
-            seen: Array = np.any(np.abs(rest) > error, axis=2)  # (P, K - 1)
+            seen: Array = np.asarray((np.abs(rest) > error).any(axis=2))  # (P, K - 1)
             axes[:, x] = kernels.unit(rest[patch, seen.argmax(axis=1)], np.zeros((len(points), 1)))
             along = (points * axes[:, x, None]).sum(axis=2)
         else:
@@ -449,9 +449,10 @@ def _frames(table: EigenTable, points: Array, noise: Array) -> tuple[Array, Arra
             seen = np.abs(along) > (noise * np.abs(axes[:, x, None])).sum(axis=2)
         first = 1 + seen.argmax(axis=1)
         first -= np.isin(first - 1, table.pairs)  # complex pairs go together
-        leads[:, x] = np.where(seen.any(axis=1), first, 0)
+        some: Array = np.asarray(seen.any(axis=1))
+        leads[:, x] = np.where(some, first, 0)
         before = np.arange(1, points.shape[1] + 1) < first[:, None]
-        local[:, :, x] = np.where(before | ~seen.any(axis=1)[:, None], 0, along)
+        local[:, :, x] = np.where(before | ~some[:, None], 0, along)
     return axes, local, leads
 
 
