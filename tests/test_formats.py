@@ -25,8 +25,11 @@ POLYGONS = [".obj", ".ply", ".off", ".usd", ".usda", ".usdc", ".vtp", ".vtu", ".
 TRIANGLES = [".stl", ".glb", ".gltf", ".3mf", ".dae"]
 SINGLE = {".stl", ".glb", ".gltf", ".dae", ".usd", ".usda", ".usdc"}
 MIXED = ls.Mesh(*zoo.carved(zoo.prism(9), 7, 12))
-# of the warning there is a test of its own
-pytestmark = pytest.mark.filterwarnings("ignore:.* holds triangles only")
+# of these warnings there are tests of their own
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.* holds triangles only"),
+    pytest.mark.filterwarnings("ignore:.*: a cage cannot hold everything, left out: "),
+]
 # few lines of text, of which most are needed
 CUBE = ls.Mesh(*zoo.cube())
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import re
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from limitsurf.mesh import UP, Mesh, MeshError
 from limitsurf.shell import vtk_reader
+from limitsurf.shell.losses import Losses
 from limitsurf.shell.polygons import mesh_of, polygons
 
 if TYPE_CHECKING:
@@ -69,8 +71,9 @@ def library(suffix: str) -> str | None:
 def from_pyvista(dataset: Any, **tags: Any) -> Mesh:
     """A cage of the polygons of a PyVista ``PolyData`` or ``UnstructuredGrid``.
 
-    Vertex cells and lines are ignored, and so are data arrays. Faces that only touch are joined
-    nowhere: merge their points first with ``dataset.clean()``.
+    Vertex cells and lines are ignored, and so are data arrays. Triangle strips become triangles,
+    in the order of VTK behind other polygons. Faces that only touch are joined nowhere: merge their
+    points first with ``dataset.clean()``.
 
     Parameters
     ----------
@@ -90,7 +93,7 @@ def from_pyvista(dataset: Any, **tags: Any) -> Mesh:
     TypeError
         Another type of dataset.
     ValueError
-        Triangle strips, or cells of a grid that are no polygons.
+        Cells of a grid that are no polygons.
     ImportError
         PyVista is not installed.
 
@@ -100,8 +103,11 @@ def from_pyvista(dataset: Any, **tags: Any) -> Mesh:
     >>> ls.from_pyvista(pyvista.Cube().clean())
     Mesh(8 vertices, 12 edges, 6 faces {4: 6}, interior valences {3: 8})
     """
-    faces = _dataset_faces(dataset)
-    return Mesh(dataset.points, faces, **tags)
+    _pyvista()
+    losses = Losses("from_pyvista", strict=False)
+    mesh = mesh_of(dataset.points, *_dataset_faces(dataset), losses, **tags)
+    losses.warn(2)
+    return mesh
 
 
 def to_pyvista(x: Mesh | Tessellation) -> Any:
@@ -141,8 +147,8 @@ def from_trimesh(mesh: Any, *, merge: bool = False, **tags: Any) -> Mesh:
     ----------
     mesh : trimesh.Trimesh or trimesh.Scene
         The objects of a scene become one mesh, each where its transforms put it; their point
-        clouds and curves are ignored. Texture coordinates, where all objects have some, are the
-        channel "uv".
+        clouds and curves are ignored. Texture coordinates are the channel "uv", NaN in objects
+        without.
     merge : bool
         Whether points of equal coordinates become one, as they should where they are repeated
         along seams; trimesh itself merges most of them unless it is told ``process=False``.
@@ -168,38 +174,10 @@ def from_trimesh(mesh: Any, *, merge: bool = False, **tags: Any) -> Mesh:
     >>> ls.from_trimesh(trimesh.creation.icosahedron())
     Mesh(12 vertices, 30 edges, 20 faces {3: 20}, interior valences {5: 12})
     """
-    trimesh = _trimesh()
-    if isinstance(mesh, trimesh.Trimesh):
-        placed = [(mesh, np.eye(4))]
-    elif isinstance(mesh, trimesh.Scene):
-        nodes = [mesh.graph[node] for node in mesh.graph.nodes_geometry]
-        placed = [(mesh.geometry[name], np.asarray(matrix)) for matrix, name in nodes]
-        placed = [(part, matrix) for part, matrix in placed if isinstance(part, trimesh.Trimesh)]
-    else:
-        raise TypeError(f"need a trimesh.Trimesh or Scene, got {type(mesh).__name__}")
-    points, faces, textures = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], []
-    for part, matrix in placed:
-        triangles = np.asarray(part.faces) + sum(map(len, points))
-        if np.linalg.det(matrix[:3, :3]) < 0:
-            triangles = triangles[:, [0, 2, 1]]  # mirrored, and outwards again
-        vertices = np.asarray(part.vertices, dtype=np.float64)
-        if (matrix != np.eye(4)).any():
-            vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
-        uv = getattr(part.visual, "uv", None)
-        if uv is not None and np.shape(uv) == (len(vertices), 2):
-            textures.append(np.asarray(uv, dtype=np.float64))
-        points.append(vertices)
-        faces.append(triangles)
-    indices = np.concatenate(faces)
-    whole = len(textures) == len(placed) and len(placed)
-    return mesh_of(
-        np.concatenate(points),
-        np.full(len(indices), 3),
-        indices.ravel(),
-        np.concatenate(textures) if whole else None,
-        merge=merge,
-        **tags,
-    )
+    losses = Losses("from_trimesh", strict=False)
+    found = _of_trimesh(mesh, losses, merge=merge, **tags)
+    losses.warn(2)
+    return found
 
 
 def to_trimesh(x: Mesh | Tessellation) -> Any:
@@ -252,26 +230,20 @@ def _pyvista() -> Any:
 def _dataset_faces(dataset: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Sizes and indices of the polygons of a dataset of PyVista."""
     pyvista = _pyvista()
-    if isinstance(dataset, pyvista.PolyData):
-        if dataset.n_strips:
-            raise ValueError("the dataset has triangle strips, need polygons: call .triangulate()")
-        cells = dataset.GetPolys()
-    elif isinstance(dataset, pyvista.UnstructuredGrid):
+    if not isinstance(dataset, (pyvista.PolyData, pyvista.UnstructuredGrid)):
+        raise TypeError(
+            f"need a pyvista.PolyData or UnstructuredGrid, got {type(dataset).__name__}: "
+            "datasets of pyvista become PolyData by .extract_surface()"
+        )
+    if isinstance(dataset, pyvista.UnstructuredGrid):
         others = np.flatnonzero(~np.isin(dataset.celltypes, list(vtk_reader.POLYGONS)))
         if len(others):
             kind = pyvista.CellType(dataset.celltypes[others[0]]).name
             raise ValueError(
                 f"cell {others[0]} is a {kind}, need polygons only: call .extract_surface()"
             )
-        cells = dataset.GetCells()
-    else:
-        raise TypeError(
-            f"need a pyvista.PolyData or UnstructuredGrid, got {type(dataset).__name__}: "
-            "datasets of pyvista become PolyData by .extract_surface()"
-        )
-    offsets = np.asarray(pyvista.convert_array(cells.GetOffsetsArray()), dtype=np.int64)
-    indices = np.asarray(pyvista.convert_array(cells.GetConnectivityArray()), dtype=np.int64)
-    return np.diff(offsets), indices
+    sizes, indices, _ = vtk_reader.cells(dataset)
+    return sizes, indices
 
 
 def _dataset(shape: Polygons) -> Any:
@@ -312,15 +284,16 @@ def read_vtk(name: str, suffix: str, data: bytes, *, strict: bool = False) -> Me
     _check_beginning(name, suffix, data)
     if find_spec("vtkmodules") is None:
         _pyvista()
-    return _read_apart(name, len(data), [suffix], data)
+    return _read_apart(name, len(data), [suffix], data, strict)
 
 
 def read_pyvista(name: str, suffix: str, *, strict: bool = False) -> Mesh:
     """The cage of a file of another format that PyVista reads, from its path."""
-    return _read_apart(name, os.path.getsize(name), [suffix, os.path.abspath(name)], b"")
+    place = [suffix, os.path.abspath(name)]
+    return _read_apart(name, os.path.getsize(name), place, b"", strict)
 
 
-def _read_apart(name: str, length: int, place: list[str], data: bytes) -> Mesh:
+def _read_apart(name: str, length: int, place: list[str], data: bytes, strict: bool) -> Mesh:
     """A cage from `vtk_reader`, in a process of its own."""
     suffix, *path = place
     command = [sys.executable, "-P", vtk_reader.__file__, suffix, str(_MEMORY + 64 * length), *path]
@@ -338,8 +311,8 @@ def _read_apart(name: str, length: int, place: list[str], data: bytes) -> Mesh:
         arrays = dict(found)
     if "error" in arrays:
         raise MeshError(f"{name}: {arrays['error']}")
-    # of scenes VTK repeats the points at edges of boxes, of 3DS files at all edges
-    return mesh_of(**arrays, merge="uv" in arrays or suffix in vtk_reader.SCENES)
+    mesh: Mesh = vtk_reader.mesh(name, suffix, arrays, strict)
+    return mesh
 
 
 def vtk(shape: Polygons, suffix: str) -> Iterator[bytes]:
@@ -365,6 +338,53 @@ def vtk(shape: Polygons, suffix: str) -> Iterator[bytes]:
 
 
 # --- trimesh
+
+
+def _of_trimesh(mesh: Any, losses: Losses, *, merge: bool, **tags: Any) -> Mesh:
+    """The cage of a Trimesh or a Scene."""
+    trimesh = _trimesh()
+    if isinstance(mesh, trimesh.Trimesh):
+        placed = [(mesh, np.eye(4))]
+    elif isinstance(mesh, trimesh.Scene):
+        nodes = [mesh.graph[node] for node in mesh.graph.nodes_geometry]
+        placed = [(mesh.geometry[name], np.asarray(matrix)) for matrix, name in nodes]
+        placed = [(part, matrix) for part, matrix in placed if isinstance(part, trimesh.Trimesh)]
+    else:
+        raise TypeError(f"need a trimesh.Trimesh or Scene, got {type(mesh).__name__}")
+    points, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
+    textures, rows = [np.zeros((0, 2))], [np.zeros((0, 3), np.int64)]
+    for i, (part, matrix) in enumerate(placed):
+        triangles = np.asarray(part.faces, dtype=np.int64)
+        if np.linalg.det(matrix[:3, :3]) < 0:
+            triangles = triangles[:, [0, 2, 1]]  # mirrored, and outwards again
+        vertices = np.array(part.vertices, dtype=np.float64)
+        if (matrix != np.eye(4)).any():
+            finite = np.isfinite(vertices).all(axis=1)  # others stay as the file has them
+            vertices[finite] = vertices[finite] @ matrix[:3, :3].T + matrix[:3, 3]
+        uv = getattr(part.visual, "uv", None)
+        if uv is not None and np.shape(uv) == (len(vertices), 2):
+            rows.append(triangles + sum(map(len, textures)))
+            textures.append(np.asarray(uv, dtype=np.float64))
+        else:
+            rows.append(np.full_like(triangles, -1))
+            if uv is not None:
+                need = f"need {(len(vertices), 2)}: left out"
+                text = f"got texture coordinates of shape {np.shape(uv)}, {need}"
+                losses.add("uv", f"object {i}", text)
+        faces.append(triangles + count)
+        points.append(vertices)
+        count += len(vertices)
+    indices = np.concatenate(faces)
+    return mesh_of(
+        np.concatenate(points),
+        np.full(len(indices), 3),
+        indices.ravel(),
+        losses,
+        uv=np.concatenate(textures) if len(textures) > 1 else None,
+        rows=np.concatenate(rows).ravel(),
+        merge=merge,
+        **tags,
+    )
 
 
 def _trimesh() -> Any:
@@ -425,7 +445,47 @@ def read_trimesh(
         raise MeshError(f"{name}: trimesh cannot read it, truncated or broken: {reason}") from None
     if not any(len(getattr(part, "faces", ())) for part in scene.geometry.values()):
         raise MeshError(f"{name}: need at least one triangle, got none")
-    return from_trimesh(scene, merge=True, **_measures(suffix, data, scene))
+    losses = Losses(name, strict)
+    losses.left_out(_gltf_others(data) if suffix in (".glb", ".gltf") else _scene_others(scene))
+    mesh = _of_trimesh(scene, losses, merge=True, **_measures(suffix, data, scene))
+    losses.warn(3)
+    return mesh
+
+
+def _gltf_others(data: bytes) -> list[str]:
+    """What a glTF file has besides triangles and texture coordinates, by its own names."""
+    length = int.from_bytes(data[12:16], "little")
+    try:
+        found = json.loads(data[20 : 20 + length] if data[:4] == b"glTF" else data)
+        parts = [part for mesh in found["meshes"] for part in mesh["primitives"]]
+        names = {name for part in parts for name in part["attributes"]}
+        others = sorted(names - {"POSITION", "TEXCOORD_0"})
+        morphed = any("targets" in part for part in parts)
+        plain = [{"pbrMetallicRoughness": {}}, {}, {"name": "material_0"}]
+        materials = [x for x in found.get("materials", ()) if x not in plain]
+    except (ValueError, LookupError, TypeError):
+        return []  # trimesh has read it all the same
+    said = [name for name in ("animations", "skins", "cameras") if found.get(name)]
+    said += ["materials"] if materials else []
+    said += ["names of objects"] if len(found["meshes"]) > 1 else []
+    return [*others, *(["targets"] if morphed else []), *said]
+
+
+def _scene_others(scene: Any) -> list[str]:
+    """What the parts of a scene have besides triangles and texture coordinates."""
+    said: dict[str, None] = {}
+    for part in scene.geometry.values():
+        visual = getattr(part, "visual", None)
+        if not hasattr(part, "faces"):
+            said["points and curves"] = None
+        elif getattr(visual, "kind", None) in ("vertex", "face"):
+            said["colours"] = None
+        elif getattr(getattr(visual, "material", None), "name", None):
+            said["materials"] = None
+        said |= dict.fromkeys(getattr(part, "vertex_attributes", ()))
+    if len(scene.geometry) > 1:
+        said["names of objects"] = None
+    return list(said)
 
 
 def _measures(suffix: str, data: bytes, scene: Any) -> dict[str, Any]:

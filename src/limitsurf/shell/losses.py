@@ -55,6 +55,11 @@ class Losses:
         """Note what is no damage, and never an error."""
         self._found.setdefault(kind, []).append((where, message))
 
+    def left_out(self, what: Sequence[str]) -> None:
+        """Note what the file has and a cage has no place for."""
+        if what:
+            self.note("left out", "", f"a cage cannot hold everything, left out: {', '.join(what)}")
+
     def messages(self) -> list[str]:
         """One for each kind, in the order in which they were found."""
         said = []

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import INTERPOLATION, Mesh, MeshError
-from limitsurf.shell.polygons import IntArray, polygons, texture
+from limitsurf.shell.losses import Losses, first_of
+from limitsurf.shell.polygons import INTERPOLATED, IntArray, mesh_of, polygons, texture
 
 if TYPE_CHECKING:
     from limitsurf.query import Tessellation
@@ -42,12 +43,27 @@ TAGS = {
 # A tag of the time before OpenSubdiv 3, of which nothing is left there.
 OBSOLETE = "facevaryingpropagatecorners"
 
-# Statements of the format that have no bearing on a cage.
-IGNORED = frozenset(
-    b"vn vp g o s l p mg usemtl mtllib usemap maplib lod bevel c_interp d_interp shadow_obj "
-    b"trace_obj ctech stech cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con "
-    b"call csh bsp bzp cdc cdp res".split()
-)
+# Statements of the format that have no place in a cage, and what they are about.
+LEFT_OUT = {
+    keyword: what
+    for what, keywords in (
+        ("normals", b"vn"),
+        ("groups", b"g"),
+        ("names of objects", b"o"),
+        ("materials", b"usemtl mtllib usemap maplib"),
+        ("smoothing groups", b"s"),
+        ("lines", b"l"),
+        ("points", b"p"),
+        (
+            "free-form curves and surfaces",
+            b"vp cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con mg bsp bzp "
+            b"cdc cdp res ctech stech",
+        ),
+        ("display attributes", b"lod bevel c_interp d_interp shadow_obj trace_obj"),
+        ("other files", b"call csh"),
+    )
+    for keyword in keywords.split()
+}
 SPACE = np.isin(np.arange(256), list(b" \t\n\v\f"))  # (256,) bool, by byte
 VERTEX, TEXTURE, FACE, TAG, OTHER = range(5)
 
@@ -131,6 +147,7 @@ class Statements:
         for letter, known in ("v", VERTEX), ("f", FACE), ("t", TAG):
             kind[(a == ord(letter)) & SPACE[b]] = known
         kind[(a == ord("v")) & (b == ord("t")) & SPACE[c]] = TEXTURE
+        kind[(a == ord("f")) & (b == ord("o")) & SPACE[c]] = FACE  # as faces were called once
         self.kind = kind  # (S,)
 
     def of(self, kind: int) -> IntArray:
@@ -155,27 +172,47 @@ class Statements:
         before = self.text[: self.head[statement]]
         return int(np.isin(before, list(b"\n\v")).sum()) + 1
 
+    def place(self, statement: int) -> str:
+        """The line on which a statement starts, for messages."""
+        return f"line {self.line(statement)}"
+
     def fail(self, statement: int, message: str) -> NoReturn:
-        raise MeshError(f"{self.name}, line {self.line(statement)}: {message}")
+        raise MeshError(f"{self.name}, {self.place(statement)}: {message}")
 
     def numbers(
         self, words: IntArray, need: str, each: int = 1, integers: bool = False
     ) -> NDArray[Any]:
         """``each`` numbers, separated by slashes if integers, of every word: (n, each).
 
-        A word that is not so raises an error with what the file needs.
+        A word that is not so raises an error with what the file needs. Numbers may be NaN or
+        infinite.
         """
-        values = self._numbers(words, each, integers)
+        values = self.numbers_or_none(words, each, integers)
         if values is not None:
             return values
         while len(words) > 1:  # bisection for the first bad word
             half = words[: len(words) // 2]
-            words = half if self._numbers(half, each, integers) is None else words[len(half) :]
-        statement = int(np.searchsorted(self.first, words[0], side="right")) - 1
-        bad = self.words(statement)[words[0] - self.first[statement]]
+            good = self.numbers_or_none(half, each, integers) is not None
+            words = words[len(half) :] if good else half
+        self.fail_at(int(words[0]), need)
+
+    def fail_at(self, word: int, need: str) -> NoReturn:
+        """Raise an error about a word, with what the file needs."""
+        statement = int(np.searchsorted(self.first, word, side="right")) - 1
+        bad = self.words(statement)[word - self.first[statement]]
         self.fail(statement, f"got {_shortened(bad)}, need {need}")
 
-    def _numbers(self, words: IntArray, each: int, integers: bool) -> NDArray[Any] | None:
+    def finite(self, words: IntArray) -> NDArray[np.float64]:
+        """One number of every word; one that is not finite raises an error."""
+        values = self.numbers(words, "a finite number").ravel()
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            self.fail_at(int(words[bad[0]]), "a finite number")
+        return values
+
+    def numbers_or_none(
+        self, words: IntArray, each: int = 1, integers: bool = False
+    ) -> NDArray[Any] | None:
         """As ``numbers``, but None for a bad word."""
         if len(words) == 0:
             return np.empty((0, max(each, 1)), dtype=np.int64 if integers else np.float64)
@@ -201,72 +238,98 @@ class Statements:
                 )
         except (ValueError, DeprecationWarning):
             return None
-        if len(values) != each * len(words) or not np.isfinite(values).all():
+        if len(values) != each * len(words):
             return None
         return values.reshape(-1, each)
 
 
 def parse(name: str, data: bytes, *, strict: bool = False) -> Mesh:
     """The cage of the bytes of a file; its name is for messages."""
-    file = Statements(name, data)
-    ignored = _unknown_keywords(file)
-    points = _coordinates(file, VERTEX, 3, (3, 4, 6, 7))
-    texture = _coordinates(file, TEXTURE, 2, (1, 2, 3))
+    file, losses = Statements(name, data), Losses(name, strict)
+    unknown = _unknown_statements(file)
+    left_out: dict[str, IntArray] = {}
+    points = _coordinates(file, VERTEX, 3, left_out)
     faces = file.of(FACE)
     if len(points) == 0 or len(faces) == 0:
+        if len(unknown):
+            text = " ".join(file.words(int(unknown[0])))
+            file.fail(unknown[0], f"got {_shortened(text)}, need a statement of an OBJ file")
         missing = "vertex, 'v x y z'" if len(points) == 0 else "face, 'f 1 2 3'"
         raise MeshError(f"{file.name}: need at least one {missing}, got none up to the last line")
     sizes = file.n_words[faces] - 1
-    small = np.flatnonzero(sizes < 3)
-    if len(small):
-        file.fail(faces[small[0]], f"got a face of {sizes[small[0]]} corners, need three or more")
     vertex, uv, has_uv = _corner_indices(file, faces)
     statement = np.repeat(faces, sizes)  # (H,)
-    indices = _resolved(file, vertex, statement, VERTEX, "vertex")
-    uv_indices = _resolved(file, uv[has_uv], statement[has_uv], TEXTURE, "texture coordinate")
-    tags = _Tags(file)
-    interpolation = tags.options.pop("uv", "corners_plus1")
-    channels = {"uv": (texture, uv_indices, interpolation)} if has_uv.all() else {}
-    try:
-        mesh = Mesh(
-            points,
-            (sizes, indices),
-            creases=tags.marked["crease"],
-            corners=tags.marked["corner"],
-            holes=list(tags.marked["hole"]),
-            channels=channels,
-            **tags.options,
-        )
-    except MeshError as error:
-        culprits = [
-            faces[key] if kind == "face" else tags.statement[kind, key]
-            for kind, key in error.culprits
-        ]
-        lines = ", ".join(str(file.line(culprit)) for culprit in culprits)
-        where = f", line{'s' if len(culprits) > 1 else ''} {lines}" if culprits else ""
-        raise MeshError(f"{file.name}{where}: {error} (counting from 0)") from None
-    for what, first in (ignored | tags.ignored).items():
-        line = file.line(first)
-        warnings.warn(f"{file.name}, line {line}: {what} is unknown and ignored", stacklevel=3)
+    indices, wrong = _resolved(file, vertex, statement, VERTEX)
+    if wrong.any():
+        i = int(wrong.argmax())
+        file.fail(statement[i], _out_of_range(file, vertex, statement, VERTEX, i))
+    _check_points(file, points, indices)
+    tags = _Tags(file, losses)
+    texture, rows = _texture(file, losses, statement, np.where(has_uv, uv, 0), has_uv)
+    if len(texture) and not has_uv.any():
+        left_out["texture coordinates of no face"] = file.of(TEXTURE)
+    mesh = mesh_of(
+        points,
+        sizes,
+        indices,
+        losses,
+        uv=texture,
+        rows=rows,
+        interpolation=tags.options.pop("uv", INTERPOLATED),
+        place=lambda face: file.place(faces[face]),
+        lost_tags=tags.lost,
+        **tags.arrays(),
+        **tags.options,
+    )
+    _tell(file, losses, unknown, left_out)
+    losses.warn(3)
     return mesh
 
 
-def _unknown_keywords(file: Statements) -> dict[str, int]:
-    """Where each unknown keyword is first; an error for what is no keyword at all."""
+def _unknown_statements(file: Statements) -> IntArray:
+    """The statements whose keyword is none of the format."""
     others = file.of(OTHER)
-    heads = file.text[file.head[others, None] + np.arange(16)]  # (n, 16)
+    return others[~np.isin(_keywords(file, others), list(LEFT_OUT))]
+
+
+def _keywords(file: Statements, statements: IntArray) -> NDArray[np.bytes_]:
+    """The first 16 bytes of keywords: (n,)."""
+    heads = file.text[file.head[statements, None] + np.arange(16)]  # (n, 16)
     heads[np.cumsum(SPACE[heads], axis=1) > 0] = 0
-    names, first = np.unique(heads.view("S16").ravel(), return_index=True)
-    unknown = [
-        (int(others[i]), name)
-        for i, name in zip(first.tolist(), names.tolist(), strict=True)
-        if name not in IGNORED
-    ]
-    for statement, name in sorted(unknown):
-        if not re.fullmatch(rb"[A-Za-z_]\w*", name):
-            text = " ".join(file.words(statement))
-            file.fail(statement, f"got {_shortened(text)}, need a statement of an OBJ file")
-    return {f"statement {name.decode()!r}": statement for statement, name in unknown}
+    keywords: NDArray[np.bytes_] = heads.view("S16").ravel()
+    return keywords
+
+
+def _tell(
+    file: Statements, losses: Losses, unknown: IntArray, left_out: dict[str, IntArray]
+) -> None:
+    """Note what is unknown, and what has no place in a cage, such as in `left_out`."""
+    if len(unknown):
+        names = dict.fromkeys(_shortened(file.words(i)[0]) for i in unknown[:1000].tolist())
+        count = f"{len(unknown)} statement{'s' if len(unknown) > 1 else ''}"
+        text = f"{count} unknown and ignored: {_listed(list(names))}"
+        losses.add("unknown", file.place(unknown[0]), text)
+    others = file.of(OTHER)
+    keywords = _keywords(file, others)
+    found: dict[str, list[IntArray]] = {what: [at] for what, at in left_out.items()}
+    for keyword in np.unique(keywords).tolist():
+        at = others[keywords == keyword]
+        if keyword == b"s":  # "off" or 0 is no group
+            argument = file.text[file.start[file.first[at] + (file.n_words[at] > 1)]]
+            at = at[~np.isin(argument, list(b"so0"))]
+        if keyword in LEFT_OUT:
+            found.setdefault(LEFT_OUT[keyword], []).append(at)
+    said = []
+    for what, places in found.items():
+        at = np.sort(np.concatenate(places))
+        if len(at):
+            count = f"{len(at)} line{'s' if len(at) > 1 else ''}"
+            said.append(f"{what} ({count}, first {file.line(at[0])})")
+    losses.left_out(said)
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
 
 
 def _shortened(text: str) -> str:
@@ -274,22 +337,49 @@ def _shortened(text: str) -> str:
 
 
 def _coordinates(
-    file: Statements, kind: int, columns: int, allowed: tuple[int, ...]
+    file: Statements, kind: int, columns: int, lost: dict[str, IntArray]
 ) -> NDArray[np.float64]:
-    """The first numbers of all statements of a kind, filled up with zeros: (n, columns)."""
+    """The first numbers of all statements of a kind, filled up with zeros: (n, columns).
+
+    What else vertices have is noted in `lost`.
+    """
     statements = file.of(kind)
     counts = file.n_words[statements] - 1
-    odd = np.flatnonzero(~np.isin(counts, allowed))
+    least = 3 if kind == VERTEX else 1
+    odd = np.flatnonzero(counts < least)
     if len(odd):
         what = "a vertex" if kind == VERTEX else "a texture coordinate"
-        need = f"{', '.join(map(str, allowed[:-1]))} or {allowed[-1]}"
-        file.fail(statements[odd[0]], f"got {what} of {counts[odd[0]]} numbers, need {need}")
+        text = f"got {what} of {counts[odd[0]]} numbers, need {least} or more"
+        file.fail(statements[odd[0]], text)
     rows = np.zeros((len(statements), columns))
-    for count in np.unique(counts):
-        alike = np.flatnonzero(counts == count)
-        values = file.numbers(file.arguments(statements[alike]), "a finite number")
-        rows[alike, :count] = values.reshape(-1, count)[:, :columns]
+    first = file.first[statements] + 1
+    for count in range(least, columns + 1):
+        alike = np.flatnonzero(np.minimum(counts, columns) == count)
+        words = (first[alike, None] + np.arange(count)).ravel()
+        rows[alike, :count] = file.numbers(words, "a finite number").reshape(-1, count)
+    if kind == VERTEX:
+        weight = np.flatnonzero(counts == 4)
+        values = file.numbers_or_none(first[weight] + 3)
+        heavy = weight if values is None else weight[values.ravel() != 1]
+        lost["weights of vertices"] = statements[heavy]
+        lost["colours of vertices"] = statements[counts > 4]
     return rows
+
+
+def _check_points(file: Statements, points: NDArray[np.float64], indices: IntArray) -> None:
+    """Refuse a point of a face that is not finite."""
+    wrong: NDArray[np.bool_] = ~np.isfinite(points)
+    bad = indices[np.asarray(wrong.any(axis=1))[indices]]
+    if len(bad):
+        vertex = bad.min()
+        word = file.first[file.of(VERTEX)[vertex]] + 1 + wrong[vertex].argmax()
+        file.fail_at(int(word), "a finite number")
+
+
+# Integers of a face corner, by 9 for a slash at its end, 3 for two slashes at once, and slashes:
+# v, v/vt, v/vt/vn, v//vn, v/, v/vt/, v//.
+FORMS = {0: 1, 1: 2, 2: 3, 5: 2, 10: 1, 11: 2, 14: 1}
+WITH_TEXTURE = (1, 2, 11)
 
 
 def _corner_indices(
@@ -297,40 +387,74 @@ def _corner_indices(
 ) -> tuple[IntArray, IntArray, NDArray[np.bool_]]:
     """Vertex and texture index of every face corner as in the file, and whether it has the latter.
 
-    Corners written in the same of the four ways are converted together.
+    Corners written in the same way are converted together.
     """
     words = file.arguments(faces)  # (H,)
-    slash = np.flatnonzero(file.text == ord("/"))
-    double = slash[:-1][np.diff(slash) == 1]
     low, high = file.start[words], file.start[words + 1]
-    slashes = np.searchsorted(slash, high) - np.searchsorted(slash, low)
-    doubles = np.searchsorted(double, high) - np.searchsorted(double, low)
+
+    def within(places: IntArray) -> IntArray:
+        """How many of some places are in each word."""
+        found: IntArray = np.searchsorted(places, high) - np.searchsorted(places, low)
+        return found
+
+    slash = np.flatnonzero(file.text == ord("/"))
+    slashes, doubles = within(slash), within(slash[:-1][np.diff(slash) == 1])
+    ends = within(slash[SPACE[file.text[slash + 1]]])
     vertex, texture = np.zeros((2, len(words)), dtype=np.int64)
-    usual = (slashes <= 2) & (doubles <= 1)
-    form = np.where(usual, slashes + 3 * doubles, -1)
-    for this, each in (0, 1), (1, 2), (2, 3), (5, 2), (-1, 0):  # v, v/vt, v/vt/vn, v//vn, other
+    form = np.where((slashes <= 2) & (doubles <= 1), slashes + 3 * doubles + 9 * ends, -1)
+    form[~np.isin(form, list(FORMS))] = -1
+    for this, each in {**FORMS, -1: 0}.items():
         alike = np.flatnonzero(form == this)
         need = "integers as v, v/vt, v//vn or v/vt/vn"
         values = file.numbers(words[alike], need, each, integers=True)
         vertex[alike] = values[:, 0]
-        if this in (1, 2):
+        if this in WITH_TEXTURE:
             texture[alike] = values[:, 1]
-    return vertex, texture, (form == 1) | (form == 2)
+    return vertex, texture, np.isin(form, WITH_TEXTURE)
 
 
 def _resolved(
-    file: Statements, given: IntArray, statement: IntArray, kind: int, what: str
-) -> IntArray:
-    """Indices from 0 of the file's from 1, or from -1 downwards for the last before the face."""
+    file: Statements, given: IntArray, statement: IntArray, kind: int
+) -> tuple[IntArray, NDArray[np.bool_]]:
+    """Indices from 0 of the file's from 1, or from -1 downwards for the last before the face.
+
+    And which of them are of nothing.
+    """
     counted = np.cumsum(file.kind == kind)  # (S,)
-    before = counted[statement]
-    resolved = np.where(given < 0, before + given, given - 1)
-    wrong = np.flatnonzero((resolved < 0) | (resolved >= counted[-1]))
-    if len(wrong):
-        i, n = wrong[0], counted[-1]
-        need = f"need 1 to {n}, or -{before[i]} to -1 for those before the face"
-        file.fail(statement[i], f"got {what} index {given[i]}, {need if n else 'but have none'}")
-    return resolved
+    resolved = np.where(given < 0, counted[statement] + given, given - 1)
+    return resolved, (resolved < 0) | (resolved >= counted[-1])
+
+
+def _out_of_range(file: Statements, given: IntArray, statement: IntArray, kind: int, i: int) -> str:
+    """What is wrong with an index."""
+    n, before = len(file.of(kind)), int((file.of(kind) < statement[i]).sum())
+    what = "vertex" if kind == VERTEX else "texture coordinate"
+    need = f"need 1 to {n}, or -{before} to -1 for those before the face"
+    return f"got {what} index {given[i]}, {need if n else 'but have none'}"
+
+
+def _texture(
+    file: Statements,
+    losses: Losses,
+    statement: IntArray,
+    given: IntArray,
+    has_uv: NDArray[np.bool_],
+) -> tuple[NDArray[np.float64], IntArray]:
+    """Texture coordinates (k, 2), and of each corner (H,) the row, or -1 without one."""
+    try:
+        values = _coordinates(file, TEXTURE, 2, {})
+    except MeshError as error:
+        where, _, text = str(error).removeprefix(f"{file.name}, ").partition(": ")
+        losses.add("vt", where, f"{text}: all texture coordinates are left out")
+        return np.zeros((0, 2)), np.full(len(given), -1)
+    rows, wrong = _resolved(file, given, statement, TEXTURE)
+    wrong &= has_uv
+    if wrong.any():
+        i = int(wrong.argmax())
+        more = f"; {wrong.sum() - 1} more like it" if wrong.sum() > 1 else ""
+        text = f"{_out_of_range(file, given, statement, TEXTURE, i)}: left out{more}"
+        losses.add("vt index", file.place(statement[i]), text)
+    return values, np.where(has_uv & ~wrong, rows, -1)
 
 
 class _Tags:
@@ -339,24 +463,31 @@ class _Tags:
     Of several tags on one edge, vertex or face, or for one choice, the last one holds, as there.
     """
 
-    def __init__(self, file: Statements) -> None:
+    def __init__(self, file: Statements, losses: Losses) -> None:
+        self.file, self.losses = file, losses
         self.marked: dict[str, dict[Any, float]] = {"crease": {}, "corner": {}, "hole": {}}
         self.options: dict[str, Any] = {}
         self.statement: dict[tuple[str, Any], int] = {}  # by ("crease", edge) and the like
-        self.ignored: dict[str, int] = {}  # where each unknown tag is first
+        unknown: dict[str, int] = {}  # where each unknown tag is first
         for statement in file.of(TAG).tolist():
             _, *words = file.words(statement)
+            name = words[0] if words else ""
             if not words:
-                file.fail(statement, "got 't', need the name of a tag after it")
-            name = words[0]
-            if name in TAGS:
+                text = "got 't', need the name of a tag after it: left out"
+                losses.add("t", file.place(statement), text)
+            elif name in TAGS:
                 try:
                     self.add(statement, name, *_arguments(words))
                 except (ValueError, LookupError, OverflowError):
-                    got = _shortened(" ".join(words))
-                    file.fail(statement, f"got tag {got}, need {TAGS[name]}")
+                    text = f"got tag {_shortened(' '.join(words))}, need {TAGS[name]}: left out"
+                    losses.add(f"t {name}", file.place(statement), text)
             elif name != OBSOLETE:
-                self.ignored.setdefault(f"tag {name!r}", statement)
+                unknown.setdefault(_shortened(name), statement)
+        if unknown:
+            first = next(iter(unknown.values()))
+            count = f"{len(unknown)} tag{'s' if len(unknown) > 1 else ''}"
+            text = f"{count} unknown and ignored: {_listed(list(unknown))}"
+            losses.add("unknown tags", file.place(first), text)
 
     def add(
         self,
@@ -382,6 +513,23 @@ class _Tags:
             sharpness = np.broadcast_to([0.0] if name == "hole" else floats, len(keys)).tolist()
             self.marked[name].update(zip(keys, sharpness, strict=True))
             self.statement.update(((name, key), statement) for key in keys)
+
+    def arrays(self) -> dict[str, Any]:
+        """Creases, corners and holes as `mesh_of` takes them."""
+        names = {kind: np.array(list(marks), dtype=np.int64) for kind, marks in self.marked.items()}
+        values = {kind: np.array(list(marks.values())) for kind, marks in self.marked.items()}
+        return {
+            "creases": (names["crease"].reshape(-1, 2), values["crease"]),
+            "corners": (names["corner"], values["corner"]),
+            "holes": names["hole"],
+        }
+
+    def lost(self, kind: str, names: IntArray, why: str) -> None:
+        """Take note of tags that do not fit the mesh."""
+        first, more = first_of(names)
+        key = tuple(names[0].tolist()) if kind == "crease" else int(names[0])
+        text = f"{kind} {first} {why}: left out{more} (counting from 0)"
+        self.losses.add(f"{kind} {why}", self.file.place(self.statement[kind, key]), text)
 
 
 def _arguments(words: list[str]) -> tuple[list[int], list[float], list[str]]:

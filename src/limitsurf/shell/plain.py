@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import Mesh, MeshError
+from limitsurf.shell.losses import Losses
 from limitsurf.shell.obj import Statements
-from limitsurf.shell.polygons import IntArray, mesh_of
+from limitsurf.shell.polygons import IntArray, mesh_of, strips
 
 if TYPE_CHECKING:
     from limitsurf.query import Polygons
@@ -37,45 +38,123 @@ _TEXTURE = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 
 def parse_ply(name: str, data: bytes, *, strict: bool = False) -> Mesh:
-    """The cage of a PLY file; texture coordinates of its vertices are the channel "uv"."""
+    """The cage of a PLY file; texture coordinates of corners or vertices are the channel "uv"."""
+    losses = Losses(name, strict)
     with np.errstate(invalid="ignore"):  # NaN is refused below
-        values = _Ply(name, data).values
-    found = [names for names in _TEXTURE if all(("vertex", n) in values for n in names)]
+        file = _Ply(name, data)
+    values = file.values
+    for number, line in file.unknown:
+        losses.add("header", f"line {number}", f"got {line[:60]!r}, unknown and ignored")
     for n in "xyz":
-        if ("vertex", n) not in values:
+        if ("vertex", n) not in values or isinstance(values["vertex", n], tuple):
             raise MeshError(f"{name}: need elements 'vertex' with the properties x, y, z")
-    lists = [values["face", n] for n in _FACES if ("face", n) in values]
-    if not lists or not isinstance(lists[0], tuple):
-        raise MeshError(f"{name}: need elements 'face' with a list, the property vertex_indices")
-    points = np.stack([values["vertex", n] for n in "xyz"], axis=1)
-    uv = np.stack([values["vertex", n] for n in found[0]], axis=1) if found else None
-    sizes, indices = lists[0]
-    return mesh_of(points, sizes, indices, uv, merge=uv is not None)
+    points = np.stack([values.pop(("vertex", n)) for n in "xyz"], axis=1)
+    sizes, indices = _ply_faces(name, values)
+    uv, rows = _ply_texture(values, sizes, indices, losses)
+    losses.left_out(_ply_others(values))
+    mesh = mesh_of(points, sizes, indices, losses, uv=uv, rows=rows, merge=uv is not None)
+    losses.warn(3)
+    return mesh
 
 
-class _Ply:
-    """The elements of a PLY file by name and property.
+def _ply_faces(name: str, values: dict[tuple[str, str], Any]) -> tuple[IntArray, IntArray]:
+    """Sizes and vertices of the faces, and of the triangles of strips, which are taken out."""
+    found = []
+    for element in "face", "tristrips":
+        lists = [values.pop((element, n)) for n in _FACES if (element, n) in values]
+        lists = [given for given in lists if isinstance(given, tuple)]
+        if not lists:
+            continue
+        sizes, given = lists[0]
+        whole = (given == np.rint(given)) & (np.abs(given) < 2.0**62)
+        indices = np.where(whole, given, -1 if element == "face" else -2).astype(np.int64)
+        if element == "face":
+            found.append((sizes, indices))
+            continue
+        ends = (indices == -1) | (indices == 2**32 - 1)
+        corners = indices[strips(sizes, np.where(ends, -1, np.maximum(indices, 0)))]
+        wrong = indices[~ends & (indices < 0)]
+        if len(wrong):
+            raise MeshError(f"{name}: got index {wrong[0]} in a triangle strip, need 0 or more")
+        found.append((np.full(len(corners), 3), corners.ravel()))
+    if not found:
+        need = "elements 'face' or 'tristrips' with a list, the property vertex_indices"
+        raise MeshError(f"{name}: need {need}")
+    sizes, indices = (np.concatenate(each) for each in zip(*found, strict=True))
+    return sizes, indices
+
+
+def _ply_texture(
+    values: dict[tuple[str, str], Any], sizes: IntArray, indices: IntArray, losses: Losses
+) -> tuple[NDArray[np.float64] | None, IntArray | None]:
+    """Texture coordinates (k, 2), and of each corner the row, or -1: those of corners come first.
+
+    None without some; without rows they are of vertices.
+    """
+    by_point = [pair for pair in _TEXTURE if all(("vertex", n) in values for n in pair)]
+    of_corners = values.pop(("face", "texcoord"), None)
+    if isinstance(of_corners, tuple) and of_corners[0].any():
+        counts, numbers = of_corners
+        counts = np.append(counts, np.zeros(len(sizes) - len(counts), np.int64))  # none in strips
+        fit = counts == 2 * sizes
+        wrong = np.flatnonzero(~fit & (counts > 0))
+        if len(wrong):
+            text = f"got {counts[wrong[0]]} texture coordinates, need {2 * sizes[wrong[0]]}, two "
+            text += "for each corner: left out"
+            text += f"; {len(wrong) - 1} more like it" if len(wrong) > 1 else ""
+            losses.add("texcoord", f"face {wrong[0]}", text)
+        numbers = numbers[np.repeat(fit, counts)].reshape(-1, 2).astype(np.float64)
+        rows = np.full(len(indices), -1)
+        rows[np.repeat(fit, sizes)] = np.arange(len(numbers))
+        return (numbers, rows) if len(numbers) else (None, None)
+    if not by_point:
+        return None, None
+    return np.stack([values.pop(("vertex", n)) for n in by_point[0]], axis=1), None
+
+
+def _ply_others(values: dict[tuple[str, str], Any]) -> list[str]:
+    """What there is besides, by name."""
+    others: dict[str, list[str]] = {}
+    for element, n in values:
+        others.setdefault(element, []).append(n)
+    vertex = others.get("vertex", [])
+    said = []
+    if {"nx", "ny", "nz"} <= set(vertex):
+        said.append("normals")
+        vertex[:] = [n for n in vertex if n not in ("nx", "ny", "nz")]
+    for element, names in others.items():
+        if element not in ("vertex", "face", "tristrips"):
+            said.append(f"elements {element!r}")
+        elif names:
+            said.append(f"of {element} {', '.join(names)}")
+    return said
+
+
+class _Elements:
+    """Rows of numbers and lists, as PLY files have them: elements by name and property.
 
     Attributes
     ----------
+    order : {"<", ">", ""}
+        Of bytes; "" is text.
     values : {(element, property): (n,) or (sizes (n,), values (k,))}
-        Numbers, float64 or int64, and lists of them.
+        Numbers, float64, and lists of them, of their own type.
     """
 
-    def __init__(self, name: str, data: bytes) -> None:
-        self.name = name
+    def __init__(
+        self,
+        name: str,
+        body: bytes,
+        order: str,
+        elements: list[tuple[str, int, list[tuple[str, ...]]]],
+    ) -> None:
+        self.name, self.order = name, order
         self.values: dict[tuple[str, str], Any] = {}
-        end = re.search(rb"^end_header[ \t]*\r?\n", data, re.MULTILINE)
-        if not re.match(rb"ply[ \t]*\r?\n", data):
-            self.fail("need 'ply' on the first line, this is no PLY file")
-        if end is None:
-            self.fail("need a header that ends with 'end_header'")
-        elements = self._header(data[: end.start()].decode("latin-1"))
-        self._body = data[end.end() :]
+        self._body = body
         self._at = 0
-        if not self.order:
+        if not order:
             try:
-                self._numbers = np.array(self._body.split(), dtype=np.float64)
+                self._numbers = np.array(body.split(), dtype=np.float64)
             except ValueError as error:
                 self.fail(f"after the header: {error}")
         for element, count, properties in elements:
@@ -83,32 +162,6 @@ class _Ply:
 
     def fail(self, message: str) -> NoReturn:
         raise MeshError(f"{self.name}: {message}")
-
-    def _header(self, header: str) -> list[tuple[str, int, list[tuple[str, ...]]]]:
-        """Name, number and properties, (type, name) or (count type, type, name), of elements."""
-        elements: list[tuple[str, int, list[tuple[str, ...]]]] = []
-        order = None
-        for number, line in enumerate(header.splitlines()[1:], 2):
-            match line.split():
-                case ["format", str(kind), "1.0"] if kind in _ORDERS:
-                    order = _ORDERS[kind]
-                case ["element", str(name), str(count)] if re.fullmatch(r"\d{1,15}", count):
-                    elements.append((name, int(count), []))
-                case ["property", str(kind), str(name)] if kind in _TYPES and elements:
-                    elements[-1][2].append((_TYPES[kind], name))
-                case ["property", "list", str(size), str(kind), str(name)] if (
-                    _TYPES.get(size, "f")[0] in "iu" and kind in _TYPES and elements
-                ):
-                    elements[-1][2].append((_TYPES[size], _TYPES[kind], name))
-                case [] | ["comment" | "obj_info", *_]:
-                    pass
-                case _:
-                    need = "format, element, property or comment"
-                    self.fail(f"line {number}: got {line[:60]!r}, need {need}")
-        if order is None:
-            self.fail(f"need one of the formats {', '.join(_ORDERS)} 1.0")
-        self.order = order
-        return elements
 
     def _take(self, kind: str, at: IntArray) -> NDArray[Any]:
         """The numbers of a type at some places: bytes, or words of text."""
@@ -159,9 +212,7 @@ class _Ply:
             size = number.astype(np.int64)
             place = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
             listed = self._take(rest[0], np.repeat(at, size) + place * width[rest[0]])
-            whole = (listed == np.rint(listed)) & (np.abs(listed) < 2.0**62)
-            listed = np.where(whole, listed, -1)
-            self.values[element, rest[1]] = size, listed.astype(np.int64)
+            self.values[element, rest[1]] = size, listed
             at = at + size * width[rest[0]]
         if len(start):
             self._at = int(last[0])
@@ -185,6 +236,51 @@ class _Ply:
             count -= len(start)
             at = int(ends(start[-1:])[0])
         return np.concatenate(found)
+
+
+class _Ply(_Elements):
+    """The elements of a PLY file, and unknown lines of its header, (number, text)."""
+
+    def __init__(self, name: str, data: bytes) -> None:
+        self.name = name
+        self.unknown: list[tuple[int, str]] = []
+        end = re.search(rb"^end_header[ \t]*(\r\n|\n|\r(?!\n))", data, re.MULTILINE)
+        if not re.match(rb"ply[ \t]*[\r\n]", data):
+            self.fail("need 'ply' on the first line, this is no PLY file")
+        if end is None:
+            self.fail("need a header that ends with 'end_header'")
+        order, elements = self._header(data[: end.start()].decode("latin-1"))
+        super().__init__(name, data[end.end() :], order, elements)
+
+    def _header(self, header: str) -> tuple[str, list[tuple[str, int, list[tuple[str, ...]]]]]:
+        """The order of bytes, and of elements name, number and properties.
+
+        These are (type, name), or (count type, type, name) of a list.
+        """
+        elements: list[tuple[str, int, list[tuple[str, ...]]]] = []
+        order = None
+        for number, line in enumerate(header.splitlines()[1:], 2):
+            match line.split():
+                case ["format", str(kind), "1.0"] if kind in _ORDERS:
+                    order = _ORDERS[kind]
+                case ["element", str(name), str(count)] if re.fullmatch(r"\d{1,15}", count):
+                    elements.append((name, int(count), []))
+                case ["property", str(kind), str(name)] if kind in _TYPES and elements:
+                    elements[-1][2].append((_TYPES[kind], name))
+                case ["property", "list", str(size), str(kind), str(name)] if (
+                    _TYPES.get(size, "f")[0] in "iu" and kind in _TYPES and elements
+                ):
+                    elements[-1][2].append((_TYPES[size], _TYPES[kind], name))
+                case [] | ["comment" | "obj_info", *_]:
+                    pass
+                case ["format" | "element" | "property", *_]:
+                    need = "format, element, property or comment"
+                    self.fail(f"line {number}: got {line[:60]!r}, need {need}")
+                case _:
+                    self.unknown.append((number, line))
+        if order is None:
+            self.fail(f"need one of the formats {', '.join(_ORDERS)} 1.0")
+        return order, elements
 
 
 def ply(shape: Polygons) -> Iterator[bytes]:
@@ -226,39 +322,143 @@ def ply(shape: Polygons) -> Iterator[bytes]:
 # --- OFF
 
 
+# How an OFF file begins: textures, colours, normals, a fourth coordinate, another dimension. The
+# keyword may be missing, or stand before the first number without a space.
+_OFF = re.compile(r"(?P<st>ST)?(?P<c>C)?(?P<n>N)?(?P<w>4)?(?P<d>n)?OFF(?=\d*$)")
+
+
 def parse_off(name: str, data: bytes, *, strict: bool = False) -> Mesh:
-    """The cage of an OFF file; colours and whatever else follows coordinates are ignored."""
-    file = Statements(name, data)
-    if not len(file.n_words) or not re.fullmatch(r"(ST)?C?N?OFF", file.words(0)[0]):
-        raise MeshError(f"{name}: need 'OFF' on the first line, in text: this is no such file")
-    # the numbers of vertices, faces and edges may be on the first line
-    joined = file.n_words[0] > 1
-    head = 0 if joined else 1
-    if len(file.n_words) <= head or file.n_words[head] - joined < 2:
+    """The cage of an OFF file, in text or binary; its texture coordinates are the channel "uv"."""
+    losses = Losses(name, strict)
+    line = re.match(rb"\s*(\w*OFF)[ \t]+BINARY[ \t]*\r?\n", data)
+    if line is not None:
+        shape = _Off(name, line[1].decode(), losses)
+        mesh = shape.of_elements(data[line.end() :])
+    else:
+        mesh = _off_text(name, Statements(name, data), losses)
+    losses.warn(3)
+    return mesh
+
+
+class _Off:
+    """What the keyword of an OFF file says of its vertices."""
+
+    def __init__(self, name: str, keyword: str, losses: Losses) -> None:
+        found = _OFF.match(keyword)
+        if found is None:
+            raise MeshError(f"{name}: need 'OFF' on the first line: this is no such file")
+        self.name, self.keyword, self.losses = name, keyword[: found.end()], losses
+        self.any_dimension = found["d"] is not None
+        self.n_coordinates = 3 + (found["w"] is not None)  # the last one divides the others
+        self.normals, self.colours, self.uv = (found[x] is not None for x in ("n", "c", "st"))
+
+    def check_dimension(self, dimension: int) -> None:
+        if dimension != 3:
+            need = "need points of three coordinates"
+            raise MeshError(f"{self.name}: {need}, got {self.keyword!r} of {dimension}")
+
+    def mesh(
+        self, rows: NDArray[np.float64], sizes: IntArray, indices: IntArray, **more: Any
+    ) -> Mesh:
+        """A mesh of vertices, (V, n_coordinates), and faces."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            points = rows[:, :3] / rows[:, 3:] if self.n_coordinates > 3 else rows
+        return mesh_of(points, sizes, indices, self.losses, **more)
+
+    def left_out(self, colours: bool, colours_of_faces: bool) -> None:
+        found = {
+            "normals": self.normals,
+            "colours of vertices": colours,
+            "colours of faces": colours_of_faces,
+        }
+        self.losses.left_out([what for what, there in found.items() if there])
+
+    def of_elements(self, body: bytes) -> Mesh:
+        """The mesh of the bytes after the first line: 32 bits a number, the highest first."""
+        counts = 3 + self.any_dimension
+        head = np.frombuffer(body[: 4 * counts], ">i4")
+        if len(head) < counts or head[-3:-1].min() < 0:
+            raise MeshError(f"{self.name}: need the numbers of vertices and faces in 12 bytes")
+        if self.any_dimension:
+            self.check_dimension(int(head[0]))
+        width = self.n_coordinates + 3 * self.normals + 4 * self.colours + 2 * self.uv
+        columns: list[tuple[str, ...]] = [("f4", str(i)) for i in range(width)]
+        lists: list[tuple[str, ...]] = [("i4", "i4", "vertices"), ("i4", "f4", "colours")]
+        elements = [
+            ("vertex", int(head[-3]), columns),
+            ("face", int(head[-2]), lists),
+        ]
+        found = _Elements(self.name, body[4 * counts :], ">", elements).values
+        rows = np.stack([found["vertex", str(i)] for i in range(width)], axis=1)
+        sizes, indices = found["face", "vertices"]
+        self.left_out(self.colours, bool(found["face", "colours"][0].any()))
+        uv = rows[:, -2:] if self.uv else None
+        rows = rows[:, : self.n_coordinates]
+        return self.mesh(rows, sizes, indices.astype(np.int64), uv=uv, merge=self.uv)
+
+
+def _off_text(name: str, file: Statements, losses: Losses) -> Mesh:
+    """The mesh of a text."""
+    first = file.words(0) if len(file.n_words) else [""]
+    bare = len(first) == 3 and all(re.fullmatch(r"\d+", word) for word in first)
+    shape = _Off(name, "OFF" if bare else first[0], losses)
+    words = np.arange(2 + shape.any_dimension) + (not bare)
+    if len(shape.keyword) < len(first[0]) and not bare:  # "OFF8 6 12"
+        file.start = file.start + np.where(np.arange(len(file.start)) == 0, len(shape.keyword), 0)
+        words -= 1
+    if words[-1] >= file.first[-1]:
         raise MeshError(f"{name}: need the numbers of vertices and faces after 'OFF'")
-    words = file.first[head] + joined + np.arange(2)
+    if shape.any_dimension:
+        shape.check_dimension(int(file.numbers(words[:1], "a dimension", integers=True)[0, 0]))
+        words = words[1:]
     counts = file.numbers(words, "the numbers of vertices and faces", integers=True)
     n_vertices, n_faces = counts.ravel().tolist()
-    if min(n_vertices, n_faces) < 0 or head + 1 + n_vertices + n_faces > len(file.n_words):
+    head = int(np.searchsorted(file.first, words[-1], side="right"))  # statements before vertices
+    if min(n_vertices, n_faces) < 0 or head + n_vertices + n_faces > len(file.n_words):
         raise MeshError(
             f"{name}: need {n_vertices} lines of vertices and {n_faces} of faces, got "
-            f"{len(file.n_words) - head - 1}: the file is truncated"
+            f"{len(file.n_words) - head}: the file is truncated"
         )
-    vertices = head + 1 + np.arange(n_vertices)
-    faces = head + 1 + n_vertices + np.arange(n_faces)
-    short = vertices[file.n_words[vertices] < 3]
+    vertices = head + np.arange(n_vertices)
+    faces = head + n_vertices + np.arange(n_faces)
+    need = shape.n_coordinates
+    short = vertices[file.n_words[vertices] < need]
     if len(short):
-        file.fail(short[0], f"got {file.n_words[short[0]]} numbers, need three coordinates")
-    words = (file.first[vertices][:, None] + np.arange(3)).ravel()
-    points = file.numbers(words, "a finite number").reshape(-1, 3)
+        text = f"got {file.n_words[short[0]]} numbers, need {'three' if need == 3 else need}"
+        file.fail(short[0], f"{text} coordinates")
+    words = (file.first[vertices][:, None] + np.arange(need)).ravel()
+    rows = file.numbers(words, "a finite number").reshape(-1, need)
     sizes = file.numbers(file.first[faces], "the number of its vertices", integers=True).ravel()
-    short = np.flatnonzero((sizes < 3) | (sizes >= file.n_words[faces]))
+    short = np.flatnonzero((sizes < 0) | (sizes >= file.n_words[faces]))
     if len(short):
-        need = "the number of its vertices, three or more, and these"
-        file.fail(faces[short[0]], f"got a face of size {sizes[short[0]]}, need {need}")
+        text = "the number of its vertices, and these"
+        file.fail(faces[short[0]], f"got a face of size {sizes[short[0]]}, need {text}")
     place = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
     words = np.repeat(file.first[faces] + 1, sizes) + place
-    return mesh_of(points, sizes, file.numbers(words, "a vertex", integers=True).ravel())
+    indices = file.numbers(words, "a vertex", integers=True).ravel()
+    uv = _off_texture(file, shape, vertices)
+    least = need + 3 * shape.normals + 2 * (uv is not None)
+    coloured = bool((file.n_words[vertices] > least).any())
+    shape.left_out(coloured, bool((file.n_words[faces] > sizes + 1).any()))
+    return shape.mesh(
+        rows, sizes, indices, uv=uv, merge=uv is not None, place=lambda f: file.place(faces[f])
+    )
+
+
+def _off_texture(file: Statements, shape: _Off, vertices: IntArray) -> NDArray[np.float64] | None:
+    """The last two numbers of all vertices, if the keyword promises them."""
+    if not shape.uv:
+        return None
+    need = shape.n_coordinates + 3 * shape.normals + 2
+    short = vertices[file.n_words[vertices] < need]
+    last = file.first[vertices + 1][:, None] - [2, 1]
+    values = None if len(short) else file.numbers_or_none(last.ravel())
+    if values is None:
+        place = file.place(short[0]) if len(short) else ""
+        text = f"need {need} numbers or more of each vertex for texture coordinates: left out"
+        shape.losses.add("uv", place, text)
+        return None
+    return values.reshape(-1, 2)
 
 
 def off(shape: Polygons) -> Iterator[bytes]:

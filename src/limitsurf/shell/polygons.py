@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import Mesh
+from limitsurf.shell.losses import Losses, finite_points, tagged, with_gaps
 
 if TYPE_CHECKING:
     from limitsurf.query import Polygons, Tessellation
 
 IntArray: TypeAlias = NDArray[np.int64]
+INTERPOLATED = "corners_plus1"  # how channels are interpolated of which a file does not say it
 
 # formats that have units and an up axis, which polygons are scaled and turned to
 OWN_MEASURES = (".glb", ".gltf", ".dae", ".3mf")
@@ -37,9 +40,13 @@ def float_points(mesh: Mesh) -> NDArray[np.float64]:
 
 
 def texture(x: Mesh | Tessellation) -> str | None:
-    """The channel that is texture coordinates: "uv", or else "st" as USD calls it, of (k, 2)."""
-    found = [n for n in ("uv", "st") if n in x.channels and x.channels[n][0].shape[1:] == (2,)]
-    return found[0] if found else None
+    """The channel that is texture coordinates, of values (k, 2).
+
+    "uv", or else "st" as USD calls it, or else the only one of that shape.
+    """
+    pairs = [name for name, channel in x.channels.items() if channel[0].shape[1:] == (2,)]
+    found = [name for name in ("uv", "st") if name in pairs] or pairs
+    return found[0] if found and (found[0] in ("uv", "st") or len(pairs) == 1) else None
 
 
 def polygons(x: Mesh | Tessellation, *, uv: bool = True) -> Polygons:
@@ -73,20 +80,42 @@ def polygons(x: Mesh | Tessellation, *, uv: bool = True) -> Polygons:
 
 
 def warn_of_loss(
-    name: str, kind: str, x: Mesh | Tessellation, *, uv: bool, tags: bool = False
+    name: str,
+    kind: str,
+    x: Mesh | Tessellation,
+    *,
+    uv: bool,
+    normals: bool = True,
+    loose: bool = True,
+    tags: bool = False,
 ) -> None:
-    """Warn of all that a file of polygons, texture coordinates or tags cannot hold."""
+    """Warn of all that a file cannot hold.
+
+    `uv`, `normals`, `loose` and `tags` say whether it holds texture coordinates, normals, vertices
+    of no face, and the tags of a cage with its choices.
+    """
     kept = texture(x) if uv else None
-    lost = [f"channel {name!r}" for name in x.channels if name != kept]
+    lost = []
     if isinstance(x, Mesh) and not tags:
         counts = {"creases": x.creases[0], "corners": x.corners[0], "holes": x.holes}
-        lost = [what for what, found in counts.items() if len(found)] + lost
+        lost = [what for what, found in counts.items() if len(found)]
+    elif not isinstance(x, Mesh) and not normals and len(x.normals):
+        lost = ["normals"]
+    lost += [f"channel {name!r}" for name in x.channels if name != kept]
+    if kept not in (None, "uv", "st"):
+        lost.append(f"the name of channel {kept!r}")
+    if isinstance(x, Mesh) and not tags:
         choices = ("boundary", "creasing", "triangles")
         lost += [choice for choice in choices if getattr(x, choice) is not None]
         lost += ["scheme"] if x.scheme not in (None, "none", "catmull-clark") else []
+        if kept is not None and x.channels[kept][2] != INTERPOLATED:
+            lost.append(f"the interpolation of channel {kept!r}")
     if kind not in OWN_MEASURES:
         lost += [f"units ({x.units:g} m)"] if x.units is not None else []
         lost += [f"up axis ({x.up})"] if x.up is not None else []
+    if isinstance(x, Mesh) and not loose:
+        unused = int((x.vertex_faces == 0).sum())
+        lost += [f"vertices of no face ({unused})"] if unused else []
     if lost:
         text = f"{name}: a file of type {kind} cannot hold everything, left out: "
         warnings.warn(text + ", ".join(lost), stacklevel=3 if tags else 4)
@@ -135,34 +164,153 @@ def merged(points: NDArray[Any]) -> tuple[IntArray, IntArray]:
     return np.sort(first), number
 
 
+def face_number(face: int) -> str:
+    """The place of a face in a file where it has no line."""
+    return f"face {face}"
+
+
 def mesh_of(
     points: NDArray[Any],
     sizes: NDArray[Any],
     indices: NDArray[Any],
-    uv: NDArray[Any] | None = None,
+    losses: Losses,
     *,
+    uv: NDArray[Any] | None = None,
+    rows: NDArray[Any] | None = None,
+    interpolation: str = INTERPOLATED,
     merge: bool = False,
+    place: Callable[[int], str] = face_number,
+    lost_tags: Callable[[str, IntArray, str], None] | None = None,
     **tags: Any,
 ) -> Mesh:
-    """A cage of polygons; `uv` (V, 2), by point, becomes the channel "uv".
+    """A cage of polygons; `uv` becomes the channel "uv", with the rows (C,) of corners.
 
-    With `merge`, points of equal coordinates become one, and triangles that have one of them twice
-    after that are dropped: formats that keep texture coordinates or normals by point repeat points
-    where these have a seam.
+    Without rows it is by point; a row of -1, or a value that is not finite, is none. What is left
+    out or mended is told to `losses`, with the place of the first face. With `lost_tags` the tags
+    are of a file, as for `losses.tagged`, which tells it of those that do not fit.
+
+    With `merge`, points of equal coordinates become one: formats that keep texture coordinates or
+    normals by point repeat points where these have a seam.
     """
+    points = np.asarray(points)
     sizes, indices = np.asarray(sizes, np.int64), np.asarray(indices, np.int64)
-    rows = indices
+    rows = indices if rows is None else np.asarray(rows, np.int64)
     if merge and len(points) and len(indices) and 0 <= indices.min() <= indices.max() < len(points):
-        first, number = merged(np.asarray(points))
+        first, number = merged(points)
         if len(first) < len(points):
             points, indices = points[first], number[indices]
-            if (sizes == 3).all():
-                a, b, c = indices.reshape(-1, 3).T
-                kept = np.repeat((a != b) & (b != c) & (c != a), 3)
-                sizes, indices, rows = sizes[kept[::3]], indices[kept], rows[kept]
-    if uv is not None:
-        tags["channels"] = {"uv": (uv, rows, "corners_plus1"), **tags.get("channels", {})}
-    return Mesh(points, (sizes, indices), **tags)
+    if len(sizes) and not (sizes.min() >= 0 and sizes.sum() == len(indices)):
+        return Mesh(points, (sizes, indices))  # which says what is wrong
+    faces, kept = sound_faces(sizes, indices, losses, place)
+    if not kept.all() or not faces.all():
+        face = np.repeat(np.arange(len(sizes)), sizes)[kept]
+        sizes = np.bincount(face, minlength=len(faces))[faces]
+        indices, rows = indices[kept], rows[kept]
+        place = _renumbered(place, np.flatnonzero(faces))
+        if "holes" in tags and lost_tags is not None:
+            holes = np.asarray(tags["holes"], np.int64)
+            there = (holes >= 0) & (holes < len(faces))
+            number = np.where(faces, np.cumsum(faces) - 1, -1)[np.where(there, holes, 0)]
+            tags["holes"] = np.where(there, number, holes)[~there | (number >= 0)]
+
+    def lost(vertices: IntArray, why: str) -> None:
+        more = f"; {len(vertices) - 1} more like it" if len(vertices) > 1 else ""
+        losses.add("points", "", f"vertex {vertices[0]} {why}{more}")
+
+    points = finite_points(points, indices, lost)
+    if uv is not None and len(uv) and len(indices) and rows.max() < len(uv):
+        values, found = textured(uv, rows, sizes, losses, place)
+        if (found < len(uv)).any():
+            channels = {"uv": (values, found, interpolation)}
+            tags["channels"] = {**channels, **tags.get("channels", {})}
+    if lost_tags is None:
+        return Mesh(points, (sizes, indices), **tags)
+    return tagged(Mesh(points, (sizes, indices)), lost_tags, **tags)
+
+
+def _renumbered(place: Callable[[int], str], number: IntArray) -> Callable[[int], str]:
+    return lambda face: place(int(number[face]))
+
+
+def sound_faces(
+    sizes: IntArray, indices: IntArray, losses: Losses, place: Callable[[int], str] = face_number
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """The faces (F,) and corners (C,) that stay: no corner like the one before, three to a face.
+
+    A last corner that repeats the first, as in "1 2 3 4 1", is like the one before that.
+    """
+    kept = np.ones(len(indices), dtype=bool)
+    filled = np.flatnonzero(sizes)
+    left = np.zeros_like(sizes)
+    if len(filled):
+        first = (np.cumsum(sizes) - sizes)[filled]  # corner of each face that has some
+        kept[1:] = indices[1:] != indices[:-1]
+        kept[first] = True
+        last = np.maximum.reduceat(np.where(kept, np.arange(len(indices)), 0), first)
+        kept[last[(indices[last] == indices[first]) & (last != first)]] = False
+        left[filled] = np.add.reduceat(kept.astype(np.int64), first)
+    faces: NDArray[np.bool_] = np.asarray(left >= 3)
+    again, small = np.flatnonzero(faces & (left < sizes)), np.flatnonzero(~faces)
+    for kind, found, what, done in (
+        ("repeated", again, "a corner twice in succession", "read without the repetition"),
+        ("small", small, "less than 3 corners that differ", "left out"),
+    ):
+        if len(found):
+            text = f"{_faces(len(found), len(sizes))} with {what}, {done}"
+            losses.add(kind, place(int(found[0])), text)
+    return faces, kept & np.repeat(faces, sizes)
+
+
+def _faces(number: int, total: int) -> str:
+    return f"{number} of {total} face{'' if total == 1 else 's'}"
+
+
+def textured(
+    values: NDArray[Any],
+    rows: IntArray,
+    sizes: IntArray,
+    losses: Losses,
+    place: Callable[[int], str] = face_number,
+) -> tuple[NDArray[np.float64], IntArray]:
+    """Texture coordinates (k + 1, 2) and rows (C,), where a row may be -1: it has none.
+
+    A face with a corner that has none, or one that is not finite, has none at all corners: the
+    last value, NaN.
+    """
+    values = np.array(values, dtype=np.float64)
+    start = np.cumsum(sizes) - sizes
+    broken = ~np.isfinite(values).all(axis=1)
+    values[broken] = np.nan
+    used = np.where(rows >= 0, broken[rows], False)
+    for kind, missing, what in (
+        ("no uv", rows < 0, "without texture coordinates, NaN there"),
+        ("uv", used, "with texture coordinates that are not finite, NaN there"),
+    ):
+        faces = np.flatnonzero(np.logical_or.reduceat(missing, start))
+        if len(faces) and not (rows < 0).all():
+            tell = losses.note if kind == "no uv" else losses.add
+            tell(kind, place(int(faces[0])), f"{_faces(len(faces), len(sizes))} {what}")
+    lacking = np.logical_or.reduceat((rows < 0) | used, start)
+    return with_gaps(values, np.where(np.repeat(lacking, sizes), -1, rows))
+
+
+def strips(sizes: IntArray, indices: IntArray) -> IntArray:
+    """The triangles of triangle strips, as positions among their corners: (t, 3).
+
+    A negative index ends a strip, and another begins. Triangles with a vertex twice, by which
+    strips are joined, are none.
+    """
+    number = np.arange(len(indices))
+    begin = np.zeros(len(indices), dtype=bool)
+    begin[(np.cumsum(sizes) - sizes)[sizes > 0]] = True
+    begin[1:] |= indices[:-1] < 0
+    start = np.maximum.accumulate(np.where(begin, number, 0))
+    third = number[(number - start >= 2) & (indices >= 0)]
+    odd = (third - start[third]) % 2
+    triangles: IntArray = np.stack([third - 2 + odd, third - 1 - odd, third], axis=1)
+    a, b, c = indices[triangles].T
+    distinct: IntArray = triangles[(a != b) & (b != c) & (c != a)]
+    return distinct
 
 
 def _finite_normals(x: Tessellation) -> NDArray[np.float64]:

@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-# The names of cells that are polygons, by VTK's numbers.
-POLYGONS = {5: "triangle", 7: "polygon", 9: "quad"}
+# The names of cells that are polygons, or that these are made of, by VTK's numbers.
+POLYGONS = {5: "triangle", 7: "polygon", 9: "quad", 6: "triangle strip", 8: "pixel"}
+STRIP, PIXEL = 6, 8
 # Behind all else in a legacy file: an array that is missed, or a part of another one, where the
 # file is truncated. VTK does not say so.
 _END = "limitsurf"
@@ -134,9 +135,11 @@ def _of_scene(suffix: str, path: str) -> list[Any]:
 
 
 def _polygons(found: Any) -> dict[str, Any]:
-    """The arrays of the polygons of a dataset: points, sizes, indices, uv where there is one."""
+    """The arrays of the polygons of a dataset: points, sizes, indices, uv where there is one.
+
+    And of strings: left_out, what else there is; damage, what is wrong.
+    """
     from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkCommonDataModel import vtkGenericCell
 
     if found is not None and found.IsA("vtkStructuredGrid"):
         from vtkmodules.vtkFiltersCore import vtkAppendFilter
@@ -145,53 +148,155 @@ def _polygons(found: Any) -> dict[str, Any]:
         cells_of.AddInputData(found)
         cells_of.Update()
         found = cells_of.GetOutput()
-    if found is not None and found.IsA("vtkPolyData"):
-        if found.GetStrips().GetNumberOfCells():
-            raise _UnfitError("need polygons, got triangle strips")
-        cells = found.GetPolys()
-    elif found is not None and found.IsA("vtkUnstructuredGrid"):
-        others = set(vtk_to_numpy(found.GetDistinctCellTypesArray()).tolist()) - POLYGONS.keys()
-        if others:
-            kinds: list[Any] = [vtkGenericCell.InstantiateCell(number) for number in others]
-            if None in kinds:
-                raise _UnfitError("truncated or broken: got a cell of unknown type")
-            worst = max(kinds, key=lambda cell: int(cell.GetCellDimension()))
-            text = f"need cells of types {', '.join(POLYGONS.values())} only, got some of type "
-            text += worst.GetClassName().removeprefix("vtk").lower()
-            if worst.GetCellDimension() == 3:
-                text += ": of what PyVista reads, dataset.extract_surface() is the skin, a cage by "
-                text += "limitsurf.from_pyvista"
-            raise _UnfitError(text)
-        cells = found.GetCells()
-    else:
+    if found is None or not (found.IsA("vtkPolyData") or found.IsA("vtkUnstructuredGrid")):
         kind = "nothing" if found is None else found.GetClassName().removeprefix("vtk")
         raise _UnfitError(f"need polygons, got {kind}")
-    if cells is None or not cells.GetNumberOfCells() or not found.GetNumberOfPoints():
+    sizes, indices, others = cells(found)
+    if not len(sizes) or not found.GetNumberOfPoints():
         return {}
-    result = {
-        "points": vtk_to_numpy(found.GetPoints().GetData()).astype(np.float64),
-        "sizes": np.diff(vtk_to_numpy(cells.GetOffsetsArray()).astype(np.int64)),
-        "indices": vtk_to_numpy(cells.GetConnectivityArray()).astype(np.int64),
-    }
+    points = vtk_to_numpy(found.GetPoints().GetData()).astype(np.float64)
+    result: dict[str, Any] = {"points": points, "sizes": sizes, "indices": indices}
+    names, damage = _arrays(found)
     texture = found.GetPointData().GetTCoords()
     if texture is not None and texture.GetNumberOfComponents() >= 2:
-        result["uv"] = vtk_to_numpy(texture)[:, :2].astype(np.float64)
-    return result
+        if texture.GetNumberOfTuples() == len(points):
+            result["uv"] = vtk_to_numpy(texture)[:, :2].astype(np.float64)
+        else:
+            count = texture.GetNumberOfTuples()
+            damage.append(f"got {count} texture coordinates, need {len(points)}: left out")
+    return {**result, "left_out": [*others, *names], "damage": damage}
+
+
+def cells(found: Any) -> tuple[Any, Any, list[str]]:
+    """Sizes and vertices of the polygons of a PolyData or UnstructuredGrid, and what else it has.
+
+    Strips become triangles. Cells that are no polygons are left out, if there are polygons.
+    """
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    def listed(array: Any) -> tuple[Any, Any]:
+        if array is None or not array.GetNumberOfCells():
+            return np.zeros(0, np.int64), np.zeros(0, np.int64)
+        offsets = vtk_to_numpy(array.GetOffsetsArray()).astype(np.int64)
+        return np.diff(offsets), vtk_to_numpy(array.GetConnectivityArray()).astype(np.int64)
+
+    others = []
+    if found.IsA("vtkPolyData"):
+        sizes, indices = listed(found.GetPolys())
+        of_strips, ends = listed(found.GetStrips())
+        is_strip = np.repeat([False, True], [len(sizes), len(of_strips)])
+        sizes, indices = np.append(sizes, of_strips), np.append(indices, ends)
+        for name, array in ("lines", found.GetLines()), ("points", found.GetVerts()):
+            if array.GetNumberOfCells():
+                others.append(f"{name} ({array.GetNumberOfCells()})")
+        return *_without_strips(sizes, indices, is_strip), others
+    sizes, indices = listed(found.GetCells())
+    if not len(sizes):
+        return sizes, indices, others
+    kinds = vtk_to_numpy(found.GetCellTypesArray())
+    fit = np.isin(kinds, list(POLYGONS))
+    wrong = _names(np.unique(kinds[~fit]).tolist())
+    if not fit.any():
+        text = f"need cells of types {', '.join(POLYGONS.values())}, got some of type "
+        raise _UnfitError(text + wrong[-1][1] + (_SKIN if wrong[-1][0] == 3 else ""))
+    others = [f"cells of type {name}" for _, name in wrong]
+    indices, sizes, kinds = indices[np.repeat(fit, sizes)], sizes[fit], kinds[fit]
+    third = (np.cumsum(sizes) - sizes)[(kinds == PIXEL) & (sizes == 4)] + 2
+    indices[third], indices[third + 1] = indices[third + 1], indices[third]  # along rows, in VTK
+    return *_without_strips(sizes, indices, kinds == STRIP), others
+
+
+_SKIN = (
+    ": of what PyVista reads, dataset.extract_surface() is the skin, a cage by "
+    "limitsurf.from_pyvista"
+)
+
+
+def _names(numbers: list[int]) -> list[tuple[int, str]]:
+    """Dimensions and names of types of cells, ascending."""
+    from vtkmodules.vtkCommonDataModel import vtkGenericCell
+
+    kinds: list[Any] = [vtkGenericCell.InstantiateCell(number) for number in numbers]
+    if None in kinds:
+        raise _UnfitError("truncated or broken: got a cell of unknown type")
+    names = [kind.GetClassName().removeprefix("vtk").lower() for kind in kinds]
+    return sorted((int(k.GetCellDimension()), name) for k, name in zip(kinds, names, strict=True))
+
+
+def _without_strips(sizes: Any, indices: Any, is_strip: Any) -> tuple[Any, Any]:
+    """Sizes and indices of polygons, and behind them the triangles of strips."""
+    if not is_strip.any():
+        return sizes, indices
+    from limitsurf.shell.polygons import strips
+
+    corners = np.repeat(is_strip, sizes)
+    ends = indices[corners]
+    triangles = ends[strips(sizes[is_strip], ends)]
+    sizes = np.append(sizes[~is_strip], np.full(len(triangles), 3))
+    return sizes, np.append(indices[~corners], triangles)
+
+
+def _arrays(found: Any) -> tuple[list[str], list[str]]:
+    """The names of data arrays but for texture coordinates; and of those of a wrong size."""
+    names, damage = [], []
+    for of, data, number in (
+        ("points", found.GetPointData(), found.GetNumberOfPoints()),
+        ("cells", found.GetCellData(), found.GetNumberOfCells()),
+        ("the file", found.GetFieldData(), None),
+    ):
+        listed = []
+        for i in range(data.GetNumberOfArrays()):
+            array = data.GetAbstractArray(i)
+            name = array.GetName() or str(i)
+            count = array.GetNumberOfTuples()
+            if (of == "points" and array is data.GetTCoords()) or name == _END:
+                continue
+            if number is not None and count != number:
+                damage.append(f"array {name} of {of}: got {count} values, need {number}: left out")
+            else:
+                listed.append(name)
+        names += [f"of {of} {', '.join(listed)}"] if listed else []
+    return names, damage
 
 
 def _joined(parts: list[dict[str, Any]]) -> dict[str, Any]:
-    """The arrays of all datasets as those of one; "uv" if all have some."""
+    """The arrays of all datasets as those of one; of texture coordinates the row of each corner.
+
+    It is -1 in datasets without.
+    """
     parts = [part for part in parts if part]
     if not parts:
         raise _UnfitError("need at least one polygon, got none")
     first = np.cumsum([0] + [len(part["points"]) for part in parts])
+    rows, count = [], 0
     for part, start in zip(parts, first, strict=False):
-        part["indices"] += start
-    return {
-        name: np.concatenate([part[name] for part in parts])
-        for name in parts[0]
-        if all(name in part for part in parts)
-    }
+        own = "uv" in part
+        rows.append(part["indices"] + count if own else np.full(len(part["indices"]), -1))
+        count += len(part["uv"]) if own else 0
+        part["indices"] = part["indices"] + start
+    names = ["points", "sizes", "indices"]
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in names}
+    if count:
+        joined["uv"] = np.concatenate([part["uv"] for part in parts if "uv" in part])
+        joined["rows"] = np.concatenate(rows)
+    for name in "left_out", "damage":
+        joined[name] = np.array(list(dict.fromkeys(x for p in parts for x in p[name])), dtype=str)
+    return joined
+
+
+def mesh(name: str, suffix: str, arrays: dict[str, Any], strict: bool) -> Any:
+    """The cage of arrays as from `_joined`, of a file of this name."""
+    from limitsurf.shell.losses import Losses
+    from limitsurf.shell.polygons import mesh_of
+
+    losses = Losses(name, strict)
+    for text in arrays.pop("damage").tolist():
+        losses.add(text, "", text)
+    losses.left_out(arrays.pop("left_out").tolist())
+    # of scenes VTK repeats the points at edges of boxes, of 3DS files at all edges
+    found = mesh_of(losses=losses, **arrays, merge="uv" in arrays or suffix in SCENES)
+    losses.warn(5)
+    return found
 
 
 def main(suffix: str, limit: int, path: str | None = None) -> None:
