@@ -586,8 +586,7 @@ class RefinedMesh(Mesh):
         if self.points.dtype == object or self.points.shape[1:] != (3,):
             raise TypeError(
                 "limit normals need points of shape (n, 3) in numbers that have square roots, "
-                "float64 (or mpf or sympy ones, where these are supported): "
-                f"got {self.points.dtype} {self.points.shape}"
+                f"float64: got {self.points.dtype} {self.points.shape}"
             )
         if self._steps[0] != 4:
             finer = refined(self, **vars(self._rules))

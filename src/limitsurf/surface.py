@@ -826,8 +826,8 @@ class LimitSurface:
         if exact:
             self._check_ranges(face, u, v, exact)
             raise TypeError(
-                f"{what} needs square roots, which Fractions do not have: give float64 numbers "
-                "(or mpf or sympy ones, where these are supported)"
+                f"{what} needs square roots, which exact numbers do not have: give float64 ones, "
+                "with points of float64"
             )
         return face, u, v
 

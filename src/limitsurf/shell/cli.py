@@ -240,7 +240,7 @@ def evaluate(
     "channels",
     metavar="NAME",
     multiple=True,
-    help="A face-varying channel as well; uv is included anyway where the format has a place.",
+    help="A face-varying channel as well; all that the format has a place for are included anyway.",
 )
 @json_option
 def tessellate(
@@ -259,11 +259,13 @@ def tessellate(
       limitsurf tessellate cage.obj -n 4 -o fine.obj
       limitsurf tessellate cage.obj -n 4 | limitsurf info -
 
-    All vertices lie on the surface, and no edge is open that is closed in the cage.
+    All vertices lie on the surface, and no edge is open that is closed in the cage. USD holds all
+    channels; other formats texture coordinates at most: the channel uv, or else st, or else the
+    only one of two numbers. Others are left out with a warning.
 
     Keys of --json: output, vertices, faces, triangles, limit_faces, n, normals, channels.
     """
-    from limitsurf.shell.formats import WITH_NORMALS, WITH_UV
+    from limitsurf.shell.formats import WITH_NORMALS
 
     suffix = mesh_suffix(output, to, as_json)
     if normals and suffix not in WITH_NORMALS:
@@ -271,8 +273,7 @@ def tessellate(
     normals = suffix in WITH_NORMALS if normals is None else normals
     surface = cage.surface(channels)
     refuse_beyond_memory(len(surface.limit_faces) * n * n, 250, "polygons")
-    if suffix in WITH_UV and "uv" in surface.mesh.channels and "uv" not in channels:
-        channels = ("uv", *channels)
+    channels = _with_others(surface, channels, suffix)
     with terminal.working("tessellating"):
         made = ls.tessellate(surface, n, normals=normals, channels=channels, workers=-1)
     write_mesh(
@@ -288,6 +289,32 @@ def tessellate(
         normals=normals,
         channels=channels,
     )
+
+
+def _with_others(
+    surface: ls.LimitSurface, channels: tuple[str, ...], suffix: str
+) -> tuple[str, ...]:
+    """The channels that were asked for, and others that a format holds; a warning of the rest."""
+    from limitsurf.shell.formats import USD, WITH_UV
+    from limitsurf.shell.polygons import texture
+
+    held = {texture(surface.mesh)} if suffix in WITH_UV else set()
+    found, lost = [], []
+    for name in surface.mesh.channels:
+        if name in channels:
+            continue
+        if suffix not in USD and name not in held:
+            lost.append(f"channel {name!r}")
+            continue
+        try:
+            surface.of_channel(name)
+            found.append(name)
+        except NotImplementedError as error:  # it was not asked for
+            warnings.warn(f"left out: {error}", stacklevel=1)
+    if lost:
+        text = f"a file of type {suffix} cannot hold everything, left out: {', '.join(lost)}"
+        warnings.warn(text, stacklevel=1)
+    return (*found, *channels)
 
 
 @main.command()
@@ -490,15 +517,14 @@ def basis(
 @click.option(
     "--up",
     type=click.Choice(["x", "y", "z"]),
-    default="z",
-    show_default=True,
-    help="The axis that points up in the picture.",
+    help="The axis that points up in the picture; by default as the cage says, else z.",
 )
 @click.option(
     "--view",
     metavar="VIEW",
     callback=lambda _, __, view: _direction(view),
-    help="From where to look: front, back, left, right, top, bottom, iso, or as 1,-2,0.5.",
+    help="From where to look: front, back, left, right, top, bottom, iso, or as 1,-2,0.5. The "
+    "front is from +z if y is up, else from -y.",
 )
 @click.option(
     "--size",

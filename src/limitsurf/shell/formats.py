@@ -105,7 +105,8 @@ def from_pyvista(dataset: Any, **tags: Any) -> Mesh:
     """
     _pyvista()
     losses = Losses("from_pyvista", strict=False)
-    mesh = mesh_of(dataset.points, *_dataset_faces(dataset), losses, **tags)
+    sizes, indices = _dataset_faces(dataset)
+    mesh = mesh_of(dataset.points, sizes, indices, losses, **tags)
     losses.warn(2)
     return mesh
 
@@ -368,7 +369,7 @@ def _of_trimesh(mesh: Any, losses: Losses, *, merge: bool, **tags: Any) -> Mesh:
         else:
             rows.append(np.full_like(triangles, -1))
             if uv is not None:
-                need = f"need {(len(vertices), 2)}: left out"
+                need = f"need {(len(vertices), 2)}"
                 text = f"got texture coordinates of shape {np.shape(uv)}, {need}"
                 losses.add("uv", f"object {i}", text)
         faces.append(triangles + count)
@@ -432,7 +433,7 @@ def read_trimesh(
     resolver = trimesh.resolvers.FilePathResolver(folder) if folder is not None else None
     try:
         _check_archive(name, data)
-        with _quiet():
+        with _quiet(), np.errstate(all="ignore"):
             scene = trimesh.load_scene(
                 BytesIO(data), file_type=suffix[1:], resolver=resolver, process=False
             )
@@ -443,32 +444,47 @@ def read_trimesh(
     except Exception as error:  # of whatever type: trimesh checks little of what it reads
         reason = f"{type(error).__name__}: {error}"[:200]
         raise MeshError(f"{name}: trimesh cannot read it, truncated or broken: {reason}") from None
+    others, damage = (
+        _gltf_others(data) if suffix in (".glb", ".gltf") else (_scene_others(scene), [])
+    )
     if not any(len(getattr(part, "faces", ())) for part in scene.geometry.values()):
-        raise MeshError(f"{name}: need at least one triangle, got none")
+        besides = f"; it has {', '.join(others)}" if others else ""
+        raise MeshError(f"{name}: need at least one triangle, got none{besides}")
     losses = Losses(name, strict)
-    losses.left_out(_gltf_others(data) if suffix in (".glb", ".gltf") else _scene_others(scene))
+    for text in damage:
+        losses.add(text, "", text)
+    losses.left_out(others)
     mesh = _of_trimesh(scene, losses, merge=True, **_measures(suffix, data, scene))
     losses.warn(3)
     return mesh
 
 
-def _gltf_others(data: bytes) -> list[str]:
-    """What a glTF file has besides triangles and texture coordinates, by its own names."""
+_MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines", 6: "triangle fans"}  # of glTF
+
+
+def _gltf_others(data: bytes) -> tuple[list[str], list[str]]:
+    """What a glTF file has besides triangles and texture coordinates, and what is wrong there."""
     length = int.from_bytes(data[12:16], "little")
     try:
         found = json.loads(data[20 : 20 + length] if data[:4] == b"glTF" else data)
         parts = [part for mesh in found["meshes"] for part in mesh["primitives"]]
         names = {name for part in parts for name in part["attributes"]}
-        others = sorted(names - {"POSITION", "TEXCOORD_0"})
-        morphed = any("targets" in part for part in parts)
+        others = sorted(names - {"POSITION", "NORMAL", "TEXCOORD_0"})
+        others += sorted({_MODES[m] for part in parts if (m := part.get("mode", 4)) in _MODES})
+        others += ["targets"] if any("targets" in part for part in parts) else []
+        others += [name for name in ("animations", "skins", "cameras") if found.get(name)]
         plain = [{"pbrMetallicRoughness": {}}, {}, {"name": "material_0"}]
-        materials = [x for x in found.get("materials", ()) if x not in plain]
-    except (ValueError, LookupError, TypeError):
-        return []  # trimesh has read it all the same
-    said = [name for name in ("animations", "skins", "cameras") if found.get(name)]
-    said += ["materials"] if materials else []
-    said += ["names of objects"] if len(found["meshes"]) > 1 else []
-    return [*others, *(["targets"] if morphed else []), *said]
+        others += ["materials"] if any(x not in plain for x in found.get("materials", ())) else []
+        others += ["names of objects"] if len(found["meshes"]) > 1 else []
+        damage = {}
+        for part in parts:
+            count = {name: found["accessors"][i]["count"] for name, i in part["attributes"].items()}
+            for name, number in count.items():
+                if number != count["POSITION"]:
+                    damage[name] = f"got {number} of {name}, need {count['POSITION']}, one a point"
+        return others, list(damage.values())
+    except (ValueError, LookupError, TypeError, AttributeError):
+        return [], []  # trimesh has read it all the same
 
 
 def _scene_others(scene: Any) -> list[str]:

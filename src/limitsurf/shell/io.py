@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 import os
 import tempfile
-import warnings
 from collections.abc import Iterator
-from dataclasses import replace
 from io import TextIOWrapper
 from typing import IO, TYPE_CHECKING, Any
 
@@ -23,6 +21,7 @@ from limitsurf.shell.polygons import (
     warn_of_cuts,
     warn_of_loss,
     warn_of_rounding,
+    without_gaps,
 )
 
 if TYPE_CHECKING:
@@ -48,10 +47,10 @@ def read(
     ==========================  =====================================================  ==========
     ``.obj``                    polygons, "uv", OpenSubdiv's tags                      nothing
     ``.usd .usda .usdc .usdz``  polygons, channels, tags, transforms                   ``[usd]``
-    ``.ply``                    polygons, "uv" (s, t or u, v of vertices)              nothing
-    ``.off``                    polygons                                               nothing
+    ``.ply``                    polygons, strips, "uv" (of corners or vertices)        nothing
+    ``.off``                    polygons, "uv" (STOFF)                                 nothing
     ``.stl``                    triangles                                              ``[formats]``
-    ``.vtp .vtu .vtk``          polygons, "uv" (texture coordinates of points)         ``[plot]``
+    ``.vtp .vtu .vtk``          polygons, strips, "uv" (of points)                     ``[plot]``
     ``.glb .gltf .dae``         triangles, "uv", transforms                            ``[formats]``
     ``.3mf``                    triangles, transforms                                  ``[formats]``
     any other of trimesh        triangles, "uv", transforms                            ``[formats]``
@@ -68,23 +67,32 @@ def read(
 
     Where a format repeats points along the seams of normals and texture coordinates (scenes and all
     of trimesh; PLY and those of VTK and PyVista if there are texture coordinates), points of
-    exactly equal coordinates are joined, and triangles dropped that have one of them twice then.
+    exactly equal coordinates are joined, and triangles left out that have one of them twice then.
     Elsewhere points stay as they are in the file. Formats of triangles hold no other faces: of a
     cage of quadrilaterals, written by whatever program, they give the triangles that it was cut
     into, which have another limit surface.
 
     What is damaged costs no more than it must: of an attribute, a tag or a mesh that makes no sense
     the rest is read, and a warning says what was left out, where, and how often; with `strict` that
-    is an error. What is sound but has no place in a cage, such as materials, is told in a warning.
+    is an error. What is sound but has no place in a cage, such as materials, is told in a warning,
+    but for normals: the surface has its own.
+    Of polygons a corner like the one before it, or a last one like the first, is none, and a face
+    of fewer than three is left out; a point that is not finite is put elsewhere if no face has it.
+    Where some faces have no texture coordinates, "uv" is NaN on these.
 
-    **OBJ.** Positions ``v`` (three coordinates; a weight or a colour after them is ignored), faces
-    ``f`` of any size with positive or negative indices, and OpenSubdiv's tags ``t`` (crease,
-    corner, hole, interpolateboundary, creasemethod, smoothtriangles,
-    facevaryinginterpolateboundary) are read. Texture coordinates ``vt`` become the channel "uv"
-    where every face corner has one, with the interpolation of its tag or "corners_plus1". Normals,
-    groups, materials, lines and free-form statements are ignored. Of tags given twice the last one
-    holds. Where there is no tag for the boundary it is left open, as None: OpenSubdiv's own readers
-    then take "edge_only".
+    **PLY, OFF.** Strips (``tristrips``) become triangles; of texture coordinates those of corners
+    (``texcoord``) come before ``s``, ``t`` or ``u``, ``v`` of vertices. OFF is text or ``BINARY``,
+    with any of the letters ST, C, N, 4 and n before ``OFF``, as far as points have three
+    coordinates: a fourth divides the others.
+
+    **OBJ.** Positions ``v`` (three coordinates), faces ``f`` of any size with positive or negative
+    indices, and OpenSubdiv's tags ``t`` (crease, corner, hole, interpolateboundary, creasemethod,
+    smoothtriangles, facevaryinginterpolateboundary) are read. Texture coordinates ``vt`` become the
+    channel "uv", with the interpolation of its tag or "corners_plus1"; a corner at the same vertex
+    as the one before it, with other texture coordinates, is another one. Weights and colours of
+    vertices, groups, names, materials, lines and free-form statements are left out, with a warning,
+    and normals without. Of tags given twice the last one holds. Where there is no tag for the
+    boundary it is left open, as None: OpenSubdiv's own readers then take "edge_only".
 
     **USD** (with ``pip install "limitsurf[usd]"``). All meshes that are shown (visible, neither
     proxy nor guide) become one, disconnected, in the order of the stage, as all objects of an OBJ
@@ -248,8 +256,10 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     has them by corner, USD too; the other formats by point, of which there are then several at
     creases and seams, as in `Tessellation.split`. Normals that do not exist (NaN) are those of the
     polygons around in a file. Outside of USD, which has all channels, texture coordinates are the
-    channel "uv", or "st" if there is none, of two numbers. What a format has no place for, such as
-    other channels or creases, is left out with a warning.
+    channel "uv", or "st" if there is none, or else the only one of two numbers. What a format has
+    no place for, such as other channels, normals, creases or units, is left out with a warning. The
+    places of points on the surface (`face`, `u`, `v`) and the parents of a refined mesh are in no
+    file.
 
     USD states the ``units`` and ``up`` of a mesh. glTF and DAE are in metres with Y up, 3MF in
     millimetres with Z up: points are scaled and turned to be so, as far as the mesh says what it
@@ -336,15 +346,10 @@ def _pieces(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]:
     shape = formats.placed(polygons(x, uv=kind in formats.WITH_UV), kind, x)
     if kind in formats.TRIMESH and np.abs(shape.points).max() > np.finfo(np.float32).max:
         raise ValueError(f"a coordinate is beyond float32, in which a file of type {kind} keeps it")
-    warn_of_loss(name, kind, x, uv=kind in formats.WITH_UV)
-    if "uv" in shape.channels:
-        values, rows = shape.channels["uv"]
-        gaps = int(np.isnan(values).any(axis=1)[rows].sum())
-        if gaps:
-            text = f"{name}: texture coordinates of {gaps} corners of faces, which have none, are 0"
-            warnings.warn(text, stacklevel=3)
-            shape = replace(shape, channels={"uv": (np.nan_to_num(values, nan=0.0), rows)})
+    held = {"uv": kind in formats.WITH_UV, "normals": kind in formats.WITH_NORMALS}
+    warn_of_loss(name, kind, x, **held, loose=kind not in (".stl", ".dae"))
     if kind in formats.TRIMESH:
+        shape = without_gaps(name, kind, shape)
         warn_of_cuts(name, kind, x)
         warn_of_rounding(name, kind, x, shape.points, formats.rounded(kind, shape.points), 4)
     if kind in (".off", ".ply"):

@@ -58,7 +58,7 @@ class Losses:
     def left_out(self, what: Sequence[str]) -> None:
         """Note what the file has and a cage has no place for."""
         if what:
-            self.note("left out", "", f"a cage cannot hold everything, left out: {', '.join(what)}")
+            self.note("left out", "", f"a cage has no place for all, left out: {', '.join(what)}")
 
     def messages(self) -> list[str]:
         """One for each kind, in the order in which they were found."""

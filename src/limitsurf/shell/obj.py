@@ -36,6 +36,8 @@ TAGS = {
     "hole": "'hole 1/0/0 face', or more faces",
     # Our own: OpenSubdiv passes over tags that it does not know.
     "scheme": "'scheme 0/0/1 name'",
+    "units": "'units 0/1/0 x', x metres, more than 0",
+    "up": "'up 0/0/1 x', x of y, z",
 } | {
     tag: f"'{tag} {'1/0/0' if 0 in meanings else '0/0/1'} x', x of {', '.join(map(str, meanings))}"
     for tag, (_, meanings) in CHOICES.items()
@@ -43,11 +45,12 @@ TAGS = {
 # A tag of the time before OpenSubdiv 3, of which nothing is left there.
 OBSOLETE = "facevaryingpropagatecorners"
 
-# Statements of the format that have no place in a cage, and what they are about.
+# Statements of the format that have no place in a cage, and what they are about; of normals, ""
+# here, nothing is said: those of the surface are its own.
 LEFT_OUT = {
     keyword: what
     for what, keywords in (
-        ("normals", b"vn"),
+        ("", b"vn"),
         ("groups", b"g"),
         ("names of objects", b"o"),
         ("materials", b"usemtl mtllib usemap maplib"),
@@ -76,6 +79,13 @@ def statements(x: Mesh | Tessellation) -> Iterator[str]:
     normal = shape.normal_indices if len(shape.normals) else None
     columns = [(rows + 1).tolist() for rows in (shape.indices, place, normal) if rows is not None]
     form = "{}//{}" if place is None and normal is not None else "/".join(["{}"] * len(columns))
+    missing: NDArray[np.bool_] = np.asarray(np.isnan(uv).any(axis=1))
+    if place is not None and missing[place].any():  # faces without texture coordinates
+        lacking = np.logical_or.reduceat(missing[place], shape.offsets[:-1])
+        before_uv = "" if normal is not None else "/"
+        number = np.char.add(before_uv, np.cumsum(~missing)[place].astype(str))
+        columns[1] = np.where(np.repeat(lacking, shape.sizes), "", number).tolist()
+        form, uv = "{}{}" if normal is None else form, uv[~missing]
     before = np.full(len(shape.indices), " ", dtype=object)
     before[shape.offsets[:-1]] = "\nf "
     return chain(
@@ -85,6 +95,8 @@ def statements(x: Mesh | Tessellation) -> Iterator[str]:
         map(f"{{}}{form}".format, before.tolist(), *columns),
         ["\n"],
         tags,
+        () if x.units is None else [f"t units 0/1/0 {x.units!r}\n"],
+        () if x.up is None else [f"t up 0/0/1 {x.up}\n"],
     )
 
 
@@ -307,8 +319,8 @@ def _tell(
     if len(unknown):
         names = dict.fromkeys(_shortened(file.words(i)[0]) for i in unknown[:1000].tolist())
         count = f"{len(unknown)} statement{'s' if len(unknown) > 1 else ''}"
-        text = f"{count} unknown and ignored: {_listed(list(names))}"
-        losses.add("unknown", file.place(unknown[0]), text)
+        text = f"{count} of unknown kinds, {_listed(list(names))}"
+        losses.add("unknown", file.place(unknown[0]), text, "ignored")
     others = file.of(OTHER)
     keywords = _keywords(file, others)
     found: dict[str, list[IntArray]] = {what: [at] for what, at in left_out.items()}
@@ -317,7 +329,7 @@ def _tell(
         if keyword == b"s":  # "off" or 0 is no group
             argument = file.text[file.start[file.first[at] + (file.n_words[at] > 1)]]
             at = at[~np.isin(argument, list(b"so0"))]
-        if keyword in LEFT_OUT:
+        if LEFT_OUT.get(keyword):
             found.setdefault(LEFT_OUT[keyword], []).append(at)
     said = []
     for what, places in found.items():
@@ -402,7 +414,7 @@ def _corner_indices(
     ends = within(slash[SPACE[file.text[slash + 1]]])
     vertex, texture = np.zeros((2, len(words)), dtype=np.int64)
     form = np.where((slashes <= 2) & (doubles <= 1), slashes + 3 * doubles + 9 * ends, -1)
-    form[~np.isin(form, list(FORMS))] = -1
+    form[~np.isin(form, list(FORMS)) | (file.text[low] == ord("/"))] = -1
     for this, each in {**FORMS, -1: 0}.items():
         alike = np.flatnonzero(form == this)
         need = "integers as v, v/vt, v//vn or v/vt/vn"
@@ -445,14 +457,14 @@ def _texture(
         values = _coordinates(file, TEXTURE, 2, {})
     except MeshError as error:
         where, _, text = str(error).removeprefix(f"{file.name}, ").partition(": ")
-        losses.add("vt", where, f"{text}: all texture coordinates are left out")
+        losses.add("vt", where, text, "all texture coordinates are left out")
         return np.zeros((0, 2)), np.full(len(given), -1)
     rows, wrong = _resolved(file, given, statement, TEXTURE)
     wrong &= has_uv
     if wrong.any():
         i = int(wrong.argmax())
         more = f"; {wrong.sum() - 1} more like it" if wrong.sum() > 1 else ""
-        text = f"{_out_of_range(file, given, statement, TEXTURE, i)}: left out{more}"
+        text = f"{_out_of_range(file, given, statement, TEXTURE, i)}{more}"
         losses.add("vt index", file.place(statement[i]), text)
     return values, np.where(has_uv & ~wrong, rows, -1)
 
@@ -473,21 +485,20 @@ class _Tags:
             _, *words = file.words(statement)
             name = words[0] if words else ""
             if not words:
-                text = "got 't', need the name of a tag after it: left out"
-                losses.add("t", file.place(statement), text)
+                losses.add("t", file.place(statement), "got 't', need the name of a tag after it")
             elif name in TAGS:
                 try:
                     self.add(statement, name, *_arguments(words))
                 except (ValueError, LookupError, OverflowError):
-                    text = f"got tag {_shortened(' '.join(words))}, need {TAGS[name]}: left out"
+                    text = f"got tag {_shortened(' '.join(words))}, need {TAGS[name]}"
                     losses.add(f"t {name}", file.place(statement), text)
             elif name != OBSOLETE:
                 unknown.setdefault(_shortened(name), statement)
         if unknown:
             first = next(iter(unknown.values()))
             count = f"{len(unknown)} tag{'s' if len(unknown) > 1 else ''}"
-            text = f"{count} unknown and ignored: {_listed(list(unknown))}"
-            losses.add("unknown tags", file.place(first), text)
+            text = f"{count} of unknown kinds, {_listed(list(unknown))}"
+            losses.add("unknown tags", file.place(first), text, "ignored")
 
     def add(
         self,
@@ -504,6 +515,13 @@ class _Tags:
             self.options[option] = meanings[given]
         elif name == "scheme":
             (self.options[name],) = strings
+        elif name == "up":
+            (self.options[name],) = {"y", "z"}.intersection(strings)
+        elif name == "units":
+            (metres,) = floats
+            if not 0 < metres < np.inf:
+                raise ValueError
+            self.options[name] = metres
         elif strings or (name == "hole" and floats):
             raise ValueError
         else:
@@ -528,7 +546,7 @@ class _Tags:
         """Take note of tags that do not fit the mesh."""
         first, more = first_of(names)
         key = tuple(names[0].tolist()) if kind == "crease" else int(names[0])
-        text = f"{kind} {first} {why}: left out{more} (counting from 0)"
+        text = f"{kind} {first}{why}{more} (counting from 0)"
         self.losses.add(f"{kind} {why}", self.file.place(self.statement[kind, key]), text)
 
 

@@ -44,7 +44,7 @@ def parse_ply(name: str, data: bytes, *, strict: bool = False) -> Mesh:
         file = _Ply(name, data)
     values = file.values
     for number, line in file.unknown:
-        losses.add("header", f"line {number}", f"got {line[:60]!r}, unknown and ignored")
+        losses.add("header", f"line {number}", f"got {line[:60]!r}, which is unknown", "ignored")
     for n in "xyz":
         if ("vertex", n) not in values or isinstance(values["vertex", n], tuple):
             raise MeshError(f"{name}: need elements 'vertex' with the properties x, y, z")
@@ -100,7 +100,7 @@ def _ply_texture(
         wrong = np.flatnonzero(~fit & (counts > 0))
         if len(wrong):
             text = f"got {counts[wrong[0]]} texture coordinates, need {2 * sizes[wrong[0]]}, two "
-            text += "for each corner: left out"
+            text += "for each corner"
             text += f"; {len(wrong) - 1} more like it" if len(wrong) > 1 else ""
             losses.add("texcoord", f"face {wrong[0]}", text)
         numbers = numbers[np.repeat(fit, counts)].reshape(-1, 2).astype(np.float64)
@@ -118,10 +118,8 @@ def _ply_others(values: dict[tuple[str, str], Any]) -> list[str]:
     for element, n in values:
         others.setdefault(element, []).append(n)
     vertex = others.get("vertex", [])
+    vertex[:] = [n for n in vertex if n not in ("nx", "ny", "nz")]  # the surface has its own
     said = []
-    if {"nx", "ny", "nz"} <= set(vertex):
-        said.append("normals")
-        vertex[:] = [n for n in vertex if n not in ("nx", "ny", "nz")]
     for element, names in others.items():
         if element not in ("vertex", "face", "tristrips"):
             said.append(f"elements {element!r}")
@@ -366,19 +364,17 @@ class _Off:
         return mesh_of(points, sizes, indices, self.losses, **more)
 
     def left_out(self, colours: bool, colours_of_faces: bool) -> None:
-        found = {
-            "normals": self.normals,
-            "colours of vertices": colours,
-            "colours of faces": colours_of_faces,
-        }
+        found = {"colours of vertices": colours, "colours of faces": colours_of_faces}
         self.losses.left_out([what for what, there in found.items() if there])
 
     def of_elements(self, body: bytes) -> Mesh:
         """The mesh of the bytes after the first line: 32 bits a number, the highest first."""
         counts = 3 + self.any_dimension
-        head = np.frombuffer(body[: 4 * counts], ">i4")
-        if len(head) < counts or head[-3:-1].min() < 0:
-            raise MeshError(f"{self.name}: need the numbers of vertices and faces in 12 bytes")
+        head = np.frombuffer(body[: 4 * counts].ljust(4 * counts, b"\xff"), ">i4")
+        if len(body) < 4 * counts or head[-3:-1].min() < 0:
+            raise MeshError(
+                f"{self.name}: need the numbers of vertices and faces after the keyword"
+            )
         if self.any_dimension:
             self.check_dimension(int(head[0]))
         width = self.n_coordinates + 3 * self.normals + 4 * self.colours + 2 * self.uv
@@ -455,7 +451,7 @@ def _off_texture(file: Statements, shape: _Off, vertices: IntArray) -> NDArray[n
     values = None if len(short) else file.numbers_or_none(last.ravel())
     if values is None:
         place = file.place(short[0]) if len(short) else ""
-        text = f"need {need} numbers or more of each vertex for texture coordinates: left out"
+        text = f"need {need} numbers or more of each vertex for texture coordinates"
         shape.losses.add("uv", place, text)
         return None
     return values.reshape(-1, 2)

@@ -65,7 +65,7 @@ def plot(
     label: str | None = None,
     channel: str | None = None,
     color: str = COLOR,
-    up: str = "z",
+    up: str | None = None,
     view: str | Sequence[float] | None = None,
     window_size: tuple[int, int] = (1600, 1200),
     off_screen: bool | None = None,
@@ -115,12 +115,13 @@ def plot(
         coordinates the layout, torn along its seams. `scalars` are those of the surface itself.
     color : str
         The colour of the surface, "#rrggbb" or a name.
-    up : {"x", "y", "z"}
-        The axis that points up in the picture.
+    up : {"x", "y", "z"}, optional
+        The axis that points up in the picture; by default ``mesh.up``, or else "z".
     view : str or array_like of shape (3,), optional
         From where to look: "front", "back", "left", "right", "top", "bottom" or "iso", or the
-        direction from the surface to the camera. By default from the front and above, and onto a
-        flat surface from its front.
+        direction from the surface to the camera. The front is seen from +z if y is up, as in glTF
+        and Maya, and from -y otherwise; right is +x for both y and z. By default from the front and
+        above, and onto a flat surface from its front.
     window_size : (int, int)
         Width and height in pixels.
     off_screen : bool, optional
@@ -177,6 +178,7 @@ def plot(
         limits = _checked_limits(limits)
     if not isinstance(label, str | None):
         raise ValueError(f"label must be text, got {label!r}")
+    up = (surface.mesh.up or "z") if up is None else up
     if up not in ("x", "y", "z"):
         raise ValueError(f"up must be 'x', 'y' or 'z', got {up!r}")
     _check_view(view)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.mesh import Mesh
+from limitsurf.mesh import CHOICES, Mesh, MeshError
 from limitsurf.shell.losses import Losses, finite_points, tagged, with_gaps
 
 if TYPE_CHECKING:
@@ -105,8 +106,7 @@ def warn_of_loss(
     if kept not in (None, "uv", "st"):
         lost.append(f"the name of channel {kept!r}")
     if isinstance(x, Mesh) and not tags:
-        choices = ("boundary", "creasing", "triangles")
-        lost += [choice for choice in choices if getattr(x, choice) is not None]
+        lost += [what for what in CHOICES[1:4] if getattr(x, what) is not None]
         lost += ["scheme"] if x.scheme not in (None, "none", "catmull-clark") else []
         if kept is not None and x.channels[kept][2] != INTERPOLATED:
             lost.append(f"the interpolation of channel {kept!r}")
@@ -116,9 +116,28 @@ def warn_of_loss(
     if isinstance(x, Mesh) and not loose:
         unused = int((x.vertex_faces == 0).sum())
         lost += [f"vertices of no face ({unused})"] if unused else []
+    if kind not in OWN_MEASURES and not tags:
+        lost += [f"units ({x.units:g} m)"] if x.units is not None else []
+        lost += [f"up axis ({x.up})"] if x.up is not None else []
     if lost:
         text = f"{name}: a file of type {kind} cannot hold everything, left out: "
         warnings.warn(text + ", ".join(lost), stacklevel=3 if tags else 4)
+
+
+def without_gaps(name: str, kind: str, shape: Polygons) -> Polygons:
+    """The same with finite texture coordinates, for files that hold no NaN, which is warned of."""
+    if "uv" not in shape.channels:
+        return shape
+    values, rows = shape.channels["uv"]
+    missing = np.isnan(values).any(axis=1)
+    if not missing[rows].any():
+        return shape
+    faces = int(np.logical_or.reduceat(missing[rows], shape.offsets[:-1]).sum())
+    text = f"{name}: a file of type {kind} holds texture coordinates of all faces or none: "
+    text += f"{_faces(faces, len(shape.sizes))} without get zeros"
+    warnings.warn(text, stacklevel=4)
+    kept = {"uv": (np.where(missing[:, None], 0, values), rows)}
+    return replace(shape, channels=kept)
 
 
 def warn_of_cuts(name: str, kind: str, x: Mesh | Tessellation) -> None:
@@ -190,18 +209,26 @@ def mesh_of(
     are of a file, as for `losses.tagged`, which tells it of those that do not fit.
 
     With `merge`, points of equal coordinates become one: formats that keep texture coordinates or
-    normals by point repeat points where these have a seam.
+    normals by point repeat points where these have a seam. A corner like the one before it is left
+    out, one at the same point with other texture coordinates stays, but in merged triangles.
     """
     points = np.asarray(points)
     sizes, indices = np.asarray(sizes, np.int64), np.asarray(indices, np.int64)
-    rows = indices if rows is None else np.asarray(rows, np.int64)
+    rows = indices if rows is None or uv is None else np.asarray(rows, np.int64)
     if merge and len(points) and len(indices) and 0 <= indices.min() <= indices.max() < len(points):
         first, number = merged(points)
         if len(first) < len(points):
             points, indices = points[first], number[indices]
     if len(sizes) and not (sizes.min() >= 0 and sizes.sum() == len(indices)):
         return Mesh(points, (sizes, indices))  # which says what is wrong
-    faces, kept = sound_faces(sizes, indices, losses, place)
+    corner = indices
+    if rows is not indices:  # corners of different texture coordinates are different ones
+        folded = np.repeat((sizes == 3) & merge, sizes)  # but for triangles
+        corner = indices * (int(rows.max(initial=0)) + 2) + np.where(folded, 0, rows + 1)
+    faces, kept = sound_faces(sizes, corner, losses, place)
+    if len(faces) and not faces.any():
+        text = "need a face of 3 corners or more that differ, got none"
+        raise MeshError(f"{losses.name}: {text}, the first is {place(0)}")
     if not kept.all() or not faces.all():
         face = np.repeat(np.arange(len(sizes)), sizes)[kept]
         sizes = np.bincount(face, minlength=len(faces))[faces]
@@ -215,7 +242,7 @@ def mesh_of(
 
     def lost(vertices: IntArray, why: str) -> None:
         more = f"; {len(vertices) - 1} more like it" if len(vertices) > 1 else ""
-        losses.add("points", "", f"vertex {vertices[0]} {why}{more}")
+        losses.add("points", "", f"vertex {vertices[0]}{why}{more}", "put where another one is")
 
     points = finite_points(points, indices, lost)
     if uv is not None and len(uv) and len(indices) and rows.max() < len(uv):
@@ -256,8 +283,8 @@ def sound_faces(
         ("small", small, "less than 3 corners that differ", "left out"),
     ):
         if len(found):
-            text = f"{_faces(len(found), len(sizes))} with {what}, {done}"
-            losses.add(kind, place(int(found[0])), text)
+            text = f"{_faces(len(found), len(sizes))} with {what}"
+            losses.add(kind, place(int(found[0])), text, done)
     return faces, kept & np.repeat(faces, sizes)
 
 
@@ -282,16 +309,21 @@ def textured(
     broken = ~np.isfinite(values).all(axis=1)
     values[broken] = np.nan
     used = np.where(rows >= 0, broken[rows], False)
-    for kind, missing, what in (
-        ("no uv", rows < 0, "without texture coordinates, NaN there"),
-        ("uv", used, "with texture coordinates that are not finite, NaN there"),
-    ):
-        faces = np.flatnonzero(np.logical_or.reduceat(missing, start))
-        if len(faces) and not (rows < 0).all():
-            tell = losses.note if kind == "no uv" else losses.add
-            tell(kind, place(int(faces[0])), f"{_faces(len(faces), len(sizes))} {what}")
-    lacking = np.logical_or.reduceat((rows < 0) | used, start)
-    return with_gaps(values, np.where(np.repeat(lacking, sizes), -1, rows))
+    without = np.logical_or.reduceat(rows < 0, start)
+    infinite = np.logical_or.reduceat(used, start)
+    if infinite.any():
+        text = f"{_faces(infinite.sum(), len(sizes))} with texture coordinates that are not finite"
+        losses.add("uv", place(int(infinite.argmax())), text, "NaN there")
+    if (without | infinite).all():
+        if (rows >= 0).any():
+            losses.left_out(["texture coordinates, which all faces lack at some corner"])
+        return values, np.full(len(rows), len(values))
+    if without.any():
+        text = (
+            f"{_faces(without.sum(), len(sizes))} without texture coordinates, which are NaN there"
+        )
+        losses.note("no uv", place(int(without.argmax())), text)
+    return with_gaps(values, np.where(np.repeat(without | infinite, sizes), -1, rows))
 
 
 def strips(sizes: IntArray, indices: IntArray) -> IntArray:

@@ -30,7 +30,10 @@ GROUND, SKY, INK = "#dde5ec", "#ffffff", "#263442"
 PAPER = "#f1f4f7"  # the ground of a page
 MISSING = "#b8bcc0"  # where a scalar is NaN
 QUADS = 200_000  # drawn in all, unless told otherwise
-VIEW = (-0.35, -1.0, 0.6)  # where the camera stands, for z up
+# Where the camera stands, for z up, where the front faces -y. Another axis that is up takes z's
+# place by a turn about the third one, under which the front faces +z if y is up (as in glTF and
+# Maya), and -y if x is.
+VIEW = (-0.35, -1.0, 0.6)
 VIEWS = {  # the same by name
     "front": (0.0, -1.0, 0.0),
     "back": (0.0, 1.0, 0.0),
@@ -315,6 +318,12 @@ def extraordinary(surface: LimitSurface) -> list[Dots]:
     ]
 
 
+def _turned(direction: Sequence[float], up: str) -> Array:
+    """A direction for z up, turned with z to another axis that is up."""
+    x, y, z = direction
+    return np.array({"x": (z, y, -x), "y": (x, z, -y), "z": (x, y, z)}[up])
+
+
 def camera(
     points: Array, up: str, view: str | Sequence[float] | None, aspect: float
 ) -> tuple[Array, Array, float]:
@@ -327,12 +336,12 @@ def camera(
         back = np.eye(3)[flat]
         above = np.eye(3)[upward if upward != flat else (flat + 2) % 3]
     elif view is None or isinstance(view, str):
-        back = np.roll(VIEW if view is None else VIEWS[view], upward - 2)
+        back = _turned(VIEW if view is None else VIEWS[view], up)
     else:
         back = np.asarray(view, dtype=np.float64)
     right = np.cross(above, back)
     if np.linalg.norm(right) < 1e-6 * np.linalg.norm(back):  # straight from above or below
-        above = np.roll(VIEWS["back"], upward - 2)
+        above = _turned(VIEWS["back"], up)
         right = np.cross(above, back)
     axes = np.stack([right, np.cross(back, right), back])
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)

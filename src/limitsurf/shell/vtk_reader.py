@@ -9,6 +9,7 @@ named "error" that says what is wrong.
 from __future__ import annotations
 
 import os
+import re
 import sys
 import warnings
 from contextlib import suppress
@@ -24,6 +25,7 @@ STRIP, PIXEL = 6, 8
 # file is truncated. VTK does not say so.
 _END = "limitsurf"
 _FIELD = f"\nFIELD FieldData 1\n{_END} 1 1 int\n".encode()
+_UNREAD = "limitsurf unread"  # an array that says that others are broken
 # Scenes, of which PyVista leaves out the transforms.
 SCENES = {".wrl": "vtkVRMLImporter", ".vrml": "vtkVRMLImporter", ".3ds": "vtk3DSImporter"}
 
@@ -51,13 +53,32 @@ def _check(window: Any) -> None:
 
 
 def _of_bytes(suffix: str, data: bytes) -> list[Any]:
-    """The dataset in a file of VTK."""
+    """The dataset in a file of VTK; without attributes if it is read no other way."""
+    from vtkmodules.vtkCommonCore import vtkStringArray
+
+    try:
+        return _with_arrays(suffix, data)
+    except _UnfitError as error:
+        try:
+            found = _with_arrays(suffix, data, attributes=False)
+        except _UnfitError:
+            raise error from None
+    array = vtkStringArray()
+    array.SetName(_UNREAD)
+    found[0].GetFieldData().AddArray(array)
+    return found
+
+
+def _with_arrays(suffix: str, data: bytes, attributes: bool = True) -> list[Any]:
+    """The dataset in a file of VTK, with its attributes of points and cells or without."""
     from vtkmodules.vtkIOLegacy import vtkDataSetReader
     from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
 
     content: Any = data  # as text, say VTK's annotations
     window = _listener()
     if suffix == ".vtk":
+        if not attributes:
+            content = re.split(rb"(?m)^[ \t]*(?:POINT|CELL)_DATA\b", data)[0]
         is_text = data.split(b"\n", 3)[2:3] != [b"BINARY"]
         content += _FIELD + (b"0\n" if is_text else bytes(4) + b"\n")
         reader: Any = vtkDataSetReader()
@@ -66,6 +87,11 @@ def _of_bytes(suffix: str, data: bytes) -> list[Any]:
     else:
         reader = vtkXMLPolyDataReader() if suffix == ".vtp" else vtkXMLUnstructuredGridReader()
         reader.SetInputString(content)
+        if not attributes:
+            reader.ReadFromInputStringOn()
+            reader.UpdateInformation()
+            reader.GetPointDataArraySelection().DisableAllArrays()
+            reader.GetCellDataArraySelection().DisableAllArrays()
     reader.ReadFromInputStringOn()
     reader.Update()
     found = reader.GetOutput()
@@ -73,6 +99,8 @@ def _of_bytes(suffix: str, data: bytes) -> list[Any]:
     if found is None:
         raise _UnfitError("truncated or broken: VTK finds nothing")
     places = [found.GetPointData(), found.GetCellData(), found.GetFieldData()]
+    if suffix != ".vtk" and not found.GetNumberOfCells():
+        raise _UnfitError("need at least one polygon, got none")
     if suffix == ".vtk" and not any(place.HasArray(_END) for place in places):
         raise _UnfitError("truncated or broken")
     return [found]
@@ -163,7 +191,7 @@ def _polygons(found: Any) -> dict[str, Any]:
             result["uv"] = vtk_to_numpy(texture)[:, :2].astype(np.float64)
         else:
             count = texture.GetNumberOfTuples()
-            damage.append(f"got {count} texture coordinates, need {len(points)}: left out")
+            damage.append(f"got {count} texture coordinates, need {len(points)}")
     return {**result, "left_out": [*others, *names], "damage": damage}
 
 
@@ -193,7 +221,11 @@ def cells(found: Any) -> tuple[Any, Any, list[str]]:
     sizes, indices = listed(found.GetCells())
     if not len(sizes):
         return sizes, indices, others
-    kinds = vtk_to_numpy(found.GetCellTypesArray())
+    try:
+        types = found.GetCellTypes()
+    except TypeError:  # before VTK 9.6
+        types = found.GetCellTypesArray()
+    kinds = np.asarray(types) if isinstance(types, np.ndarray) else vtk_to_numpy(types)
     fit = np.isin(kinds, list(POLYGONS))
     wrong = _names(np.unique(kinds[~fit]).tolist())
     if not fit.any():
@@ -248,15 +280,23 @@ def _arrays(found: Any) -> tuple[list[str], list[str]]:
         for i in range(data.GetNumberOfArrays()):
             array = data.GetAbstractArray(i)
             name = array.GetName() or str(i)
+            if name == _UNREAD:
+                damage.append("got attributes of points or cells that are truncated or broken")
+                continue
             count = array.GetNumberOfTuples()
-            if (of == "points" and array is data.GetTCoords()) or name == _END:
+            if name == _END or (of == "points" and _is_known(data, array)):
                 continue
             if number is not None and count != number:
-                damage.append(f"array {name} of {of}: got {count} values, need {number}: left out")
+                damage.append(f"array {name} of {of}: got {count} values, need {number}")
             else:
                 listed.append(name)
         names += [f"of {of} {', '.join(listed)}"] if listed else []
     return names, damage
+
+
+def _is_known(data: Any, array: Any) -> bool:
+    """Whether an array of points is texture coordinates; or normals, which the surface has."""
+    return array is data.GetTCoords() or array is data.GetNormals()
 
 
 def _joined(parts: list[dict[str, Any]]) -> dict[str, Any]:
