@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import warnings
 from itertools import pairwise
 
 import numpy as np
@@ -17,6 +18,7 @@ import pyarrow.parquet as pq
 import pytest
 import zarr
 import zoo
+from click.testing import CliRunner
 from command_line import PROGRAM, facts, fail, pipeline, run, succeed
 from mpmath import mp
 
@@ -872,6 +874,37 @@ def polygon_area(points, sizes, indices):
     wedge = np.zeros((len(sizes), 3))
     np.add.at(wedge, face, np.cross(points[indices], points[indices[after]]))
     return np.linalg.norm(wedge, axis=1).sum() / 2
+
+
+@pytest.mark.parametrize(
+    ("names", "suffix", "kept", "lost"),
+    [
+        (["st"], ".obj", "st", []),
+        (["map"], ".ply", "map", []),
+        (["st", "uv", "map"], ".obj", "uv", ["st", "map"]),
+        (["a", "b"], ".obj", None, ["a", "b"]),
+        (["uv"], ".off", None, ["uv"]),
+    ],
+)
+def test_channels_of_a_tessellation(monkeypatch, tmp_path, names, suffix, kept, lost):
+    """Texture coordinates by any name are written, and what is not is named."""
+    points, faces = zoo.cube()
+    rows = np.arange(24)
+    channels = {name: (np.random.default_rng(0).random((24, 2)), rows, "all") for name in names}
+    mesh, path = ls.Mesh(points, faces, channels=channels), tmp_path / f"fine{suffix}"
+    monkeypatch.setattr(ls, "read", lambda *_, **__: mesh)
+    done = CliRunner().invoke(main, ["tessellate", "cage.obj", "-n", "2", "-o", str(path)])
+    assert done.exit_code == 0
+    said = [
+        word
+        for word in names
+        if f"left out: channel {word!r}" in done.stderr.replace(", channel", " left out: channel")
+    ]
+    assert said == lost
+    monkeypatch.undo()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert list(ls.read(path).channels) == ([] if kept is None else ["uv"])
 
 
 def test_tessellate_options(cage, tmp_path):

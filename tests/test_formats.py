@@ -28,7 +28,7 @@ MIXED = ls.Mesh(*zoo.carved(zoo.prism(9), 7, 12))
 # of these warnings there are tests of their own
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.* holds triangles only"),
-    pytest.mark.filterwarnings("ignore:.*: a cage cannot hold everything, left out: "),
+    pytest.mark.filterwarnings("ignore:.* a cage has no place for all, left out"),
 ]
 # few lines of text, of which most are needed
 CUBE = ls.Mesh(*zoo.cube())
@@ -283,7 +283,7 @@ def test_names_of_pipes(tmp_path):
 
 @pytest.mark.parametrize("suffix", [".ply", ".off", ".stl", ".vtp", ".glb"])
 def test_what_is_left_out_is_named(tmp_path, suffix):
-    channels = {"colour": SEAMS.channels["uv"]}
+    channels = {"colour": (np.zeros((1, 3)), np.zeros(24, int), "all")}
     mesh = ls.Mesh(
         *zoo.cube(), creases={(0, 1): 2}, holes=[1], boundary="edge_only", channels=channels
     )
@@ -293,6 +293,73 @@ def test_what_is_left_out_is_named(tmp_path, suffix):
     assert caught[0].filename == __file__
     text = f"{path}: a file of type {suffix} cannot hold everything, left out: "
     assert str(caught[0].message) == f"{text}creases, holes, channel 'colour', boundary"
+
+
+def everything():
+    """A cage and a tessellation that hold all that such can."""
+    points, faces = zoo.cube()
+    uv, rows = np.random.default_rng(0).random((24, 2)), np.arange(24)
+    uv[4:8] = np.nan
+    cage = ls.Mesh(
+        [*points, [9, 9, 9]],
+        faces,
+        creases={(0, 1): 2},
+        corners={3: 1.5},
+        holes=[2],
+        scheme="loop",
+        boundary="none",
+        creasing="chaikin",
+        triangles="smooth",
+        channels={"map": (uv, rows, "all"), "colour": (np.eye(3), rows % 3, "all")},
+        units=0.0254,
+        up="z",
+    )
+    smooth = ls.Mesh(points, faces, channels=cage.channels, units=0.0254, up="z")
+    return cage, ls.tessellate(ls.LimitSurface(smooth), 2, channels=["map", "colour"])
+
+
+@pytest.mark.parametrize("suffix", formats.WRITABLE)
+@pytest.mark.parametrize("number", [0, 1], ids=["cage", "tessellation"])
+def test_all_is_kept_or_named(tmp_path, suffix, number):
+    """Whatever an object holds comes back from a file, or a warning names it."""
+    x, path = everything()[number], tmp_path / f"x{suffix}"
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ls.write(path, x)
+        written = len(caught)
+        y = ls.read(path)
+    assert {warning.filename for warning in caught} == {__file__} or not caught
+    said = " ".join(str(warning.message) for warning in caught)
+
+    def corners(mesh, name):
+        values, rows = mesh.channels[name][:2]
+        return values[rows]
+
+    kept = {
+        "holds triangles only": np.array_equal(y.sizes, x.sizes),
+        "units": y.units == x.units or suffix in formats.MEASURES,
+        "up axis": y.up == x.up or suffix in formats.MEASURES,
+        "channel 'colour'": "colour" in y.channels,
+    }
+    maps = [name for name in y.channels if y.channels[name][0].shape[1:] == (2,)]
+    kept["channel 'map'"] = "map" in maps
+    if maps:
+        got = np.isnan(corners(y, maps[0])).any(axis=1).mean()
+        kept["zeros"] = np.isclose(got, np.isnan(corners(x, "map")).any(axis=1).mean())
+    if number == 0:
+        for name in ("scheme", "boundary", "creasing", "triangles", "holes"):
+            kept[name] = np.array_equal(getattr(y, name), getattr(x, name))
+        kept["creases"] = np.array_equal(y.creases[0], x.creases[0])
+        kept["corners"] = np.array_equal(y.corners[0], x.corners[0])
+        kept["vertices of no face"] = (y.vertex_faces == 0).any()
+        if maps and y.channels[maps[0]][2] != "all":
+            kept["the interpolation of channel 'map'"] = False
+    elif suffix in TRIANGLES:
+        kept.pop("holds triangles only")  # the surface stays
+    missing = [words for words, there in kept.items() if not there and words not in said]
+    assert not missing, said
+    if number == 1 and suffix not in formats.WITH_NORMALS:
+        assert "normals" in " ".join(str(warning.message) for warning in caught[:written])
 
 
 @pytest.mark.parametrize("suffix", TRIANGLES)
@@ -308,7 +375,7 @@ def test_faces_that_are_cut_are_counted(tmp_path, suffix):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         ls.write(path, ls.Mesh(*zoo.tetrahedron()))
-        ls.write(path, ls.tessellate(ls.LimitSurface(CUBE), 2))
+        ls.write(path, ls.tessellate(ls.LimitSurface(CUBE), 2, normals=False))
 
 
 @pytest.mark.parametrize("suffix", sorted(SINGLE))
@@ -317,7 +384,7 @@ def test_points_that_become_equal_are_counted(tmp_path, suffix, scale, offset):
     path, points = tmp_path / f"x{suffix}", zoo.tetrahedron()[0]
     mesh = ls.Mesh(scale * points + offset, zoo.tetrahedron()[1])
     rounding = f"rounded as in a file of type {suffix}: .obj, .ply and .vtp keep float64"
-    for x in mesh, ls.tessellate(ls.LimitSurface(mesh), 1):
+    for x in mesh, ls.tessellate(ls.LimitSurface(mesh), 1, normals=False):
         with pytest.warns(UserWarning, match="become equal") as caught:
             ls.write(path, x)
         assert [warning.filename for warning in caught] == [__file__]
@@ -434,7 +501,7 @@ def read_broken(folder, first, last):
         for seed in seeds:
             path.write_bytes(broken(data, seed))
             with warnings.catch_warnings():
-                warnings.filterwarnings("ignore", message=".* is unknown and ignored")
+                warnings.filterwarnings("ignore", message=rf"{re.escape(str(path))}[,:] ")
                 try:
                     ls.read(path)
                 except Exception as error:
@@ -600,7 +667,7 @@ property float z
 element face 2
 property uchar flags
 property list uchar int vertex_index
-property list uchar float texcoord
+property list uchar float weights
 element edge 1
 property int vertex1
 property int vertex2
@@ -639,7 +706,7 @@ def test_ways_to_write_ply(tmp_path, data):
 def test_ply_of_many_faces_of_all_sizes(tmp_path):
     g = np.random.default_rng(0)
     sizes = g.integers(3, 300, 4000)
-    mesh = ls.Mesh(g.random((500, 3)), (sizes, g.integers(0, 500, sizes.sum())))
+    mesh = ls.Mesh(g.random((500, 3)), (sizes, np.arange(sizes.sum()) * 7 % 500))
     path = tmp_path / "x.ply"
     ls.write(path, mesh)
     assert ls.read(path) == mesh
@@ -650,7 +717,7 @@ def test_ply_of_many_faces_of_all_sizes(tmp_path):
 def test_ply_of_many_blocks(tmp_path, monkeypatch, block, text):
     g = np.random.default_rng(block)
     sizes = g.integers(3, 9, 300)
-    mesh = ls.Mesh(g.random((50, 3)), (sizes, g.integers(0, 50, sizes.sum())))
+    mesh = ls.Mesh(g.random((50, 3)), (sizes, np.arange(sizes.sum()) * 7 % 50))
     path = tmp_path / "x.ply"
     ls.write(path, mesh)
     if text:
@@ -693,7 +760,10 @@ def test_memory_of_a_ply_file(tmp_path):
         (HEADER.replace("float x", "number x") + ROWS, "line 6: got 'property number x', need"),
         (HEADER.replace("face 2", "face -2") + ROWS, "line 10: got 'element face -2', need"),
         (HEADER.replace("float z", "float w") + ROWS, "need elements 'vertex' with the proper"),
-        (HEADER.replace("vertex_index", "corners") + ROWS, "need elements 'face' with a list"),
+        (
+            HEADER.replace("vertex_index", "corners") + ROWS,
+            "need elements 'face' or 'tristrips' with a",
+        ),
         (HEADER + ROWS[:-20], "the file ends amid its 2 elements 'face': it is truncated"),
         (HEADER + ROWS.replace("0 1 2 3", "0 1 2 x"), "after the header: "),
         (HEADER + ROWS.replace("0 1 2 3", "0 1 2 4"), "face 1: vertex index 4 is out of range"),
@@ -726,7 +796,12 @@ OFF = "0 0 0\n1 0 0 # a comment\n1 1 0 255 0 0\n\n0 1 0\n3 0 1 2\n4 0 1 2 3  0.5
         "OFF 4 2 5\n" + OFF,
         "# first\n\nOFF # x\n\n4 2\n" + OFF,
         "COFF\r\n4 2 0\r\n" + OFF.replace("\n", "\r\n"),
-        "STCNOFF\n4 2 0\n" + OFF + "anything\n",
+        "CNOFF\n4 2 0\n" + OFF + "anything\n",
+        "4 2 0\n" + OFF,
+        "OFF4 2 0\n" + OFF,
+        "nOFF\n3\n4 2 0\n" + OFF,
+        "nOFF 3 4 2 0\n" + OFF,
+        "4OFF\n4 2 0\n0 0 0 1\n2 0 0 2\n2 2 0 2 255\n0 -1 0 -1\n" + OFF[OFF.index("3 0 1") :],
     ],
 )
 def test_ways_to_write_off(tmp_path, text):
@@ -740,8 +815,11 @@ def test_ways_to_write_off(tmp_path, text):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("4OFF\n1 1 1\n", ": need 'OFF' on the first line, in text"),
-        ("OFF BINARY\n1 1 1\n", ": need the numbers of vertices and faces after 'OFF'"),
+        ("OOFF\n1 1 1\n", ": need 'OFF' on the first line: this is no such file"),
+        ("nOFF 4\n1 1 1\n", ": need points of three coordinates, got 'nOFF' of 4"),
+        ("4OFF 1 1 1\n0 0 0\n3 0 0 0", ", line 2: got 3 numbers, need 4 coordinates"),
+        ("OFF BINARY\n1 1 1\n1 1 1\n", ": the file ends amid its"),
+        ("OFF BINARY\n1 1 1", ": need the numbers of vertices and faces after the"),
         ("OFF\n", ": need the numbers of vertices and faces after 'OFF'"),
         ("OFF 4\n", ": need the numbers of vertices and faces after 'OFF'"),
         ("OFF\n4 x\n", ", line 2: got 'x', need the numbers of vertices and faces"),
@@ -749,7 +827,8 @@ def test_ways_to_write_off(tmp_path, text):
         ("OFF\n4 2\n" + OFF.replace("0 1 0", "0 1"), ", line 7: got 2 numbers, need three coord"),
         ("OFF\n4 2\n" + OFF.replace("0 1 0", "0 1 z"), ", line 7: got 'z', need a finite number"),
         ("OFF\n4 2\n" + OFF.replace("4 0 1", "9 0 1"), ", line 9: got a face of size 9, need the"),
-        ("OFF\n4 2\n" + OFF.replace("3 0 1", "2 0 1"), ", line 8: got a face of size 2, need the"),
+        ("OFF\n4 2\n" + OFF.replace("3 0 1", "-2 0 1"), ", line 8: got a face of size -2, need"),
+        ("OFF\n4 1\n" + OFF.replace("3 0 1", "2 0 1"), ": need a face of 3 corners or more that"),
         ("OFF\n4 2\n" + OFF.replace("3 0 1", "3 0 .5"), ", line 8: got '.5', need a vertex"),
         ("OFF\n4 2\n" + OFF.replace("3 0 1", "3 0 4"), ": face 0: vertex index 4 is out of range"),
         ("OFF\n-4 2\n" + OFF, ": need -4 lines of vertices"),
@@ -761,6 +840,188 @@ def test_broken_off(tmp_path, text, message):
     with pytest.raises(ls.MeshError) as caught:
         ls.read(path)
     assert str(caught.value).startswith(f"{path}{message}")
+
+
+def binary_off(keyword, *more):
+    """A square, with more numbers at each vertex."""
+    head = struct.pack(">3i", 4, 1, 4)
+    rows = [(0, 0, 0, *more), (1, 0, 0, *more), (1, 1, 0, *more), (0, 1, 0, *more)]
+    vertices = b"".join(struct.pack(f">{len(row)}f", *row) for row in rows)
+    return f"{keyword} BINARY\n".encode() + head + vertices + struct.pack(">6i", 4, 0, 1, 2, 3, 0)
+
+
+@pytest.mark.parametrize(
+    ("keyword", "more"),
+    [
+        ("OFF", ()),
+        ("COFF", (0, 0, 0, 1)),
+        ("NOFF", (0, 0, 1)),
+        ("4OFF", (1,)),
+        ("STCNOFF", (0, 0, 1, 0, 0, 0, 1, 0.5, 0.25)),
+    ],
+)
+def test_binary_off(tmp_path, keyword, more):
+    path, data = tmp_path / "x.off", binary_off(keyword, *more)
+    path.write_bytes(data)
+    mesh = ls.read(path)
+    assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    assert mesh.faces.tolist() == [[0, 1, 2, 3]]
+    if "ST" in keyword:
+        assert uv_of_corners(mesh).tolist() == [[0.5, 0.25]] * 4
+    for length in range(len(data)):
+        path.write_bytes(data[:length])
+        with pytest.raises(ls.MeshError, match=r"x\.off: "):
+            ls.read(path)
+
+
+# --- Strips, corners repeated, attributes that do not fit
+
+
+STRIPS = (
+    "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\n"
+    "property float z\nelement tristrips 2\nproperty list int int vertex_indices\nend_header\n"
+    "0 0 0\n1 0 0\n0 1 0\n1 1 0\n0 2 0\n1 2 0\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("lists", "faces"),
+    [
+        ("4 0 1 2 3\n0\n", [[0, 1, 2], [2, 1, 3]]),
+        ("4 0 1 2 3\n4 2 3 4 5\n", [[0, 1, 2], [2, 1, 3], [2, 3, 4], [4, 3, 5]]),
+        ("9 0 1 2 -1 2 3 4 5 -1\n2 0 1\n", [[0, 1, 2], [2, 3, 4], [4, 3, 5]]),
+        ("8 0 1 2 2 3 3 4 5\n1 0\n", [[0, 1, 2], [4, 3, 5]]),
+    ],
+)
+def test_strips_of_ply(tmp_path, lists, faces):
+    """The second triangle of a strip, the fourth, ... are turned around; -1 begins a new one."""
+    path = tmp_path / "x.ply"
+    path.write_text(STRIPS + lists)
+    assert ls.read(path).faces.tolist() == faces
+
+
+WEDGES = HEADER.replace("float weights", "float texcoord")
+
+
+def test_texture_coordinates_of_corners_of_ply(tmp_path):
+    path = tmp_path / "x.ply"
+    rows = ROWS.replace("2 0.5 0.5\n", "6 0 0 1 0 1 1\n").replace("1 2 3 0\n", "1 2 3 8 {}\n")
+    path.write_text(WEDGES + rows.format("0 0 .5 0 .5 .5 0 .5"))
+    found = uv_of_corners(ls.read(path)).tolist()
+    assert found == [[0, 0], [1, 0], [1, 1], [0, 0], [0.5, 0], [0.5, 0.5], [0, 0.5]]
+    for wrong in "0", "6 0 0 1 0 1 1":
+        path.write_text(WEDGES + rows.replace("8 {}", wrong))
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            mesh = ls.read(path)
+        text = "face 1: 1 of 2 faces without texture coordinates, which are NaN there"
+        assert any(text in str(warning.message) for warning in caught)
+        assert np.isnan(uv_of_corners(mesh)).all(axis=1).tolist() == [False] * 3 + [True] * 4
+    with pytest.raises(
+        ls.MeshError, match=r"x\.ply, face 1: got 6 texture coordinates, need 8, two"
+    ):
+        ls.read(path, strict=True)
+
+
+BAD_POLYGONS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [np.nan, np.inf, 0]])
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".off", ".vtp", ".glb"])
+def test_what_is_sound_of_polygons_is_read(tmp_path, suffix):
+    """A corner twice in succession, a face of two corners, a point that is nowhere: in any file."""
+    path, faces = tmp_path / f"x{suffix}", [[0, 1, 2, 2], [0, 2, 3, 0], [1, 2, 1]]
+    if suffix == ".obj":
+        text = "".join("v {} {} {}\n".format(*p) for p in BAD_POLYGONS)
+        path.write_text(text + "".join(f"f {' '.join(str(v + 1) for v in f)}\n" for f in faces))
+    elif suffix == ".off":
+        text = "OFF\n5 3 0\n" + "".join("{} {} {}\n".format(*p) for p in BAD_POLYGONS)
+        path.write_text(text + "".join(f"{len(f)} {' '.join(map(str, f))}\n" for f in faces))
+    elif suffix == ".ply":
+        text = STRIPS.replace("vertex 6", "vertex 5").replace("tristrips 2", "face 3")[:170]
+        text = text.partition("end_header")[0] + "end_header\n"
+        text += "".join("{} {} {}\n".format(*p) for p in BAD_POLYGONS)
+        path.write_text(text + "".join(f"{len(f)} {' '.join(map(str, f))}\n" for f in faces))
+    elif suffix == ".vtp":
+        import pyvista
+
+        pyvista.PolyData(BAD_POLYGONS, np.concatenate([[len(f), *f] for f in faces])).save(path)
+    else:
+        import trimesh
+
+        faces = [[0, 1, 2], [0, 2, 3], [1, 2, 1]]
+        mesh = trimesh.Trimesh(BAD_POLYGONS, faces, process=False)
+        path.write_bytes(mesh.export(file_type="glb"))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        mesh = ls.read(path)
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+    assert mesh.points[:4].tolist() == BAD_POLYGONS[:4].tolist()
+    said = " ".join(str(warning.message) for warning in caught)
+    assert "vertex 4 is not finite, but in no face: put where another one is" in said
+    assert "1 of 3 faces with less than 3 corners that differ: left out" in said
+    assert ("2 of 3 faces with a corner twice in succession" in said) == (suffix != ".glb")
+    with pytest.raises(ls.MeshError, match=re.escape(str(path))):
+        ls.read(path, strict=True)
+
+
+LEGACY = (
+    "# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n"
+    "0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "faces", "said"),
+    [
+        ("POLYGONS 1 5\n4 0 1 2 3\nTRIANGLE_STRIPS 1 5\n4 0 1 3 2\n", [4, 3, 3], None),
+        ("POLYGONS 1 5\n4 0 1 2 3\nLINES 1 3\n2 0 1\n", [4], "lines (1)"),
+        (
+            "POLYGONS 1 5\n4 0 1 2 3\nPOINT_DATA 3\nSCALARS a float 1\nLOOKUP_TABLE default\n0 1\n",
+            [4],
+            "got attributes of points or cells that are truncated or broken: left out",
+        ),
+    ],
+)
+def test_legacy_vtk(tmp_path, text, faces, said):
+    path = tmp_path / "x.vtk"
+    path.write_text(LEGACY + text)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert ls.read(path).sizes.tolist() == faces
+    assert [said in str(warning.message) for warning in caught] == [True] * (said is not None)
+    assert {warning.filename for warning in caught} <= {__file__}
+
+
+def test_attributes_of_vtk_that_do_not_fit(tmp_path):
+    import pyvista
+
+    path = tmp_path / "x.vtp"
+    square = pyvista.PolyData(BAD_POLYGONS[:4], [4, 0, 1, 2, 3])
+    square.point_data["warm"] = np.arange(4.0)
+    square.save(path, binary=False)
+    with pytest.warns(UserWarning, match="left out: of points warm$"):
+        assert ls.read(path).n_faces == 1
+    path.write_text(re.sub(r'(Name="warm"[^>]*>)[^<]*', r"\1 0 1 ", path.read_text()))
+    with pytest.warns(UserWarning, match="attributes of points or cells that are truncated"):
+        assert ls.read(path).n_faces == 1
+    with pytest.raises(ls.MeshError, match=r"x\.vtp: got attributes"):
+        ls.read(path, strict=True)
+
+
+def test_objects_without_texture_coordinates(tmp_path):
+    import trimesh
+
+    one, other = trimesh.creation.box(), trimesh.creation.box()
+    one.visual = trimesh.visual.TextureVisuals(uv=np.random.default_rng(0).random((8, 2)))
+    other.apply_translation([3, 0, 0])
+    with pytest.warns(UserWarning, match="12 of 24 faces without texture coordinates") as caught:
+        mesh = ls.from_trimesh(trimesh.Scene([one, other]))
+    assert caught[0].filename == __file__
+    lacking = np.isnan(uv_of_corners(mesh)).all(axis=1)
+    assert np.array_equal(lacking, mesh.points[mesh.indices][:, 0] > 1)
+    (tmp_path / "x.glb").write_bytes(trimesh.Scene([one, other]).export(file_type="glb"))
+    with pytest.warns(UserWarning, match="12 of 24 faces without texture coordinates"):
+        ls.read(tmp_path / "x.glb")
 
 
 # --- STL
@@ -777,7 +1038,8 @@ def test_points_of_stl_are_joined(tmp_path):
     corners += ["  vertex 1 0 0\n  VERTEX 1 1 0\n  vertex 0 1 -0\n"]
     corners += ["  vertex 1 0 0\n  vertex 1 0 0\n  vertex 0 1 0\n"]  # no area
     path.write_text("solid a\n" + "".join(map(facet.format, corners)) + "endsolid a\n")
-    mesh = ls.read(path)
+    with pytest.warns(UserWarning, match="1 of 3 faces with less than 3 corners that differ"):
+        mesh = ls.read(path)
     assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
     assert mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2]]
     path.write_text(path.read_text().replace("1.0e0", "one"))
@@ -822,7 +1084,8 @@ def test_what_vtk_files_may_hold(tmp_path):
     path = tmp_path / "x.vtu"
     pyvista.ImageData(dimensions=(2, 2, 2)).cast_to_unstructured_grid().save(path)
     text = (
-        r"x\.vtu: need cells of types triangle, polygon, quad only, got some of type voxel: of .*"
+        r"x\.vtu: need cells of types triangle, polygon, quad, triangle strip, pixel, got some of "
+        r"type voxel: of .*"
     )
     with pytest.raises(ls.MeshError, match=text + r"dataset\.extract_surface\(\) is the skin"):
         ls.read(path)
@@ -831,8 +1094,7 @@ def test_what_vtk_files_may_hold(tmp_path):
     with pytest.raises(ls.MeshError, match=r"x\.vtk: need polygons, got Structured"):
         ls.read(path)
     pyvista.PolyData(np.eye(4)[:, :3], strips=[4, 0, 1, 2, 3]).save(path)
-    with pytest.raises(ls.MeshError, match=r"x\.vtk: need polygons, got triangle strips"):
-        ls.read(path)
+    assert ls.read(path).faces.tolist() == [[0, 1, 2], [2, 1, 3]]
     pyvista.PolyData(np.eye(3)).save(path)
     with pytest.raises(ls.MeshError, match=r"x\.vtk: need at least one polygon, got none"):
         ls.read(path)

@@ -555,6 +555,30 @@ def test_views(up):
     assert scenes.camera(points, "z", "front", 1.0)[0][2].tolist() == [0, -1, 0]
 
 
+@pytest.mark.parametrize(
+    ("up", "name", "back", "right"),
+    [
+        # as glTF, Maya and Blender have it: y up, the front faces +z
+        ("y", "front", (0, 0, 1), (1, 0, 0)),
+        ("y", "back", (0, 0, -1), (-1, 0, 0)),
+        ("y", "right", (1, 0, 0), (0, 0, -1)),
+        ("y", "left", (-1, 0, 0), (0, 0, 1)),
+        ("y", "top", (0, 1, 0), (1, 0, 0)),
+        ("y", "bottom", (0, -1, 0), (-1, 0, 0)),
+        ("z", "front", (0, -1, 0), (1, 0, 0)),
+        ("z", "back", (0, 1, 0), (-1, 0, 0)),
+        ("z", "right", (1, 0, 0), (0, 1, 0)),
+        ("z", "left", (-1, 0, 0), (0, -1, 0)),
+        ("z", "top", (0, 0, 1), (1, 0, 0)),
+        ("x", "front", (0, -1, 0), (0, 0, -1)),
+        ("x", "top", (1, 0, 0), (0, 0, -1)),
+    ],
+)
+def test_where_views_are_from(up, name, back, right):
+    axes, _, _ = scenes.camera(np.random.default_rng(1).random((9, 3)), up, name, 1.0)
+    np.testing.assert_allclose(axes[[2, 0]], [back, right], atol=1e-15)
+
+
 # ------------------------------------------------------------------ Picture
 
 
