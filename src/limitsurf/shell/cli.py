@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -303,14 +304,10 @@ def _with_others(
     for name in surface.mesh.channels:
         if name in channels:
             continue
-        if suffix not in USD and name not in held:
-            lost.append(f"channel {name!r}")
-            continue
-        try:
-            surface.of_channel(name)
+        if suffix in USD or name in held:
             found.append(name)
-        except NotImplementedError as error:  # it was not asked for
-            warnings.warn(f"left out: {error}", stacklevel=1)
+        else:
+            lost.append(f"channel {name!r}")
     if lost:
         text = f"a file of type {suffix} cannot hold everything, left out: {', '.join(lost)}"
         warnings.warn(text, stacklevel=1)
