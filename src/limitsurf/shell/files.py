@@ -1,4 +1,4 @@
-"""Output files that appear whole or not at all, and the formats of queries and answers."""
+"""Files: pipes that are waited for, output that appears whole or not at all, suffixes."""
 
 from __future__ import annotations
 
@@ -6,14 +6,19 @@ import errno
 import os
 import secrets
 import shutil
+import stat
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import IO, Any, TypeAlias
+
+from limitsurf import memory
 
 Path: TypeAlias = str | os.PathLike[str]
 
 SUFFIXES = (".csv", ".npz", ".npy", ".parquet", ".zarr")
+PATIENCE = 20  # seconds for which a pipe may have no writer
 FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}  # said of writing only
 
 
@@ -35,6 +40,55 @@ def needed(module: str, what: str) -> Any:
         raise ImportError(
             f'{package} is needed for {what}: pip install "limitsurf[dask]"'
         ) from error
+
+
+def opened(path: Path) -> IO[bytes]:
+    """A file open for reading, which may be a pipe that somebody writes to.
+
+    Raises
+    ------
+    OSError
+        A file that cannot be read, or a pipe that nobody opens for writing within `PATIENCE`.
+    """
+    if not (os.path.exists(path) and stat.S_ISFIFO(os.stat(path).st_mode)):
+        return open(path, "rb")
+    found: list[IO[bytes]] = []
+    failed: list[OSError] = []
+
+    def wait() -> None:
+        try:
+            found.append(open(path, "rb"))
+        except OSError as error:
+            failed.append(error)
+
+    waiting = threading.Thread(target=wait, daemon=True)
+    waiting.start()
+    waiting.join(PATIENCE)
+    if waiting.is_alive():
+        with suppress(OSError):
+            os.close(os.open(path, os.O_WRONLY | os.O_NONBLOCK))  # which ends the wait
+        text = f"nobody has opened this pipe for writing in {PATIENCE} s"
+        raise TimeoutError(errno.ETIMEDOUT, text, os.fspath(path))
+    if failed:
+        raise failed[0]
+    return found[0]
+
+
+def blocks(file: IO[bytes], name: str) -> Iterator[bytes]:
+    """The content of a file, which is not to fill the memory where nobody knows its end."""
+    with suppress(AttributeError, OSError, ValueError):
+        if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            yield file.read()
+            return
+    total, limit = 0, memory.available() / 4
+    while block := file.read(1 << 20):
+        total += len(block)
+        if total > limit:
+            raise MemoryError(
+                f"{name}: has no end after {total} bytes, a quarter of the memory available: "
+                "save it as a file, or read less"
+            )
+        yield block
 
 
 def check_target(path: str | os.PathLike[str]) -> None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from io import TextIOWrapper
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
 from limitsurf.mesh import Mesh, MeshError
-from limitsurf.shell import formats, obj, plain
+from limitsurf.shell import files, formats, obj, plain
 from limitsurf.shell.files import Path, replacing
 from limitsurf.shell.formats import from_pyvista, from_trimesh, to_pyvista, to_trimesh
 from limitsurf.shell.polygons import (
@@ -145,42 +146,52 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
     is_usd = kind in (*formats.USD, ".usdz")
     if prim is not None and not is_usd:
         raise ValueError(f"{name}: got prim {prim!r}, but only a USD file has some")
-    is_path = isinstance(file, (str, bytes, os.PathLike))
-    # USD reads no open file, and takes the format from the name of a path
-    whole = is_usd and not (is_path and os.path.splitext(name)[1].lower() == kind)
-    by_path = (is_usd and not whole) or library == "pyvista"
-    folder: str | None = None
-    if isinstance(file, (str, bytes, os.PathLike)):
-        # of a glTF file the buffers may be files of their own
-        folder = os.path.dirname(os.path.abspath(name))
-        with open(name, "rb") as opened:
-            data = opened.read(1 if by_path else -1)
-    else:
-        data = file.read()
-    if whole:
-        with tempfile.TemporaryDirectory() as place:
-            path = os.path.join(place, f"mesh{kind}")
-            with open(path, "wb") as copy:
-                copy.write(data)
-            return _usd().read(name, prim, path)  # type: ignore[no-any-return]
-    if is_usd:
-        return _usd().read(name, prim, name)  # type: ignore[no-any-return]
-    if not data and kind != ".obj":
-        raise MeshError(f"{name}: the file is empty")
-    if library == "pyvista" and (folder is None or not os.path.isfile(name)):
-        raise ValueError(f"{name}: files of type {kind} are read from a path, not from a pipe")
+    options = {"prim": prim} if is_usd else {}
     try:
-        if library == "pyvista":
-            return formats.read_pyvista(name, kind)
         if kind in _PARSERS:
-            return _PARSERS[kind](name, data)
-        if kind in formats.VTK:
-            return formats.read_vtk(name, kind, data)
-        return formats.read_trimesh(name, kind, data, folder)
+            return _PARSERS[kind](name, _content(file, name, kind))
+        with _on_disk(file, name, kind, library) as (path, folder):
+            return formats.read_by_library(name, kind, path, folder, **options)
     except MeshError as error:
         if str(error).startswith(name):
             raise
         raise MeshError(f"{name}: {error}") from None
+
+
+def _content(file: Path | IO[bytes], name: str, kind: str) -> bytes:
+    """The bytes of a file."""
+    with ExitStack() as stack:
+        if isinstance(file, (str, bytes, os.PathLike)):
+            file = stack.enter_context(files.opened(name))
+        data = b"".join(files.blocks(file, name))
+    if not data and kind != ".obj":
+        raise MeshError(f"{name}: the file is empty")
+    return data
+
+
+@contextmanager
+def _on_disk(
+    file: Path | IO[bytes], name: str, kind: str, library: str | None
+) -> Iterator[tuple[str, str | None]]:
+    """The path of a regular file with the same content, and the folder of those that it names."""
+    is_usd = kind in (*formats.USD, ".usdz")
+    with ExitStack() as stack:
+        path, folder = os.path.abspath(name), None
+        if isinstance(file, (str, bytes, os.PathLike)):
+            folder = os.path.dirname(path)
+            file = stack.enter_context(files.opened(name))
+        # USD takes the format from the name of a path
+        suited = not is_usd or os.path.splitext(name)[1].lower() == kind
+        if folder is None or not (suited and os.path.isfile(name)):
+            if library == "pyvista":
+                text = f"{name}: files of type {kind} are read from a path, not from a pipe"
+                raise ValueError(text)
+            path = os.path.join(stack.enter_context(tempfile.TemporaryDirectory()), f"mesh{kind}")
+            with open(path, "wb") as copy:
+                copy.writelines(files.blocks(file, name))
+        if not os.path.getsize(path) and not is_usd:
+            raise MeshError(f"{name}: the file is empty")
+        yield path, folder
 
 
 def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None = None) -> None:

@@ -1,21 +1,20 @@
-"""A script that reads a file of VTK: in a process of its own, since a broken file may end it.
-
-VTK trusts the counts in a file: wrong ones make it ask for any amount of memory, read beyond its
-arrays, or read on for ever. Standard input has the bytes of the file, unless its path is given, for
-the formats that PyVista reads besides; standard output the arrays of its polygons (npz), or one
-named "error" that says what is wrong.
-"""
+"""The cages in files of VTK, for a process of its own: a broken one may end it."""
 
 from __future__ import annotations
 
 import os
-import sys
+import re
+import tempfile
 import warnings
-from contextlib import suppress
-from io import BytesIO
 from typing import Any
 
 import numpy as np
+
+from limitsurf.mesh import Mesh, MeshError
+from limitsurf.shell import references
+from limitsurf.shell.polygons import mesh_of
+
+SUFFIXES = (".vtp", ".vtu", ".vtk")
 
 # The names of cells that are polygons, by VTK's numbers.
 POLYGONS = {5: "triangle", 7: "polygon", 9: "quad"}
@@ -27,8 +26,20 @@ _FIELD = f"\nFIELD FieldData 1\n{_END} 1 1 int\n".encode()
 SCENES = {".wrl": "vtkVRMLImporter", ".vrml": "vtkVRMLImporter", ".3ds": "vtk3DSImporter"}
 
 
-class _UnfitError(Exception):
-    """What is wrong with a file."""
+def read(name: str, suffix: str, path: str, folder: str | None) -> Mesh:
+    """The cage of a file; active texture coordinates of points are the channel "uv"."""
+    try:
+        if suffix in SUFFIXES:
+            with open(path, "rb") as file:
+                found = _of_bytes(suffix, file.read())
+        else:
+            references.add_mentioned(name, path)
+            found = (_of_scene if suffix in SCENES else _of_path)(suffix, path)
+        arrays = _joined([_polygons(part) for part in found])
+    except MeshError as error:
+        raise MeshError(f"{name}: {error}") from None
+    # of scenes VTK repeats the points at edges of boxes, of 3DS files at all edges
+    return mesh_of(**arrays, merge="uv" in arrays or suffix in SCENES)
 
 
 def _listener() -> Any:
@@ -46,7 +57,7 @@ def _check(window: Any) -> None:
     said = said if isinstance(said, str) else said.decode("latin-1")
     errors = [line.strip() for line in said.splitlines() if "rror" in line]
     if errors:
-        raise _UnfitError(f"truncated or broken: VTK says {errors[0]}")
+        raise MeshError(f"truncated or broken: VTK says {errors[0]}")
 
 
 def _of_bytes(suffix: str, data: bytes) -> list[Any]:
@@ -70,10 +81,10 @@ def _of_bytes(suffix: str, data: bytes) -> list[Any]:
     found = reader.GetOutput()
     _check(window)
     if found is None:
-        raise _UnfitError("truncated or broken: VTK finds nothing")
+        raise MeshError("truncated or broken: VTK finds nothing")
     places = [found.GetPointData(), found.GetCellData(), found.GetFieldData()]
     if suffix == ".vtk" and not any(place.HasArray(_END) for place in places):
-        raise _UnfitError("truncated or broken")
+        raise MeshError("truncated or broken")
     return [found]
 
 
@@ -88,7 +99,7 @@ def _of_path(suffix: str, path: str) -> list[Any]:
             found = pyvista.read(path, force_ext=suffix)
     except Exception as error:  # of whatever type
         said = " ".join(str(error).rpartition("\t")[2].split())[:300]  # what VTK says, if it did
-        raise _UnfitError(f"PyVista cannot read it, truncated or broken: {said}") from None
+        raise MeshError(f"PyVista cannot read it, truncated or broken: {said}") from None
     _check(window)
     if found is None or not found.IsA("vtkCompositeDataSet"):
         return [found]
@@ -111,15 +122,17 @@ def _of_scene(suffix: str, path: str) -> list[Any]:
     with open(path, "rb") as file:
         length = int.from_bytes(file.read(6)[2:], "little")
     if suffix == ".3ds" and length > os.path.getsize(path):
-        raise _UnfitError(f"truncated: need {length} bytes, as it says itself")
+        raise MeshError(f"truncated: need {length} bytes, as it says itself")
     window = _listener()
     importer = getattr(vtkIOImport, SCENES[suffix])()
     importer.SetFileName(path)
-    importer.Update()
+    if said := re.search(rb"(?m)^Error near line.*", _printed(importer.Update)):
+        # of a VRML file VTK prints this, and goes on with what there is
+        raise MeshError(f"truncated or broken: VTK says {said[0].decode('latin-1')}")
     leaves = []
     for actor in importer.GetRenderer().GetActors():
         if actor.GetMatrix().Determinant() < 0:
-            raise _UnfitError("an object is mirrored, and VTK does not place it right")
+            raise MeshError("an object is mirrored, and VTK does not place it right")
         transform, placed, cut = vtkTransform(), vtkTransformPolyDataFilter(), vtkTriangleFilter()
         transform.SetMatrix(actor.GetMatrix())
         actor.GetMapper().Update()
@@ -131,6 +144,20 @@ def _of_scene(suffix: str, path: str) -> list[Any]:
         leaves.append(last.GetOutput())
     _check(window)
     return leaves
+
+
+def _printed(call: Any) -> bytes:
+    """What a call prints on the standard error, which it is not to see."""
+    before = os.dup(2)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), 2)
+        try:
+            call()
+        finally:
+            os.dup2(before, 2)
+            os.close(before)
+        file.seek(0)
+        return file.read()
 
 
 def _polygons(found: Any) -> dict[str, Any]:
@@ -147,25 +174,25 @@ def _polygons(found: Any) -> dict[str, Any]:
         found = cells_of.GetOutput()
     if found is not None and found.IsA("vtkPolyData"):
         if found.GetStrips().GetNumberOfCells():
-            raise _UnfitError("need polygons, got triangle strips")
+            raise MeshError("need polygons, got triangle strips")
         cells = found.GetPolys()
     elif found is not None and found.IsA("vtkUnstructuredGrid"):
         others = set(vtk_to_numpy(found.GetDistinctCellTypesArray()).tolist()) - POLYGONS.keys()
         if others:
             kinds: list[Any] = [vtkGenericCell.InstantiateCell(number) for number in others]
             if None in kinds:
-                raise _UnfitError("truncated or broken: got a cell of unknown type")
+                raise MeshError("truncated or broken: got a cell of unknown type")
             worst = max(kinds, key=lambda cell: int(cell.GetCellDimension()))
             text = f"need cells of types {', '.join(POLYGONS.values())} only, got some of type "
             text += worst.GetClassName().removeprefix("vtk").lower()
             if worst.GetCellDimension() == 3:
                 text += ": of what PyVista reads, dataset.extract_surface() is the skin, a cage by "
                 text += "limitsurf.from_pyvista"
-            raise _UnfitError(text)
+            raise MeshError(text)
         cells = found.GetCells()
     else:
         kind = "nothing" if found is None else found.GetClassName().removeprefix("vtk")
-        raise _UnfitError(f"need polygons, got {kind}")
+        raise MeshError(f"need polygons, got {kind}")
     if cells is None or not cells.GetNumberOfCells() or not found.GetNumberOfPoints():
         return {}
     result = {
@@ -183,7 +210,7 @@ def _joined(parts: list[dict[str, Any]]) -> dict[str, Any]:
     """The arrays of all datasets as those of one; "uv" if all have some."""
     parts = [part for part in parts if part]
     if not parts:
-        raise _UnfitError("need at least one polygon, got none")
+        raise MeshError("need at least one polygon, got none")
     first = np.cumsum([0] + [len(part["points"]) for part in parts])
     for part, start in zip(parts, first, strict=False):
         part["indices"] += start
@@ -194,25 +221,3 @@ def _joined(parts: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def main(suffix: str, limit: int, path: str | None = None) -> None:
-    """Answer on standard output, with so many bytes of memory at most, where that can be said."""
-    with suppress(ImportError, ValueError, OSError):  # not on every system
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-    answer = BytesIO()
-    with os.fdopen(os.dup(1), "wb") as output:
-        os.dup2(2, 1)  # for the readers that print
-        try:
-            if path is None:
-                found = _of_bytes(suffix, sys.stdin.buffer.read())
-            else:
-                found = (_of_scene if suffix in SCENES else _of_path)(suffix, path)
-            np.savez(answer, **_joined([_polygons(part) for part in found]))
-        except _UnfitError as error:
-            np.savez(answer, error=str(error))
-        output.write(answer.getvalue())
-
-
-if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), *sys.argv[3:])
