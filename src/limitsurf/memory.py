@@ -24,9 +24,7 @@ def available() -> float:
         if "MemAvailable" in rows:
             found.append(1024 * sum(map(int, rows.values())))
     with suppress(OSError, ValueError):  # of a container; "max" is no number
-        most, taken = (
-            int(_text(f"/sys/fs/cgroup/memory.{name}")) for name in ("max", "current")
-        )
+        most, taken = (int(_text(f"/sys/fs/cgroup/memory.{name}")) for name in ("max", "current"))
         found.append(most - taken)
     with suppress(OSError, ValueError, AttributeError):
         most, _ = resource.getrlimit(resource.RLIMIT_AS)
@@ -60,10 +58,11 @@ def refuse_beyond(number: int, each: int, what: str, advice: str = "") -> None:
     room = available()
     if number * each > room:
         raise MemoryError(
-            f"{_short(number)} {what} take some {_short(number * each / 2**30)} GiB of memory, "
+            f"{_short(number)} {what} take some {_short(number * each, 2**30)} GiB of memory, "
             f"of which {room / 2**30:.3g} are available{advice and f': {advice}'}"
         )
 
 
-def _short(number: float) -> str:
-    return f"{number:,}" if isinstance(number, int) and number < 10**7 else f"{number:.3g}"
+def _short(number: int, unit: int = 1) -> str:
+    """A number in some units, which may be beyond float64."""
+    return f"{number / unit:.3g}" if number < 10**300 else "more than 1e300"

@@ -63,7 +63,12 @@ def scale() -> float:
 
 
 def read_apart(
-    name: str, size: int, function: str, *arguments: Any, modules: Iterable[str] = (), **options: Any
+    name: str,
+    size: int,
+    function: str,
+    *arguments: Any,
+    modules: Iterable[str] = (),
+    **options: Any,
 ) -> Any:
     """What a function returns, called in a process of its own.
 
@@ -169,14 +174,12 @@ def _received(name: str, content: bytes) -> Any:
         arrays.append(found)
         place += _aligned(found.nbytes)
     for category, message in answer["warnings"]:
-        found = getattr(builtins, category, UserWarning)
-        warnings.warn(message, found, stacklevel=5)
+        warnings.warn(message, getattr(builtins, category, UserWarning), stacklevel=5)
     if "memory" in answer:
         raise MeshError(f"{name}: {_need_memory(answer['memory'])}")
     if "error" in answer:
         kind, words, culprits = answer["error"]
-        found = MeshError if kind == "MeshError" else getattr(builtins, kind, RuntimeError)
-        error = found(*words)
+        error = MeshError(*words) if kind == "MeshError" else getattr(builtins, kind)(*words)
         if culprits is not None:
             error.culprits = _unpacked(culprits, arrays)
         raise error

@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 import limitsurf as ls
+from limitsurf import memory
 from limitsurf.shell import files, terminal
 from limitsurf.shell.program import (
     PATH,
@@ -23,7 +24,6 @@ from limitsurf.shell.program import (
     output_option,
     prim_option,
     reads_cage,
-    refuse_beyond_memory,
     report,
     to_option,
     write_mesh,
@@ -268,7 +268,6 @@ def tessellate(
         raise click.UsageError(f"{suffix} has no place for normals: say --no-normals")
     normals = suffix in WITH_NORMALS if normals is None else normals
     surface = cage.surface(channels)
-    refuse_beyond_memory(len(surface.limit_faces) * n * n, 250, "polygons")
     if suffix in WITH_UV and "uv" in surface.mesh.channels and "uv" not in channels:
         try:
             surface.of_channel("uv")
@@ -320,7 +319,6 @@ def refine(
 
     mesh_suffix(output, to, as_json)
     mesh = cage.read()
-    refuse_beyond_memory(mesh.n_corners * 4 ** max(levels - 1, 0), 500, "faces")
     with terminal.working("refining"):
         fine = ls.refined(mesh, levels, **cage.rules)
         if limit:
@@ -351,7 +349,6 @@ def validate(context: click.Context, cage: Cage, levels: int, as_json: bool) -> 
     Keys of --json: cage, agrees, levels (a list of objects: level, error, order, limit_error).
     """
     surface = cage.surface()
-    refuse_beyond_memory(surface.mesh.n_corners * 4 ** (levels - 1), 500, "faces")
     with terminal.working("refining"):
         table = ls.validate(surface, levels)
     agrees = terminal.agrees(surface, table)
@@ -534,8 +531,6 @@ def plot(
     picture.check_target(output, None, picture.SceneDrawing.suffixes)
     surface = cage.surface(() if channel is None else (channel,))
     faces = len(surface.limit_faces)
-    refuse_beyond_memory(faces * (quads or 1) ** 2, 250, "quads")
-    refuse_beyond_memory(size[0] * size[1], 200, "pixels")
     given = {name: value for name, value in options.items() if value is not None}
     with terminal.working("drawing"):
         ls.plot(surface, output, n=quads, cage=wires, channel=channel, window_size=size, **given)
@@ -613,7 +608,7 @@ def demo(context: click.Context, output: Path, queries: int, seed: int, as_json:
     """
     from limitsurf.shell.demo import run
 
-    refuse_beyond_memory(queries, 400, "queries")
+    memory.refuse_beyond(queries, 400, "queries")
     facts = run(output, queries, seed, quiet=as_json)
     if as_json:
         terminal.say_json(facts)

@@ -57,7 +57,7 @@ def opened(path: Path) -> IO[bytes]:
 
     def wait() -> None:
         try:
-            found.append(open(path, "rb"))
+            found.append(open(path, "rb"))  # noqa: SIM115
         except OSError as error:
             failed.append(error)
 
@@ -122,6 +122,33 @@ def _is_device(path: str | os.PathLike[str]) -> bool:
     return os.path.exists(path) and not os.path.isfile(path)
 
 
+_unfinished: set[str] = set()  # files and directories that are to take the place of others
+
+
+def remove_unfinished() -> None:
+    """Remove what is being written, for a process that ends in the midst of it."""
+    for path in list(_unfinished):
+        _remove(path)
+
+
+def _remove(path: str) -> None:
+    if os.path.isdir(path):
+        shutil.rmtree(path, ignore_errors=True)
+    elif os.path.lexists(path):
+        os.remove(path)
+
+
+@contextmanager
+def _temporary(path: str) -> Iterator[str]:
+    """A name for something unfinished, which is gone when the block ends."""
+    _unfinished.add(path)
+    try:
+        yield path
+    finally:
+        _remove(path)
+        _unfinished.discard(path)
+
+
 def _beside(path: str) -> str:
     """A name of its own for what is to take the place of a path, in the same directory."""
     folder, base = os.path.split(path)
@@ -176,18 +203,12 @@ def replacing(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[Any
             yield file
         return
     name = os.path.realpath(os.fspath(path))
-    temporary = _beside(name)
-    try:
-        with _named(path, temporary):
-            with open(temporary, mode.replace("w", "x"), **text) as file:
-                yield file
-            if os.path.exists(name):
-                shutil.copymode(name, temporary)
-            os.replace(temporary, name)
-    except BaseException:
-        if os.path.exists(temporary):
-            os.remove(temporary)
-        raise
+    with _temporary(_beside(name)) as temporary, _named(path, temporary):
+        with open(temporary, mode.replace("w", "x"), **text) as file:
+            yield file
+        if os.path.exists(name):
+            shutil.copymode(name, temporary)
+        os.replace(temporary, name)
 
 
 @contextmanager
@@ -211,17 +232,17 @@ def replacing_folder(path: str | os.PathLike[str]) -> Iterator[str]:
     ['b']
     """
     name = os.path.realpath(os.fspath(path))
-    temporary, old = _beside(name), _beside(name)
-    try:
-        with _named(path, temporary):
-            os.mkdir(temporary)
-            yield temporary
-            if os.path.lexists(name):
-                os.rename(name, old)
-            os.rename(temporary, name)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        if os.path.lexists(old) and not os.path.lexists(name):
-            os.rename(old, name)
-        raise
+    old = _beside(name)
+    with _temporary(_beside(name)) as temporary:
+        try:
+            with _named(path, temporary):
+                os.mkdir(temporary)
+                yield temporary
+                if os.path.lexists(name):
+                    os.rename(name, old)
+                os.rename(temporary, name)
+        except BaseException:
+            if os.path.lexists(old) and not os.path.lexists(name):
+                os.rename(old, name)
+            raise
     shutil.rmtree(old, ignore_errors=True)

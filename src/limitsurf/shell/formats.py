@@ -55,9 +55,7 @@ _BEGINNINGS = {
 }
 
 
-def read_by_library(
-    name: str, suffix: str, path: str, folder: str | None, **options: Any
-) -> Mesh:
+def read_by_library(name: str, suffix: str, path: str, folder: str | None, **options: Any) -> Mesh:
     """The cage of a file at a path, whose format is not `PLAIN`, read in a process of its own.
 
     `name` is that of the file for messages; files that it names are in the folder, if any.

@@ -219,5 +219,3 @@ def _joined(parts: list[dict[str, Any]]) -> dict[str, Any]:
         for name in parts[0]
         if all(name in part for part in parts)
     }
-
-
