@@ -54,8 +54,14 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
     last two rows are what the installed libraries read besides, such as ``.xaml`` and ``.zae``, or
     ``.wrl``, ``.3ds``, ``.vtkhdf``, ``.vts`` and ``.case``; those of PyVista need a path, since
     they may have others beside them, and images and volumes are refused. VTK places the objects of
-    a scene (``.wrl``, ``.3ds``) by translation, rotation and scale: shear is lost. Files of VTK and
-    PyVista are read in a process of their own, which a broken one may end.
+    a scene (``.wrl``, ``.3ds``) by translation, rotation and scale: shear is lost.
+
+    All but OBJ, PLY and OFF are read by libraries, in a process of its own, which a broken file may
+    end. Its memory (300 MiB and 128 times the size of the file, and of those that it names) and its
+    time (10 s of a processor and 2 s a megabyte, or twice as long by the clock) are limited. The
+    environment variable ``LIMITSURF_READ_LIMITS``, a number, multiplies these limits; where the
+    system has none for memory (Windows, macOS) there is that of time. Files that another names must
+    be regular ones, no pipes.
 
     Where a format repeats points along the seams of normals and texture coordinates (scenes and all
     of trimesh; PLY and those of VTK and PyVista if there are texture coordinates), points of
@@ -110,12 +116,14 @@ def read(file: Path | IO[bytes], *, suffix: str | None = None, prim: str | None 
     MeshError
         Anything malformed or truncated, with the file's name, line or prim where there is one, and
         what was expected; all that ``Mesh`` refuses; a USD file without a mesh, or with meshes
-        whose choices differ.
+        whose choices differ; a file whose reading takes more memory or time than its limits.
     ValueError
         An unknown suffix; a prim that does not exist, or one of a file that is not USD; a format
         that needs a path, from what is open.
     OSError
-        A file that cannot be read.
+        A file that cannot be read, or a pipe that nobody opens for writing within 20 s.
+    MemoryError
+        A pipe or device whose content takes more than a quarter of the memory available.
     ImportError
         A library that is needed and not installed.
 

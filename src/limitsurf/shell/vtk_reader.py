@@ -36,6 +36,8 @@ def read(name: str, suffix: str, path: str, folder: str | None) -> Mesh:
             references.add_mentioned(name, path)
             found = (_of_scene if suffix in SCENES else _of_path)(suffix, path)
         arrays = _joined([_polygons(part) for part in found])
+    except ImportError as error:
+        raise ImportError('PyVista is needed: pip install "limitsurf[plot]"') from error
     except MeshError as error:
         raise MeshError(f"{name}: {error}") from None
     # of scenes VTK repeats the points at edges of boxes, of 3DS files at all edges
