@@ -560,7 +560,7 @@ import numpy as np
 
 terminal.GRACE = 0.2
 
-def amid_a_library(*_):
+def amid_a_library(*_, **__):
     print("begun", flush=True)
     np.linalg.svd(np.random.default_rng(0).random((6000, 6000)))
 

@@ -53,8 +53,8 @@ def main(context: click.Context) -> None:
     another polygon is as many as it has corners, in their order. Every u and v is in [0, 1].
 
     Exit codes: 0, done; 1, the answer is no (validate, demo), or the reader of a pipe went away; 2,
-    bad input or usage, with one line on the standard error; 130 after Ctrl-C. Files appear whole or
-    not at all.
+    bad input or usage, with one line on the standard error; 130 after Ctrl-C, 143 after SIGTERM.
+    Files appear whole or not at all.
     """
     if context.invoked_subcommand is None:
         terminal.say(context.get_help())

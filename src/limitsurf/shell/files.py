@@ -67,6 +67,9 @@ def opened(path: Path) -> IO[bytes]:
     if waiting.is_alive():
         with suppress(OSError):
             os.close(os.open(path, os.O_WRONLY | os.O_NONBLOCK))  # which ends the wait
+            waiting.join(1)
+        for file in found:
+            file.close()
         text = f"nobody has opened this pipe for writing in {PATIENCE} s"
         raise TimeoutError(errno.ETIMEDOUT, text, os.fspath(path))
     if failed:
