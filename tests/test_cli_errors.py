@@ -6,6 +6,7 @@ import io
 import json
 import os
 import pty
+import random
 import shlex
 import shutil
 import signal
@@ -13,17 +14,22 @@ import subprocess
 import sys
 import threading
 import time
+import zipfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import numpy as np
+import pyarrow as arrow
 import pytest
 import zoo
 from command_line import PROGRAM, facts, fail, in_one_process, run, succeed
+from pyarrow import parquet
 
 import limitsurf as ls
 from limitsurf import __main__
-from limitsurf.shell import answers, files, formats
+from limitsurf.shell import answers, files, formats, queries
 from limitsurf.shell.cli import main
+from limitsurf.shell.program import ERRORS
 
 # every command that takes a cage, and what it writes; CAGE and OUT are put in their places
 READING = {
@@ -136,6 +142,78 @@ def test_bad_files_of_every_format(suffix, good, tmp_path, capfd):
     assert "none" in fail("info", tmp_path / f"none{suffix}")
     # nor do libraries say anything beside that
     assert capfd.readouterr() == ("", "")
+
+
+def npy(header, body=b""):
+    text = header.encode()
+    text += b" " * (64 - (11 + len(text)) % 64) + b"\n"
+    return b"\x93NUMPY\x01\0" + len(text).to_bytes(2, "little") + text + body
+
+
+def whole_queries(suffix):
+    """The bytes of three good queries."""
+    face, u = np.arange(3), np.linspace(0, 1, 3)
+    file = io.BytesIO()
+    if suffix == ".npy":
+        np.save(file, np.stack([face, u, u], axis=1))
+    elif suffix == ".npz":
+        np.savez(file, face=face, u=u, v=u)
+    elif suffix == ".csv":
+        file.write(b"face,u,v\n0,0.5,0.5\n# nothing\n1,0.25,1\n")
+    else:
+        parquet.write_table(arrow.table({"face": face, "u": u, "v": u}), file)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (True, 3)}",
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 3)",
+        ",{'descr': '<f8', 'fortran_order': False, 'shape': (1, 3)}",
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999999999999999, 3)}",
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (9999999999, 3)}",
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (-1, 3)}",
+        "(" * 3000,
+    ],
+)
+@pytest.mark.parametrize("suffix", [".npy", ".npz"])
+def test_headers_of_queries_that_are_none(header, suffix, cage, tmp_path):
+    path, data = tmp_path / f"q{suffix}", npy(header, bytes(24))
+    path.write_bytes(data)
+    if suffix == ".npz":
+        with zipfile.ZipFile(path, "w") as archive:
+            for name in ("face", "u", "v"):
+                archive.writestr(f"{name}.npy", data.replace(b", 3)", b",)"))
+    assert str(path) in fail("evaluate", cage, "--queries", path)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".csv", ".parquet"])
+def test_broken_queries_are_errors_of_the_user(suffix, tmp_path):
+    whole, path = whole_queries(suffix), tmp_path / f"q{suffix}"
+    inserted = [b"9" * 30, b"(", b"{", b"True", b"\xff" * 8, b"\0" * 8, b",,", b"1e400", b"'"]
+    for seed in range(300):
+        chance, data = random.Random(seed), bytearray(whole)
+        at = chance.randrange(len(data))
+        if seed % 3 == 0:
+            del data[at:]
+        elif seed % 3 == 1:
+            for _ in range(chance.randrange(1, 6)):
+                data[chance.randrange(len(data))] = chance.randrange(256)
+        else:
+            data[at:at] = chance.choice(inserted)
+        path.write_bytes(data)
+        with suppress(*ERRORS), queries.reading(path) as found:
+            for batch in found.batches:
+                batch.checked(3)
+
+
+def test_columns_of_one_name(cage, tmp_path):
+    path = tmp_path / "q.csv"
+    path.write_text("face,u,v,u\n0,0.5,0.5,0.1\n")
+    assert "line 1: there are 2 columns named 'u', need one" in fail(
+        "evaluate", cage, "--queries", path
+    )
 
 
 @pytest.mark.parametrize("command", READING)
@@ -286,6 +364,7 @@ def test_a_disk_that_is_full_in_the_end(cage, tmp_path, untouched, monkeypatch):
         ["tessellate", "CAGE", "-n", "9" * 18],
         ["refine", "CAGE", "--levels", "40"],
         ["validate", "CAGE", "--levels", "40"],
+        ["refine", "CAGE", "--levels", "30"],
         ["plot", "CAGE", "-o", "a.png", "--quads", "10000000"],
     ],
 )
@@ -472,6 +551,51 @@ def test_a_signal_while_the_input_is_awaited(number, code, untouched):
         process.send_signal(number)
         output, stderr = process.communicate(timeout=60)
     assert (process.returncode, output, stderr) == (code, b"", b"")
+
+
+LONG = """
+import sys
+from limitsurf.shell import answers, cli, terminal
+import numpy as np
+
+terminal.GRACE = 0.2
+
+def amid_a_library(*_, **__):
+    print("begun", flush=True)
+    np.linalg.svd(np.random.default_rng(0).random((6000, 6000)))
+
+answers.Question.__call__ = amid_a_library
+cli.main(sys.argv[1:])
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs signals")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_amid_a_long_step_of_a_library(number, code, cage, untouched):
+    command = [sys.executable, "-c", LONG, "evaluate", cage, "--grid", "2", "-o", "a.csv"]
+    with (
+        subprocess.Popen(
+            command,
+            cwd=untouched,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            preexec_fn=default_signals,
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        ) as process,
+        killed_when_late(process),
+    ):
+        assert process.stdout.readline() == b"begun\n"
+        process.send_signal(number)
+        begun = time.monotonic()
+        _, stderr = process.communicate(timeout=60)
+    assert (process.returncode, stderr) == (code, b"")
+    assert time.monotonic() - begun < 20
+
+
+def default_signals():
+    """Let a child meet signals as usual, whoever ignores them around."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
 
 
 CLOSED = """

@@ -339,14 +339,22 @@ def test_floats_among_exact_points_are_checked():
         ([[False, True, True]], TypeError, "must be integers, got bool"),
         ([["0", "1", "2"]], TypeError, "must be integers, got <U1"),
         ([[0, 1, None]], TypeError, "must be integers, got object"),
-        ([[0, 1, 10**30]], TypeError, "must be integers, got object"),
+        ([[0, 1, 10**30]], MeshError, "faces: got 10+, which is beyond any"),
+        ([[0, 1, -(10**30)]], MeshError, "faces: got -10+, which is beyond any"),
+        (([3], np.array([0, 1, 2**64 - 1], np.uint64)), MeshError, "got 18446744073709551615,"),
+        (([3, 2**64], [0, 1, 2]), MeshError, "face sizes: got 18446744073709551616, which"),
+        # sums that wrap around to the number of indices
+        (([2**62] * 4 + [3], [0, 1, 2]), MeshError, "face 0 has 4611686018427387904 corners, of 3"),
+        ((np.full(2**3, 2**61), []), MeshError, "face 0 has 2305843009213693952 corners, of 0"),
+        (([4, -1, 0], [0, 1, 2]), MeshError, "face 1 has -1 corners.*; 1 more"),
         ([0, 1, 2], TypeError, "list of index sequences or a pair"),
         (7, TypeError, "list of index sequences or a pair"),
         (None, TypeError, "list of index sequences or a pair"),
         (np.array([0, 1, 2]), MeshError, r"got an array of shape \(3,\), need \(n_faces, k\)"),
         ([[[0, 1, 2]]], MeshError, "got sequences nested deeper"),
         ([[0, 1, [2]]], MeshError, "do not form an array"),
-        (([3], [0, 1]), MeshError, r"shapes \(1,\) and \(2,\), sum\(sizes\) = 3; need two 1-d"),
+        (([3], [0, 1]), MeshError, "face 0 has 3 corners, of 2 indices"),
+        (([3], [0, 1, 2, 0]), MeshError, r"sum\(sizes\) = 3, len\(indices\) = 4; need two 1-d"),
         (([[3]], [0, 1, 2]), MeshError, r"got shapes \(1, 1\) and \(3,\)"),
         (([3.0], [0, 1, 2]), TypeError, "face sizes must be integers, got float64"),
         (([4, -1], [0, 1, 2]), MeshError, "face 1 has -1 corners, need at least 3"),
@@ -356,6 +364,25 @@ def test_floats_among_exact_points_are_checked():
 def test_faces_that_are_none(faces, error, message):
     with pytest.raises(error, match=message):
         Mesh(TRIANGLE, faces)
+
+
+@pytest.mark.parametrize(
+    ("tags", "error", "message"),
+    [
+        ({"creases": {(0, 2**64): 1}}, MeshError, "vertices of creases: got 18446744073709551616"),
+        ({"creases": {(2**62, 2**62 + 1): 1}}, MeshError, "the mesh has no such edge"),
+        ({"creases": ([[0, 1]], 5)}, MeshError, r"got sharpness of shape \(\), need \(1,\)"),
+        ({"corners": {2**63: 1}}, MeshError, "vertices of corners: got 9223372036854775808"),
+        ({"corners": ([0], 2.0)}, MeshError, r"got sharpness of shape \(\)"),
+        ({"holes": [2**64]}, MeshError, "holes: got 18446744073709551616"),
+        ({"holes": np.array([2**64 - 1], np.uint64)}, MeshError, "holes: got 18446744073709551615"),
+        ({"channels": [1]}, TypeError, "channels: need a mapping, got list"),
+        ({"channels": {"a": ([1.0], [0, 0, 2**64], "all")}}, MeshError, "'a': face_indices: got 1"),
+    ],
+)
+def test_numbers_that_are_not_believed(tags, error, message):
+    with pytest.raises(error, match=message):
+        Mesh(TRIANGLE, [[0, 1, 2]], **tags)
 
 
 @pytest.mark.parametrize("name", zoo.BAD)

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from numbers import Rational
+from numbers import Integral, Rational
 from types import MappingProxyType
 from typing import Any, Generic, Self, TypeAlias, TypeVar, cast, overload
 
@@ -296,6 +296,8 @@ class Mesh:
         self.creases = read_only(_crease_tags(self, creases))
         self.corners = read_only(_corner_tags(self, corners))
         self.holes = read_only(_hole_tags(self, holes))
+        if not isinstance(channels, Mapping | None):
+            raise TypeError(f"channels: need a mapping, got {type(channels).__name__}")
         self._channels = read_only(
             {name: _channel(self, name, given) for name, given in (channels or {}).items()}
         )
@@ -809,8 +811,15 @@ def _integers(values: Any, what: str) -> IntArray:
         array = np.array(values)
     except ValueError as error:
         raise MeshError(f"{what} do not form an array: {error}") from None
-    if array.size and array.dtype.kind not in "iu":
-        raise TypeError(f"{what} must be integers, got {array.dtype} such as {array.ravel()[0]}")
+    kind, flat = array.dtype.kind, array.ravel()
+    if kind == "O" and all(isinstance(x, Integral) and not isinstance(x, bool) for x in flat):
+        large: Any = [x for x in flat if not -(2**63) <= x < 2**63]
+    elif array.size and kind not in "iu":
+        raise TypeError(f"{what} must be integers, got {array.dtype} such as {flat[0]}")
+    else:
+        large = flat[flat >= 2**63][:1] if array.dtype == np.uint64 else ()
+    if len(large):
+        raise MeshError(f"{what}: got {large[0]}, which is beyond any that there can be, 2^63 - 1")
     return array.astype(np.int64, copy=False)
 
 
@@ -824,12 +833,7 @@ def _face_arrays(faces: Faces) -> tuple[IntArray, IntArray]:
     elif isinstance(faces, tuple) and len(faces) == 2 and not isinstance(faces[0], tuple):
         sizes = _integers(faces[0], "face sizes")
         indices = _integers(faces[1], "vertex indices of faces")
-        if sizes.ndim != 1 or indices.ndim != 1 or sizes.sum() != len(indices):
-            raise MeshError(
-                f"faces as a pair (sizes, indices): got shapes {sizes.shape} and {indices.shape}, "
-                f"sum(sizes) = {sizes.sum()}; need two 1-d arrays with sum(sizes) == len(indices) "
-                "(two faces are a list)"
-            )
+        _check_pair(sizes, indices)
     else:
         try:
             rows = list(cast(Sequence[Sequence[int]], faces))
@@ -849,12 +853,35 @@ def _face_arrays(faces: Faces) -> tuple[IntArray, IntArray]:
     return sizes, indices
 
 
+def _check_sizes(sizes: IntArray) -> None:
+    """Every face has three or more corners."""
+    _check(
+        sizes < 3,
+        lambda f: (f"face {f} has {_count(sizes[f], 'corner')}, need at least 3", ("face", f)),
+    )
+
+
+def _check_pair(sizes: IntArray, indices: IntArray) -> None:
+    """Sizes of faces, and as many indices; one size after the other, since sums may wrap."""
+    need = "need two 1-d arrays with sum(sizes) == len(indices) (two faces are a list)"
+    if sizes.ndim != 1 or indices.ndim != 1:
+        shapes = f"{sizes.shape} and {indices.shape}"
+        raise MeshError(f"faces as a pair (sizes, indices): got shapes {shapes}; {need}")
+    _check_sizes(sizes)
+    _check(
+        sizes > len(indices),
+        lambda f: (f"face {f} has {sizes[f]} corners, of {len(indices)} indices", ("face", f)),
+    )
+    if sizes.sum() != len(indices):
+        raise MeshError(
+            f"faces as a pair (sizes, indices): sum(sizes) = {sizes.sum()}, len(indices) = "
+            f"{len(indices)}; {need}"
+        )
+
+
 def _check_faces(mesh: Mesh) -> None:
     """Every face has three or more corners, at vertices that exist."""
-    _check(
-        mesh.sizes < 3,
-        lambda f: (f"face {f} has {_count(mesh.sizes[f], 'corner')}, need at least 3", ("face", f)),
-    )
+    _check_sizes(mesh.sizes)
 
     def missing(h: int) -> tuple[Any, ...]:
         face, vertex = int(mesh.corner_face[h]), mesh.indices[h]
@@ -868,7 +895,8 @@ def _check_faces(mesh: Mesh) -> None:
 
 def _sharpness(values: Any, what: str, names: IntArray) -> NDArray[Any]:
     """Validated sharpness, float64 or objects, one for each of ``names``, numbers or pairs."""
-    array = np.array(_complete(values, f"sharpness of {what}s")) if len(values) else np.zeros(0)
+    array = np.array(_complete(values, f"sharpness of {what}s"))
+    array = np.zeros(0) if array.shape == (0,) else array
     if array.shape != (len(names),):
         raise MeshError(f"{what}s: got sharpness of shape {array.shape}, need ({len(names)},)")
     if array.dtype.kind not in "iufO":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -10,13 +11,16 @@ from typing import Any, ClassVar, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf import memory
 from limitsurf.caching import cached_property
 from limitsurf.mesh import Mesh, checked_integer
 from limitsurf.patches import NO_LIMIT
-from limitsurf.refine import refined
+from limitsurf.refine import refined, refuse_levels
 from limitsurf.surface import LimitSurface
 
 Array: TypeAlias = NDArray[Any]
+
+POLYGON = 200  # bytes that one of a tessellation takes, at least
 
 
 def validate(surface: LimitSurface, levels: int) -> NDArray[Any]:
@@ -70,6 +74,7 @@ def validate(surface: LimitSurface, levels: int) -> NDArray[Any]:
         levels,
         dtype=[("level", np.int64), ("error", float), ("order", float), ("limit_error", float)],
     )
+    refuse_levels(surface.mesh, levels)
     # centred: the refiner rounds to the size of the coordinates
     used = surface.mesh.indices[0]
     surface = surface.with_points(surface.points - surface.points[used])
@@ -369,6 +374,8 @@ def tessellate(
         does not have.
     TypeError
         For a surface of exact numbers.
+    MemoryError
+        At once, for more polygons than there is memory for; it says which n fits.
 
     Examples
     --------
@@ -388,6 +395,10 @@ def tessellate(
         raise TypeError(f"tessellate needs a LimitSurface, got {type(surface).__name__}")
     if surface.points.shape[1:] != (3,):
         raise ValueError(f"got points of shape {surface.points.shape}, need (n_vertices, 3)")
+    faces = len(surface.limit_faces)
+    most = math.isqrt(int(min(memory.available() / POLYGON, 2**62)) // max(faces, 1))
+    advice = f"up to n={most} fits" if most else "none fits"
+    memory.refuse_beyond(faces * n * n, POLYGON, "polygons", advice)
     if surface.points.dtype == object:
         raise TypeError("polygons need float64 points, these are exact: convert them first")
     sites = _Sites(surface, n)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import lru_cache
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import _kernels, tables
+from limitsurf import _kernels, memory, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
@@ -690,6 +691,8 @@ def refined(
     ------
     ValueError
         For levels that are not an integer >= 0, or an unknown option.
+    MemoryError
+        At once, for more faces than there is memory for; it says how many levels fit.
 
     Notes
     -----
@@ -709,6 +712,7 @@ def refined(
     [[2.0, 0.0], [0.0, 2.0], [4.0, 2.0], [2.0, 4.0], [2.0, 2.0]]
     """
     levels = checked_integer("levels", levels, 0)
+    refuse_levels(mesh, levels, operator)
     rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
     dtype = mesh.points.dtype
     points, balance = _balanced(mesh.points.reshape(mesh.n_vertices, -1))
@@ -766,6 +770,23 @@ def _balanced(points: Array) -> tuple[Array, int]:
         return kernels.exact(points), 0
     balance = kernels.balance(points)
     return (np.ldexp(points, balance) if balance else points), balance
+
+
+def refuse_levels(mesh: Mesh, levels: int, operator: bool = False) -> None:
+    """Refuse, by a MemoryError, so many refinements if there is no room for their faces.
+
+    What a face takes is the least that has been measured: a vertex, four corners with their
+    neighbours, and with an operator some 16 entries twice.
+    """
+    columns = max(math.prod(mesh.points.shape[1:]), 1)
+    each = 100 + (100 if mesh.points.dtype == object else 8) * columns
+    each += 32 * len(mesh.channels) + 400 * operator
+    fit = memory.available() / (each * mesh.n_corners)
+    most = 0 if fit < 1 else int(math.log(fit, 4)) + 1 if math.isfinite(fit) else levels
+    advice = f"up to {most} levels fit" if most else "no level fits"
+    faces = mesh.n_corners * 4 ** max(min(levels, 400) - 1, 0)  # more than any machine holds
+    if levels:
+        memory.refuse_beyond(faces, each, f"faces of {levels} levels", advice)
 
 
 def _corners(mesh: Mesh, faces: Array) -> Array:

@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 import limitsurf as ls
+from limitsurf import memory
 from limitsurf.shell import files, terminal
 from limitsurf.shell.program import (
     PATH,
@@ -23,7 +24,6 @@ from limitsurf.shell.program import (
     output_option,
     prim_option,
     reads_cage,
-    refuse_beyond_memory,
     report,
     strict_option,
     time_option,
@@ -55,8 +55,8 @@ def main(context: click.Context) -> None:
     another polygon is as many as it has corners, in their order. Every u and v is in [0, 1].
 
     Exit codes: 0, done; 1, the answer is no (validate, demo), or the reader of a pipe went away; 2,
-    bad input or usage, with one line on the standard error; 130 after Ctrl-C. Files appear whole or
-    not at all.
+    bad input or usage, with one line on the standard error; 130 after Ctrl-C, 143 after SIGTERM.
+    Files appear whole or not at all.
     """
     if context.invoked_subcommand is None:
         terminal.say(context.get_help())
@@ -273,7 +273,6 @@ def tessellate(
         raise click.UsageError(f"{suffix} has no place for normals: say --no-normals")
     normals = suffix in WITH_NORMALS if normals is None else normals
     surface = cage.surface(channels)
-    refuse_beyond_memory(len(surface.limit_faces) * n * n, 250, "polygons")
     channels = _with_others(surface, channels, suffix)
     with terminal.working("tessellating"):
         made = ls.tessellate(surface, n, normals=normals, channels=channels, workers=-1)
@@ -342,7 +341,6 @@ def refine(
 
     mesh_suffix(output, to, as_json)
     mesh = cage.read()
-    refuse_beyond_memory(mesh.n_corners * 4 ** max(levels - 1, 0), 500, "faces")
     with terminal.working("refining"):
         fine = ls.refined(mesh, levels, **cage.rules)
         if limit:
@@ -373,7 +371,6 @@ def validate(context: click.Context, cage: Cage, levels: int, as_json: bool) -> 
     Keys of --json: cage, agrees, levels (a list of objects: level, error, order, limit_error).
     """
     surface = cage.surface()
-    refuse_beyond_memory(surface.mesh.n_corners * 4 ** (levels - 1), 500, "faces")
     with terminal.working("refining"):
         table = ls.validate(surface, levels)
     agrees = terminal.agrees(surface, table)
@@ -558,8 +555,6 @@ def plot(
     picture.check_target(output, None, picture.SceneDrawing.suffixes)
     surface = cage.surface(() if channel is None else (channel,))
     faces = len(surface.limit_faces)
-    refuse_beyond_memory(faces * (quads or 1) ** 2, 250, "quads")
-    refuse_beyond_memory(size[0] * size[1], 200, "pixels")
     given = {name: value for name, value in options.items() if value is not None}
     with terminal.working("drawing"):
         ls.plot(surface, output, n=quads, cage=wires, channel=channel, window_size=size, **given)
@@ -639,7 +634,7 @@ def demo(context: click.Context, output: Path, queries: int, seed: int, as_json:
     """
     from limitsurf.shell.demo import run
 
-    refuse_beyond_memory(queries, 400, "queries")
+    memory.refuse_beyond(queries, 400, "queries")
     facts = run(output, queries, seed, quiet=as_json)
     if as_json:
         terminal.say_json(facts)

@@ -1,4 +1,4 @@
-"""Output files that appear whole or not at all, and the formats of queries and answers."""
+"""Files: pipes that are waited for, output that appears whole or not at all, suffixes."""
 
 from __future__ import annotations
 
@@ -6,14 +6,19 @@ import errno
 import os
 import secrets
 import shutil
+import stat
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import IO, Any, TypeAlias
+
+from limitsurf import memory
 
 Path: TypeAlias = str | os.PathLike[str]
 
 SUFFIXES = (".csv", ".npz", ".npy", ".parquet", ".zarr")
+PATIENCE = 20  # seconds for which a pipe may have no writer
 FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}  # said of writing only
 
 
@@ -35,6 +40,58 @@ def needed(module: str, what: str) -> Any:
         raise ImportError(
             f'{package} is needed for {what}: pip install "limitsurf[dask]"'
         ) from error
+
+
+def opened(path: Path) -> IO[bytes]:
+    """A file open for reading, which may be a pipe that somebody writes to.
+
+    Raises
+    ------
+    OSError
+        A file that cannot be read, or a pipe that nobody opens for writing within `PATIENCE`.
+    """
+    if not (os.path.exists(path) and stat.S_ISFIFO(os.stat(path).st_mode)):
+        return open(path, "rb")
+    found: list[IO[bytes]] = []
+    failed: list[OSError] = []
+
+    def wait() -> None:
+        try:
+            found.append(open(path, "rb"))  # noqa: SIM115
+        except OSError as error:
+            failed.append(error)
+
+    waiting = threading.Thread(target=wait, daemon=True)
+    waiting.start()
+    waiting.join(PATIENCE)
+    if waiting.is_alive():
+        with suppress(OSError):
+            os.close(os.open(path, os.O_WRONLY | os.O_NONBLOCK))  # which ends the wait
+            waiting.join(1)
+        for file in found:
+            file.close()
+        text = f"nobody has opened this pipe for writing in {PATIENCE} s"
+        raise TimeoutError(errno.ETIMEDOUT, text, os.fspath(path))
+    if failed:
+        raise failed[0]
+    return found[0]
+
+
+def blocks(file: IO[bytes], name: str) -> Iterator[bytes]:
+    """The content of a file, which is not to fill the memory where nobody knows its end."""
+    with suppress(AttributeError, OSError, ValueError):
+        if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            yield file.read()
+            return
+    total, limit = 0, memory.available() / 4
+    while block := file.read(1 << 20):
+        total += len(block)
+        if total > limit:
+            raise MemoryError(
+                f"{name}: has no end after {total} bytes, a quarter of the memory available: "
+                "save it as a file, or read less"
+            )
+        yield block
 
 
 def check_target(path: str | os.PathLike[str]) -> None:
@@ -66,6 +123,33 @@ def check_folder(folder: str) -> None:
 def _is_device(path: str | os.PathLike[str]) -> bool:
     """Whether there is something that is no regular file; its real path can be none at all."""
     return os.path.exists(path) and not os.path.isfile(path)
+
+
+_unfinished: set[str] = set()  # files and directories that are to take the place of others
+
+
+def remove_unfinished() -> None:
+    """Remove what is being written, for a process that ends in the midst of it."""
+    for path in list(_unfinished):
+        _remove(path)
+
+
+def _remove(path: str) -> None:
+    if os.path.isdir(path):
+        shutil.rmtree(path, ignore_errors=True)
+    elif os.path.lexists(path):
+        os.remove(path)
+
+
+@contextmanager
+def _temporary(path: str) -> Iterator[str]:
+    """A name for something unfinished, which is gone when the block ends."""
+    _unfinished.add(path)
+    try:
+        yield path
+    finally:
+        _remove(path)
+        _unfinished.discard(path)
 
 
 def _beside(path: str) -> str:
@@ -122,18 +206,12 @@ def replacing(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[Any
             yield file
         return
     name = os.path.realpath(os.fspath(path))
-    temporary = _beside(name)
-    try:
-        with _named(path, temporary):
-            with open(temporary, mode.replace("w", "x"), **text) as file:
-                yield file
-            if os.path.exists(name):
-                shutil.copymode(name, temporary)
-            os.replace(temporary, name)
-    except BaseException:
-        if os.path.exists(temporary):
-            os.remove(temporary)
-        raise
+    with _temporary(_beside(name)) as temporary, _named(path, temporary):
+        with open(temporary, mode.replace("w", "x"), **text) as file:
+            yield file
+        if os.path.exists(name):
+            shutil.copymode(name, temporary)
+        os.replace(temporary, name)
 
 
 @contextmanager
@@ -157,17 +235,17 @@ def replacing_folder(path: str | os.PathLike[str]) -> Iterator[str]:
     ['b']
     """
     name = os.path.realpath(os.fspath(path))
-    temporary, old = _beside(name), _beside(name)
-    try:
-        with _named(path, temporary):
-            os.mkdir(temporary)
-            yield temporary
-            if os.path.lexists(name):
-                os.rename(name, old)
-            os.rename(temporary, name)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        if os.path.lexists(old) and not os.path.lexists(name):
-            os.rename(old, name)
-        raise
+    old = _beside(name)
+    with _temporary(_beside(name)) as temporary:
+        try:
+            with _named(path, temporary):
+                os.mkdir(temporary)
+                yield temporary
+                if os.path.lexists(name):
+                    os.rename(name, old)
+                os.rename(temporary, name)
+        except BaseException:
+            if os.path.lexists(old) and not os.path.lexists(name):
+                os.rename(old, name)
+            raise
     shutil.rmtree(old, ignore_errors=True)

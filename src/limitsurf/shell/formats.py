@@ -6,13 +6,10 @@ import json
 import logging
 import os
 import re
-import subprocess
-import sys
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from importlib.util import find_spec
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import UP, Mesh, MeshError
-from limitsurf.shell import vtk_reader
+from limitsurf.shell import references, vtk_reader
+from limitsurf.shell.apart import allow, read_apart
 from limitsurf.shell.losses import Losses
 from limitsurf.shell.polygons import mesh_of, polygons
 
@@ -29,7 +27,7 @@ if TYPE_CHECKING:
 
 USD = (".usd", ".usda", ".usdc")
 PLAIN = (".obj", ".ply", ".off")
-VTK = (".vtp", ".vtu", ".vtk")
+VTK = vtk_reader.SUFFIXES
 TRIMESH = (".stl", ".glb", ".gltf", ".3mf", ".dae")
 READABLE = (*PLAIN, *USD, ".usdz", *VTK, *TRIMESH)
 WRITABLE = (*PLAIN, *USD, *VTK, *TRIMESH)
@@ -39,8 +37,17 @@ WITH_UV = (".obj", ".ply", *USD, *VTK, ".glb", ".gltf", ".dae")
 # the axis that points up, and the metres of one unit, in files as they are written
 MEASURES = {".glb": ("y", 1.0), ".gltf": ("y", 1.0), ".dae": ("y", 1.0), ".3mf": ("z", 0.001)}
 
-_UNPACKED = 1 << 30  # bytes of archives unpacked, beside those in proportion to a file
-_MEMORY = 4 << 30  # bytes that VTK may take up beside those in proportion to a file
+_UNPACKED = 1 << 26  # bytes of archives unpacked, beside those in proportion to a file
+# what reads files of a library in a process of its own, and what is to be imported there first
+_READERS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "usd": ("limitsurf.shell.references:read_usd", ("limitsurf.shell.usd",)),
+    "vtk": (
+        "limitsurf.shell.vtk_reader:read",
+        ("vtkmodules.vtkIOLegacy", "vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support"),
+    ),
+    "pyvista": ("limitsurf.shell.vtk_reader:read", ("pyvista",)),
+    "trimesh": ("limitsurf.shell.formats:read_trimesh", ("trimesh.exchange.load",)),
+}
 # how a file begins, after white space, and what to say where it does not
 _BEGINNINGS = {
     ".vtp": (rb"\s*<((?s:.){0,2000}<)?VTKFile\b", "XML with <VTKFile"),
@@ -51,6 +58,23 @@ _BEGINNINGS = {
     ".3mf": (rb"PK\x03\x04", "a ZIP archive, 'PK'"),
     ".dae": (rb"(\xef\xbb\xbf)?\s*<((?s:.){0,2000}<)?COLLADA\b", "XML with <COLLADA"),
 }
+
+
+def read_by_library(name: str, suffix: str, path: str, folder: str | None, **options: Any) -> Mesh:
+    """The cage of a file at a path, whose format is not `PLAIN`, read in a process of its own.
+
+    `name` is that of the file for messages; files that it names are in the folder, if any.
+    """
+    families = {**dict.fromkeys((*USD, ".usdz"), "usd"), **dict.fromkeys(VTK, "vtk")}
+    families |= dict.fromkeys(TRIMESH, "trimesh")
+    with open(path, "rb") as file:
+        _check_beginning(name, suffix, file.read(1 << 16))
+    function, modules = _READERS[families.get(suffix) or library(suffix) or "trimesh"]
+    size = os.path.getsize(path)
+    found: Mesh = read_apart(
+        name, size, function, name, suffix, path, folder, modules=modules, **options
+    )
+    return found
 
 
 def library(suffix: str) -> str | None:
@@ -280,42 +304,6 @@ def _complaints() -> Iterator[list[str]]:
         said += [line for line in window.GetOutput().splitlines() if "rror" in line]
 
 
-def read_vtk(name: str, suffix: str, data: bytes, *, strict: bool = False) -> Mesh:
-    """The cage of a file of VTK; active texture coordinates of points are the channel "uv"."""
-    _check_beginning(name, suffix, data)
-    if find_spec("vtkmodules") is None:
-        _pyvista()
-    return _read_apart(name, len(data), [suffix], data, strict)
-
-
-def read_pyvista(name: str, suffix: str, *, strict: bool = False) -> Mesh:
-    """The cage of a file of another format that PyVista reads, from its path."""
-    place = [suffix, os.path.abspath(name)]
-    return _read_apart(name, os.path.getsize(name), place, b"", strict)
-
-
-def _read_apart(name: str, length: int, place: list[str], data: bytes, strict: bool) -> Mesh:
-    """A cage from `vtk_reader`, in a process of its own."""
-    suffix, *path = place
-    command = [sys.executable, "-P", vtk_reader.__file__, suffix, str(_MEMORY + 64 * length), *path]
-    seconds = 60 + length // 10**6
-    try:
-        done = subprocess.run(command, input=data, capture_output=True, timeout=seconds)
-    except subprocess.TimeoutExpired:
-        raise MeshError(f"{name}: broken: VTK has not read it in {seconds} s") from None
-    if done.returncode:
-        raise MeshError(f"{name}: truncated or broken: VTK fails to read it")
-    if said := re.search(rb"(?m)^Error near line.*", done.stderr):
-        # of a VRML file VTK prints this, and goes on with what there is
-        raise MeshError(f"{name}: truncated or broken: VTK says {said[0].decode('latin-1')}")
-    with np.load(BytesIO(done.stdout), allow_pickle=False) as found:
-        arrays = dict(found)
-    if "error" in arrays:
-        raise MeshError(f"{name}: {arrays['error']}")
-    mesh: Mesh = vtk_reader.mesh(name, suffix, arrays, strict)
-    return mesh
-
-
 def vtk(shape: Polygons, suffix: str) -> Iterator[bytes]:
     """The bytes of a file of VTK."""
     dataset: Any = _dataset(shape)
@@ -425,12 +413,15 @@ def _quiet() -> Iterator[None]:
 
 
 def read_trimesh(
-    name: str, suffix: str, data: bytes, folder: str | None, *, strict: bool = False
+    name: str, suffix: str, path: str, folder: str | None, *, strict: bool = False
 ) -> Mesh:
     """The cage of a file that trimesh reads, its objects together, points joined."""
     trimesh = _trimesh()
-    _check_beginning(name, suffix, data)
-    resolver = trimesh.resolvers.FilePathResolver(folder) if folder is not None else None
+    with open(path, "rb") as file:
+        data = file.read()
+    if suffix == ".stl":
+        _check_stl(name, data)
+    resolver = references.resolver(name, folder) if folder is not None else None
     try:
         _check_archive(name, data)
         with _quiet(), np.errstate(all="ignore"):
@@ -600,15 +591,16 @@ def _check_stl(name: str, data: bytes) -> None:
 
 
 def _check_beginning(name: str, suffix: str, data: bytes) -> None:
-    if suffix == ".stl":
-        _check_stl(name, data)
     pattern, need = _BEGINNINGS.get(suffix, (b"", ""))
     if not re.match(pattern, data):
         raise MeshError(f"{name}: need {need} at the start: this is no {suffix} file")
 
 
 def _check_archive(name: str, data: bytes) -> None:
-    """Refuse a ZIP archive that would fill the memory, which trimesh unpacks into it."""
+    """Refuse a ZIP archive that would fill the memory, which trimesh unpacks into it.
+
+    What it holds counts as much as a file that large.
+    """
     if not zipfile.is_zipfile(BytesIO(data)):
         return
     limit = _UNPACKED + 64 * len(data)
@@ -630,3 +622,4 @@ def _check_archive(name: str, data: bytes) -> None:
             with archive.open(member) as opened:
                 while opened.read(1 << 20):
                     pass
+    allow(unpacked)

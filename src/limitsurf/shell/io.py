@@ -6,13 +6,14 @@ import math
 import os
 import tempfile
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from io import TextIOWrapper
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
 from limitsurf.mesh import Mesh, MeshError
-from limitsurf.shell import formats, obj, plain
+from limitsurf.shell import files, formats, obj, plain
 from limitsurf.shell.files import Path, replacing
 from limitsurf.shell.formats import from_pyvista, from_trimesh, to_pyvista, to_trimesh
 from limitsurf.shell.polygons import (
@@ -62,8 +63,14 @@ def read(
     last two rows are what the installed libraries read besides, such as ``.xaml`` and ``.zae``, or
     ``.wrl``, ``.3ds``, ``.vtkhdf``, ``.vts`` and ``.case``; those of PyVista need a path, since
     they may have others beside them, and images and volumes are refused. VTK places the objects of
-    a scene (``.wrl``, ``.3ds``) by translation, rotation and scale: shear is lost. Files of VTK and
-    PyVista are read in a process of their own, which a broken one may end.
+    a scene (``.wrl``, ``.3ds``) by translation, rotation and scale: shear is lost.
+
+    All but OBJ, PLY and OFF are read by libraries, in a process of its own, which a broken file may
+    end. Its memory (300 MiB and 128 times the size of the file, and of those that it names) and its
+    time (10 s of a processor and 2 s a megabyte, or twice as long by the clock) are limited. The
+    environment variable ``LIMITSURF_READ_LIMITS``, a number, multiplies these limits; where the
+    system has none for memory (Windows, macOS) there is that of time. Files that another names must
+    be regular ones, no pipes.
 
     Where a format repeats points along the seams of normals and texture coordinates (scenes and all
     of trimesh; PLY and those of VTK and PyVista if there are texture coordinates), points of
@@ -146,13 +153,16 @@ def read(
     MeshError
         Anything malformed or truncated that leaves no mesh to read, and with `strict` any damage,
         with the file's name, line or prim where there is one, and what was expected; a USD file
-        without a mesh, or with so many instances that they make more than 50 million face corners.
+        without a mesh, or with so many instances that they make more than 50 million face corners;
+        a file whose reading takes more memory or time than its limits.
     ValueError
         An unknown suffix; a prim that does not exist, or one of a file that is not USD; a time that
         is no number, or one of a file that is not USD; a format that needs a path, from what is
         open.
     OSError
-        A file that cannot be read.
+        A file that cannot be read, or a pipe that nobody opens for writing within 20 s.
+    MemoryError
+        A pipe or device whose content takes more than a quarter of the memory available.
     ImportError
         A library that is needed and not installed.
 
@@ -189,43 +199,52 @@ def read(
         raise ValueError(f"{name}: got time {time!r}, but only a USD file has frames that are read")
     if time is not None and not (isinstance(time, (int, float)) and math.isfinite(time)):
         raise ValueError(f"time: got {time!r}, need a finite number, the time code of a frame")
-    asked = {"prim": prim, "time": time, "strict": strict}
-    is_path = isinstance(file, (str, bytes, os.PathLike))
-    # USD reads no open file, and takes the format from the name of a path
-    whole = is_usd and not (is_path and os.path.splitext(name)[1].lower() == kind)
-    by_path = (is_usd and not whole) or library == "pyvista"
-    folder: str | None = None
-    if isinstance(file, (str, bytes, os.PathLike)):
-        # of a glTF file the buffers may be files of their own
-        folder = os.path.dirname(os.path.abspath(name))
-        with open(name, "rb") as opened:
-            data = opened.read(1 if by_path else -1)
-    else:
-        data = file.read()
-    if whole:
-        with tempfile.TemporaryDirectory() as place:
-            path = os.path.join(place, f"mesh{kind}")
-            with open(path, "wb") as copy:
-                copy.write(data)
-            return _usd().read(name, path, **asked)  # type: ignore[no-any-return]
-    if is_usd:
-        return _usd().read(name, name, **asked)  # type: ignore[no-any-return]
-    if not data and kind != ".obj":
-        raise MeshError(f"{name}: the file is empty")
-    if library == "pyvista" and (folder is None or not os.path.isfile(name)):
-        raise ValueError(f"{name}: files of type {kind} are read from a path, not from a pipe")
+    options = {"prim": prim, "time": time} if is_usd else {}
     try:
-        if library == "pyvista":
-            return formats.read_pyvista(name, kind, strict=strict)
         if kind in _PARSERS:
-            return _PARSERS[kind](name, data, strict=strict)
-        if kind in formats.VTK:
-            return formats.read_vtk(name, kind, data, strict=strict)
-        return formats.read_trimesh(name, kind, data, folder, strict=strict)
+            return _PARSERS[kind](name, _content(file, name, kind), strict=strict)
+        with _on_disk(file, name, kind, library) as (path, folder):
+            return formats.read_by_library(name, kind, path, folder, strict=strict, **options)
     except MeshError as error:
         if str(error).startswith(name):
             raise
         raise MeshError(f"{name}: {error}") from None
+
+
+def _content(file: Path | IO[bytes], name: str, kind: str) -> bytes:
+    """The bytes of a file."""
+    with ExitStack() as stack:
+        if isinstance(file, (str, bytes, os.PathLike)):
+            file = stack.enter_context(files.opened(name))
+        data = b"".join(files.blocks(file, name))
+    if not data and kind != ".obj":
+        raise MeshError(f"{name}: the file is empty")
+    return data
+
+
+@contextmanager
+def _on_disk(
+    file: Path | IO[bytes], name: str, kind: str, library: str | None
+) -> Iterator[tuple[str, str | None]]:
+    """The path of a regular file with the same content, and the folder of those that it names."""
+    is_usd = kind in (*formats.USD, ".usdz")
+    with ExitStack() as stack:
+        path, folder = os.path.abspath(name), None
+        if isinstance(file, (str, bytes, os.PathLike)):
+            folder = os.path.dirname(path)
+            file = stack.enter_context(files.opened(name))
+        # USD takes the format from the name of a path
+        suited = not is_usd or os.path.splitext(name)[1].lower() == kind
+        if folder is None or not (suited and os.path.isfile(name)):
+            if library == "pyvista":
+                text = f"{name}: files of type {kind} are read from a path, not from a pipe"
+                raise ValueError(text)
+            path = os.path.join(stack.enter_context(tempfile.TemporaryDirectory()), f"mesh{kind}")
+            with open(path, "wb") as copy:
+                copy.writelines(files.blocks(file, name))
+        if not os.path.getsize(path) and not is_usd:
+            raise MeshError(f"{name}: the file is empty")
+        yield path, folder
 
 
 def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None = None) -> None:

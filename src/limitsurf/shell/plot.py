@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf import memory
 from limitsurf.mesh import checked_integer
-from limitsurf.query import validate
+from limitsurf.query import POLYGON, validate
 from limitsurf.shell import charts
 from limitsurf.shell import picture as pictures
 from limitsurf.shell.files import Path
@@ -183,6 +184,8 @@ def plot(
         raise ValueError(f"up must be 'x', 'y' or 'z', got {up!r}")
     _check_view(view)
     width, height = _checked_size(window_size)
+    memory.refuse_beyond(len(surface.limit_faces) * (n or 1) ** 2, POLYGON, "quads")
+    memory.refuse_beyond(width * height, 100, "pixels")
     pyvista = _pyvista()
     try:
         body = pyvista.Color(color).float_rgb

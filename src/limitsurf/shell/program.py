@@ -276,15 +276,3 @@ def report(output: str | None, as_json: bool, **facts: Any) -> None:
             f"{value} {name}" for name, value in facts.items() if name in ("vertices", "faces")
         )
         terminal.say(f"{click.format_filename(output)}{': ' if counts else ''}{counts}")
-
-
-def refuse_beyond_memory(number: int, each: int, what: str) -> None:
-    """Refuse so many things, of so many bytes each, if the machine has not as much memory."""
-    if not hasattr(os, "sysconf") or "SC_PHYS_PAGES" not in os.sysconf_names:
-        return
-    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if memory > 0 and number * each > memory:
-        raise MemoryError(
-            f"{number:.3g} {what} take some {number * each / 2**30:.3g} GiB, "
-            f"and this machine has {memory / 2**30:.3g}"
-        )

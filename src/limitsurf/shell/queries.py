@@ -6,12 +6,12 @@ import errno
 import os
 import re
 import zipfile
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from glob import escape, glob, has_magic
+from io import TextIOWrapper
 from itertools import accumulate, chain, islice, pairwise
 from typing import IO, Any, NoReturn, Protocol, TypeAlias
 
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.shell import terminal
-from limitsurf.shell.files import checked_suffix, needed
+from limitsurf.shell.files import checked_suffix, needed, opened
 
 Array: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
@@ -131,9 +131,10 @@ def reading(path: str | os.PathLike[str]) -> Iterator[Queries]:
         elif suffix == ".zarr":
             yield _from_columns(name, _zarr_columns(name), _zarr_columns)
         elif suffix == ".csv":
-            yield _from_csv(name, stack.enter_context(open(name, encoding="utf-8")))
+            text = TextIOWrapper(stack.enter_context(opened(name)), encoding="utf-8")
+            yield _from_csv(name, text)
         else:
-            file = stack.enter_context(open(name, "rb"))
+            file = stack.enter_context(opened(name))
             again = None
             with _understood(name, "NumPy"):
                 if file.read(2) == b"PK":
@@ -182,14 +183,19 @@ def spans(total: int, size: int) -> Iterator[tuple[int, int]]:
 
 @contextmanager
 def _understood(name: str, kind: str) -> Iterator[None]:
-    """Say of what a library cannot read that it is no such file."""
-    broken = (ValueError, EOFError, OSError, RuntimeError, zipfile.BadZipFile, zlib.error)
+    """Say of what a library cannot read that it is no such file.
+
+    Of a broken one a library can raise anything: NumPy reads headers as Python, for one.
+    """
     try:
         yield
-    except broken as error:
+    except ImportError:
+        raise
+    except Exception as error:
         if str(error).startswith(f"{name}: "):
             raise
-        raise ValueError(f"{name}: no {kind} file of numbers ({error})") from None
+        said = " ".join(str(error).split())[:200] or type(error).__name__
+        raise ValueError(f"{name}: no {kind} file of numbers ({said})") from None
 
 
 # ---------------------------------------------------------------------------------------- CSV
@@ -207,6 +213,11 @@ def _from_csv(name: str, file: Iterable[str]) -> Queries:
         else:
             raise ValueError(f"{name}: empty, need lines of face,u,v")
     names = [cell.strip().strip('"').lower() for cell in _content(line).split(",")]
+    if twice := [wanted for wanted in NAMES if names.count(wanted) > 1]:
+        raise ValueError(
+            f"{name}: line {len(before)}: there are {names.count(twice[0])} columns named "
+            f"{twice[0]!r}, need one"
+        )
     if set(NAMES) <= set(names):
         columns = [names.index(wanted) for wanted in NAMES]
         start, rest = len(before) + 1, lines
@@ -313,6 +324,8 @@ def _refuse_missing(name: str, columns: Iterable[str]) -> None:
     found = list(columns)
     if missing := [key for key in NAMES if key not in found]:
         raise ValueError(f"{name}: {missing[0]!r} is missing, need face, u and v")
+    if twice := [key for key in NAMES if found.count(key) > 1]:
+        raise ValueError(f"{name}: there are several columns named {twice[0]!r}, need one")
 
 
 def _refuse_kinds(name: str, kinds: Iterable[Any]) -> NoReturn:
@@ -401,7 +414,7 @@ def _from_parquet(name: str) -> Queries:
     parquet, types = needed("pyarrow.parquet", "Parquet"), needed("pyarrow.types", "Parquet")
     paths, sizes = _parquet_paths(name), []
     for path in paths:
-        with open(path, "rb") as file, _understood(path, "Parquet"):
+        with opened(path) as file, _understood(path, "Parquet"):
             content = parquet.ParquetFile(file)
             schema = content.schema_arrow
             _refuse_missing(path, schema.names)
@@ -414,7 +427,7 @@ def _from_parquet(name: str) -> Queries:
     def batches() -> Iterator[Batch]:
         first = 0
         for path in paths:
-            with open(path, "rb") as file:
+            with opened(path) as file:
                 parts = parquet.ParquetFile(file).iter_batches(BATCH, columns=list(NAMES))
                 while True:
                     with _understood(path, "whole Parquet"):
@@ -440,7 +453,7 @@ def _parquet_rows(
     for path, (first, end) in zip(paths, pairwise(firsts), strict=True):
         if end <= start or first >= stop:
             continue
-        with open(path, "rb") as file, _understood(path, "whole Parquet"):
+        with opened(path) as file, _understood(path, "whole Parquet"):
             content = parquet.ParquetFile(file)
             groups = range(content.num_row_groups)
             sizes = [content.metadata.row_group(k).num_rows for k in groups]

@@ -14,11 +14,14 @@ import threading
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from typing import TYPE_CHECKING, Any, NoReturn, TextIO
+from types import FrameType
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 import numpy as np
 from numpy.typing import NDArray
+
+from limitsurf.shell import files
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
 OPTIONS = ("boundary", "creasing", "prim", "scheme", "triangles")
 ROUNDING = 1e-12  # of the largest coordinate; what refinement adds up stays far below
 STANDARD_OUTPUT = "standard output"
+GRACE = 1.0  # seconds
 
 
 def sentence(error: BaseException) -> str:
@@ -77,10 +81,12 @@ def orderly() -> Iterator[None]:
     """Let the process meet its end, and its streams, as programs on a command line do.
 
     SIGTERM and SIGHUP become a `SystemExit` with 128 plus their number, so that temporary files go
-    with it. A KeyboardInterrupt that a library swallows, being in a callback, comes once more. What
-    the standard output cannot encode is escaped. Descriptors 0 to 2, if closed, are occupied: else
-    the next file opened would be written as the standard output. Matplotlib's notes on its cache of
-    fonts, which a new machine fills and a full disk cannot hold, concern nobody.
+    with it. Python handles signals between its own steps alone: where a library is amid a long one
+    of its own, the process ends all the same, after `GRACE`, without those files. What a library
+    swallows of this, being in a callback, comes once more. What the standard output cannot encode
+    is escaped. Descriptors 0 to 2, if closed, are occupied: else the next file opened would be
+    written as the standard output. Matplotlib's notes on its cache of fonts, which a new machine
+    fills and a full disk cannot hold, concern nobody.
     """
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     for standard in range(3):
@@ -92,28 +98,75 @@ def orderly() -> Iterator[None]:
     if reconfigure := getattr(sys.stdout, "reconfigure", None):
         reconfigure(errors="backslashreplace")
 
-    def end(number: int, _: Any) -> NoReturn:
+    noticed = threading.Event()
+
+    def end(number: int, frame: FrameType | None) -> None:
+        while frame is not None and os.name == "posix":
+            if frame.f_code.co_filename.startswith("<frozen importlib"):
+                return  # libraries crash if one of their modules fails: left to the watch
+            frame = frame.f_back
+        noticed.set()
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt
         raise SystemExit(128 + number)
 
     def notice(lost: Any) -> None:
-        if issubclass(lost.exc_type, KeyboardInterrupt) and hasattr(signal, "pthread_kill"):
-            again = threading.main_thread().ident, signal.SIGINT
+        number = signal.SIGINT if issubclass(lost.exc_type, KeyboardInterrupt) else None
+        if issubclass(lost.exc_type, SystemExit) and isinstance(lost.exc_value.code, int):
+            number = next((n for n in handlers if lost.exc_value.code == 128 + n), None)
+        if number is not None and hasattr(signal, "pthread_kill"):
+            again = threading.main_thread().ident, number
             threading.Timer(0.1, signal.pthread_kill, again).start()
         else:
             before(lost)
 
     before, sys.unraisablehook = sys.unraisablehook, notice
-    names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
+    names = (
+        ("SIGTERM", "SIGHUP", "SIGINT")
+        if threading.current_thread() is threading.main_thread()
+        else ()
+    )
     caught = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    caught = [number for number in caught if signal.getsignal(number) == signal.SIG_DFL]
-    for number in caught:
+    usual = (signal.SIG_DFL, signal.default_int_handler)
+    handlers = {n: signal.getsignal(n) for n in caught if signal.getsignal(n) in usual}
+    for number in handlers:
         signal.signal(number, end)
+    try:
+        with _watched(noticed, handlers):
+            yield
+    finally:
+        sys.unraisablehook = before
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _watched(noticed: threading.Event, numbers: Collection[int]) -> Iterator[None]:
+    """End the process `GRACE` after a signal of these numbers that Python has not noticed."""
+    if not numbers or os.name != "posix":
+        yield
+        return
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    before = signal.set_wakeup_fd(write, warn_on_full_buffer=False)
+
+    def watch() -> None:
+        while number := os.read(read, 1)[0]:  # 0 is no signal, but the end of the watch
+            if number in numbers and not noticed.wait(GRACE):
+                files.remove_unfinished()
+                os._exit(128 + number)
+            noticed.clear()
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
     try:
         yield
     finally:
-        sys.unraisablehook = before
-        for number in caught:
-            signal.signal(number, signal.SIG_DFL)
+        signal.set_wakeup_fd(before)
+        os.write(write, b"\0")
+        watcher.join()
+        os.close(write)
+        os.close(read)
 
 
 @contextmanager

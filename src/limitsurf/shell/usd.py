@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import secrets
 import tempfile
 import warnings
 from collections.abc import Iterator
@@ -49,17 +48,15 @@ def read(
 ) -> Mesh:
     """The mesh, or all meshes as one, of a stage or of what is at or below the prim of a path.
 
-    `name` is that of the file for messages.
+    `name` is that of the file for messages. USD hands out a layer that is open already as it is:
+    this is called in a process of its own.
     """
     losses = Losses(name, strict)
     code = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
     # In its place of stderr, for as long as it lives.
     diagnostics = UsdUtils.CoalescingDiagnosticDelegate()
     try:
-        # An argument of its own gives a layer of its own, read from the file as it is now, where
-        # USD would hand out one that somebody has open.
-        fresh = {"limitsurf": secrets.token_hex(8)}
-        stage = Usd.Stage.Open(Sdf.Layer.CreateIdentifier(os.path.abspath(file), fresh))
+        stage = Usd.Stage.Open(os.path.abspath(file))
         mesh = _scene_mesh(stage, prim, code, losses)
     except Tf.ErrorException as error:
         said = plain(error.args[0])

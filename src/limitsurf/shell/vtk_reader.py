@@ -1,22 +1,21 @@
-"""A script that reads a file of VTK: in a process of its own, since a broken file may end it.
-
-VTK trusts the counts in a file: wrong ones make it ask for any amount of memory, read beyond its
-arrays, or read on for ever. Standard input has the bytes of the file, unless its path is given, for
-the formats that PyVista reads besides; standard output the arrays of its polygons (npz), or one
-named "error" that says what is wrong.
-"""
+"""The cages in files of VTK, for a process of its own: a broken one may end it."""
 
 from __future__ import annotations
 
 import os
 import re
-import sys
+import tempfile
 import warnings
-from contextlib import suppress
-from io import BytesIO
 from typing import Any
 
 import numpy as np
+
+from limitsurf.mesh import Mesh, MeshError
+from limitsurf.shell import references
+from limitsurf.shell.losses import Losses
+from limitsurf.shell.polygons import mesh_of, strips
+
+SUFFIXES = (".vtp", ".vtu", ".vtk")
 
 # The names of cells that are polygons, or that these are made of, by VTK's numbers.
 POLYGONS = {5: "triangle", 7: "polygon", 9: "quad", 6: "triangle strip", 8: "pixel"}
@@ -30,8 +29,28 @@ _UNREAD = "limitsurf unread"  # an array that says that others are broken
 SCENES = {".wrl": "vtkVRMLImporter", ".vrml": "vtkVRMLImporter", ".3ds": "vtk3DSImporter"}
 
 
-class _UnfitError(Exception):
-    """What is wrong with a file."""
+def read(name: str, suffix: str, path: str, folder: str | None, *, strict: bool = False) -> Mesh:
+    """The cage of a file; active texture coordinates of points are the channel "uv"."""
+    losses = Losses(name, strict)
+    try:
+        if suffix in SUFFIXES:
+            with open(path, "rb") as file:
+                found = _of_bytes(suffix, file.read())
+        else:
+            references.add_mentioned(name, path)
+            found = (_of_scene if suffix in SCENES else _of_path)(suffix, path)
+        arrays = _joined([_polygons(part) for part in found])
+    except ImportError as error:
+        raise ImportError('PyVista is needed: pip install "limitsurf[plot]"') from error
+    except MeshError as error:
+        raise MeshError(f"{name}: {error}") from None
+    for text in arrays.pop("damage"):
+        losses.add(text, "", text)
+    losses.left_out(arrays.pop("left_out"))
+    # of scenes VTK repeats the points at edges of boxes, of 3DS files at all edges
+    mesh = mesh_of(losses=losses, **arrays, merge="uv" in arrays or suffix in SCENES)
+    losses.warn(2)
+    return mesh
 
 
 def _listener() -> Any:
@@ -49,7 +68,7 @@ def _check(window: Any) -> None:
     said = said if isinstance(said, str) else said.decode("latin-1")
     errors = [line.strip() for line in said.splitlines() if "rror" in line]
     if errors:
-        raise _UnfitError(f"truncated or broken: VTK says {errors[0]}")
+        raise MeshError(f"truncated or broken: VTK says {errors[0]}")
 
 
 def _of_bytes(suffix: str, data: bytes) -> list[Any]:
@@ -58,10 +77,10 @@ def _of_bytes(suffix: str, data: bytes) -> list[Any]:
 
     try:
         return _with_arrays(suffix, data)
-    except _UnfitError as error:
+    except MeshError as error:
         try:
             found = _with_arrays(suffix, data, attributes=False)
-        except _UnfitError:
+        except MeshError:
             raise error from None
     array = vtkStringArray()
     array.SetName(_UNREAD)
@@ -97,12 +116,12 @@ def _with_arrays(suffix: str, data: bytes, attributes: bool = True) -> list[Any]
     found = reader.GetOutput()
     _check(window)
     if found is None:
-        raise _UnfitError("truncated or broken: VTK finds nothing")
+        raise MeshError("truncated or broken: VTK finds nothing")
     places = [found.GetPointData(), found.GetCellData(), found.GetFieldData()]
     if suffix != ".vtk" and not found.GetNumberOfCells():
-        raise _UnfitError("need at least one polygon, got none")
+        raise MeshError("need at least one polygon, got none")
     if suffix == ".vtk" and not any(place.HasArray(_END) for place in places):
-        raise _UnfitError("truncated or broken")
+        raise MeshError("truncated or broken")
     return [found]
 
 
@@ -117,7 +136,7 @@ def _of_path(suffix: str, path: str) -> list[Any]:
             found = pyvista.read(path, force_ext=suffix)
     except Exception as error:  # of whatever type
         said = " ".join(str(error).rpartition("\t")[2].split())[:300]  # what VTK says, if it did
-        raise _UnfitError(f"PyVista cannot read it, truncated or broken: {said}") from None
+        raise MeshError(f"PyVista cannot read it, truncated or broken: {said}") from None
     _check(window)
     if found is None or not found.IsA("vtkCompositeDataSet"):
         return [found]
@@ -140,15 +159,17 @@ def _of_scene(suffix: str, path: str) -> list[Any]:
     with open(path, "rb") as file:
         length = int.from_bytes(file.read(6)[2:], "little")
     if suffix == ".3ds" and length > os.path.getsize(path):
-        raise _UnfitError(f"truncated: need {length} bytes, as it says itself")
+        raise MeshError(f"truncated: need {length} bytes, as it says itself")
     window = _listener()
     importer = getattr(vtkIOImport, SCENES[suffix])()
     importer.SetFileName(path)
-    importer.Update()
+    if said := re.search(rb"(?m)^Error near line.*", _printed(importer.Update)):
+        # of a VRML file VTK prints this, and goes on with what there is
+        raise MeshError(f"truncated or broken: VTK says {said[0].decode('latin-1')}")
     leaves = []
     for actor in importer.GetRenderer().GetActors():
         if actor.GetMatrix().Determinant() < 0:
-            raise _UnfitError("an object is mirrored, and VTK does not place it right")
+            raise MeshError("an object is mirrored, and VTK does not place it right")
         transform, placed, cut = vtkTransform(), vtkTransformPolyDataFilter(), vtkTriangleFilter()
         transform.SetMatrix(actor.GetMatrix())
         actor.GetMapper().Update()
@@ -160,6 +181,20 @@ def _of_scene(suffix: str, path: str) -> list[Any]:
         leaves.append(last.GetOutput())
     _check(window)
     return leaves
+
+
+def _printed(call: Any) -> bytes:
+    """What a call prints on the standard error, which it is not to see."""
+    before = os.dup(2)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), 2)
+        try:
+            call()
+        finally:
+            os.dup2(before, 2)
+            os.close(before)
+        file.seek(0)
+        return file.read()
 
 
 def _polygons(found: Any) -> dict[str, Any]:
@@ -178,7 +213,7 @@ def _polygons(found: Any) -> dict[str, Any]:
         found = cells_of.GetOutput()
     if found is None or not (found.IsA("vtkPolyData") or found.IsA("vtkUnstructuredGrid")):
         kind = "nothing" if found is None else found.GetClassName().removeprefix("vtk")
-        raise _UnfitError(f"need polygons, got {kind}")
+        raise MeshError(f"need polygons, got {kind}")
     sizes, indices, others = cells(found)
     if not len(sizes) or not found.GetNumberOfPoints():
         return {}
@@ -230,7 +265,7 @@ def cells(found: Any) -> tuple[Any, Any, list[str]]:
     wrong = _names(np.unique(kinds[~fit]).tolist())
     if not fit.any():
         text = f"need cells of types {', '.join(POLYGONS.values())}, got some of type "
-        raise _UnfitError(text + wrong[-1][1] + (_SKIN if wrong[-1][0] == 3 else ""))
+        raise MeshError(text + wrong[-1][1] + (_SKIN if wrong[-1][0] == 3 else ""))
     others = [f"cells of type {name}" for _, name in wrong]
     indices, sizes, kinds = indices[np.repeat(fit, sizes)], sizes[fit], kinds[fit]
     third = (np.cumsum(sizes) - sizes)[(kinds == PIXEL) & (sizes == 4)] + 2
@@ -250,7 +285,7 @@ def _names(numbers: list[int]) -> list[tuple[int, str]]:
 
     kinds: list[Any] = [vtkGenericCell.InstantiateCell(number) for number in numbers]
     if None in kinds:
-        raise _UnfitError("truncated or broken: got a cell of unknown type")
+        raise MeshError("truncated or broken: got a cell of unknown type")
     names = [kind.GetClassName().removeprefix("vtk").lower() for kind in kinds]
     return sorted((int(k.GetCellDimension()), name) for k, name in zip(kinds, names, strict=True))
 
@@ -259,8 +294,6 @@ def _without_strips(sizes: Any, indices: Any, is_strip: Any) -> tuple[Any, Any]:
     """Sizes and indices of polygons, and behind them the triangles of strips."""
     if not is_strip.any():
         return sizes, indices
-    from limitsurf.shell.polygons import strips
-
     corners = np.repeat(is_strip, sizes)
     ends = indices[corners]
     triangles = ends[strips(sizes[is_strip], ends)]
@@ -306,7 +339,7 @@ def _joined(parts: list[dict[str, Any]]) -> dict[str, Any]:
     """
     parts = [part for part in parts if part]
     if not parts:
-        raise _UnfitError("need at least one polygon, got none")
+        raise MeshError("need at least one polygon, got none")
     first = np.cumsum([0] + [len(part["points"]) for part in parts])
     rows, count = [], 0
     for part, start in zip(parts, first, strict=False):
@@ -315,49 +348,10 @@ def _joined(parts: list[dict[str, Any]]) -> dict[str, Any]:
         count += len(part["uv"]) if own else 0
         part["indices"] = part["indices"] + start
     names = ["points", "sizes", "indices"]
-    joined = {name: np.concatenate([part[name] for part in parts]) for name in names}
+    joined: dict[str, Any] = {n: np.concatenate([part[n] for part in parts]) for n in names}
     if count:
         joined["uv"] = np.concatenate([part["uv"] for part in parts if "uv" in part])
         joined["rows"] = np.concatenate(rows)
     for name in "left_out", "damage":
-        joined[name] = np.array(list(dict.fromkeys(x for p in parts for x in p[name])), dtype=str)
+        joined[name] = list(dict.fromkeys(x for part in parts for x in part[name]))
     return joined
-
-
-def mesh(name: str, suffix: str, arrays: dict[str, Any], strict: bool) -> Any:
-    """The cage of arrays as from `_joined`, of a file of this name."""
-    from limitsurf.shell.losses import Losses
-    from limitsurf.shell.polygons import mesh_of
-
-    losses = Losses(name, strict)
-    for text in arrays.pop("damage").tolist():
-        losses.add(text, "", text)
-    losses.left_out(arrays.pop("left_out").tolist())
-    # of scenes VTK repeats the points at edges of boxes, of 3DS files at all edges
-    found = mesh_of(losses=losses, **arrays, merge="uv" in arrays or suffix in SCENES)
-    losses.warn(5)
-    return found
-
-
-def main(suffix: str, limit: int, path: str | None = None) -> None:
-    """Answer on standard output, with so many bytes of memory at most, where that can be said."""
-    with suppress(ImportError, ValueError, OSError):  # not on every system
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-    answer = BytesIO()
-    with os.fdopen(os.dup(1), "wb") as output:
-        os.dup2(2, 1)  # for the readers that print
-        try:
-            if path is None:
-                found = _of_bytes(suffix, sys.stdin.buffer.read())
-            else:
-                found = (_of_scene if suffix in SCENES else _of_path)(suffix, path)
-            np.savez(answer, **_joined([_polygons(part) for part in found]))
-        except _UnfitError as error:
-            np.savez(answer, error=str(error))
-        output.write(answer.getvalue())
-
-
-if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), *sys.argv[3:])
