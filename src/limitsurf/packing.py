@@ -223,7 +223,8 @@ class Packing:
         width = high.shape[1]
         rounded = np.concatenate([high, extras[:, :width]])
         low = np.concatenate([np.zeros_like(high), extras[:, width:]])
-        return kernels.errors(self._patches.extras, rounded, low)[len(high) :].max(axis=1)
+        found = kernels.errors(self._patches.extras, rounded, low)
+        return np.asarray(found[len(high) :].max(axis=1))
 
     @cached_property
     def _controls(self) -> rows.Controls:

@@ -453,7 +453,7 @@ class LimitSurface:
         normals = self._regular_normals(face, u, v, workers)
         lost = np.isnan(normals[:, 0])
         if lost.any():
-            self._find_limits(*(x.flat[lost] for x in (face, u, v)), lost, normals)
+            self._find_limits(face.flat[lost], u.flat[lost], v.flat[lost], lost, normals)
         return normals.reshape(*face.shape, 3)
 
     def curvature(self, face: ArrayLike, u: Numbers, v: Numbers, workers: int = 1) -> Curvature:
@@ -776,12 +776,12 @@ class LimitSurface:
         """Limit normals at the corners (0, 0), (1, 0), (1, 1), (0, 1) of limit faces, (n, 4, 3)."""
         quads = bool((self.mesh.sizes == 4).all())
         fine = refined(self.mesh, 0 if quads else 1, **vars(self._rules))
-        normals = fine.limit_normals.reshape(-1, 4, 3)
+        normals: Array = fine.limit_normals.reshape(-1, 4, 3)
         if quads:
             return normals
         faces, sizes = self.limit_faces, self.mesh.sizes
         child = self.mesh.offsets[faces.face] + np.maximum(faces.corner, 0)
-        result = normals[child]
+        result: Array = normals[child]
         quad = np.flatnonzero(sizes[faces.face] == 4)
         result[quad] = normals[child[quad, None] + np.arange(4), 0]
         return result
