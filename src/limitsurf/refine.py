@@ -290,13 +290,18 @@ def refined_values(
     )
     for first, channels in _channels(values.shape[1]):
         refinement.refined_points(*known, first, channels, result)
-    side = sharpness.sharp_edges
+    # what is sharp moves less towards the smooth point, and along creases
+    place, (end, other) = sharpness.concerned, sharpness.sharp_ends
+    result[place] = values[place] + smooth[:, None] * (result[place] - values[place])
+    on = np.flatnonzero(along)
+    step = (along[on] * crease_vertex[1])[:, None] * (values[other[on]] - values[end[on]])
+    np.add.at(result, end[on], step)
     # the points of edges without a twin are midpoints
+    side = sharpness.sharp_edges
     inner = np.flatnonzero(mesh.twin[side] >= 0)
-    edges = mesh.n_vertices + mesh.corner_edge[side[inner]], inner, middle[inner], crease_edge[0]
-    vertices = sharpness.concerned, smooth
-    ends = *sharpness.sharp_ends, along * crease_vertex[1]
-    refinement.sharp_points(read_only(values), *read_only((vertices, ends, edges)), result)
+    edge, share = mesh.n_vertices + mesh.corner_edge[side[inner]], middle[inner, None]
+    ends = crease_edge * (values[end[inner]] + values[other[inner]])
+    result[edge] = share * ends + (1 - share) * result[edge]
     return result
 
 

@@ -1,7 +1,8 @@
 """Plain-array functions that import nothing of the library and may be called from any room.
 
-`reference` is vectorised NumPy and runs on any number type. The other modules are compiled with
-Numba, for float64 and integers; importing one loads Numba, so callers ask `compiled` first.
+`reference` is vectorised NumPy and runs on any number type; `rationals` is exact arithmetic in
+NumPy. The other modules are compiled with Numba, for float64 and integers; importing one loads
+Numba, so callers ask `compiled` first.
 """
 
 import os

@@ -282,38 +282,6 @@ def refined_points(
 
 
 @lean
-def sharp_points(
-    points: Array,
-    vertices: tuple[Array, Array],
-    ends: tuple[Array, Array, Array],
-    edges: tuple[Array, Array, Array, float],
-    result: Array,
-) -> None:
-    """What is sharp moves less towards its smooth point, and along creases.
-
-    `vertices` are some, with the shares of their smooth points; `ends` (2 S,) are those of edges,
-    those at the other ends, and weights of these; `edges` are points, which of the S edges they
-    belong to, the shares of their midpoints, and the weight of either end in these.
-    """
-    place, smooth = vertices
-    end, other, along = ends
-    edge, which, middle, half = edges
-    for k in range(len(place)):
-        for c in range(points.shape[1]):
-            own = points[place[k], c]
-            result[place[k], c] = own + smooth[k] * (result[place[k], c] - own)
-    for k in range(len(end)):
-        if along[k] != 0:
-            for c in range(points.shape[1]):
-                result[end[k], c] += along[k] * (points[other[k], c] - points[end[k], c])
-    for k in range(len(edge)):
-        one, two = end[which[k]], other[which[k]]
-        for c in range(points.shape[1]):
-            sharp = half * (points[one, c] + points[two, c])
-            result[edge[k], c] = middle[k] * sharp + (1 - middle[k]) * result[edge[k], c]
-
-
-@lean
 def limit_points(
     points: Array,
     indices: Array,
