@@ -244,6 +244,8 @@ def mesh_of(
         more = f"; {len(vertices) - 1} more like it" if len(vertices) > 1 else ""
         losses.add("points", "", f"vertex {vertices[0]}{why}{more}", "put where another one is")
 
+    if len(indices) and not 0 <= indices.min() <= indices.max() < len(points):
+        return Mesh(points, (sizes, indices))  # which says what is wrong
     points = finite_points(points, indices, lost)
     if uv is not None and len(uv) and len(indices) and rows.max() < len(uv):
         values, found = textured(uv, rows, sizes, losses, place)
