@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -384,10 +383,9 @@ class Mesh:
     def _compiled(self) -> bool:
         """Whether to use compiled connectivity, whose corners have 32 bits in places.
 
-        It finds the same integers: once it is loaded, it is used for small meshes too.
+        It finds the same integers: once a large mesh has used it, small ones do too.
         """
-        loaded = "limitsurf._kernels.connectivity" in sys.modules
-        return self.n_corners < 2**31 and (loaded or self._large)
+        return self.n_corners < 2**31 and (_kernels.connects() or self._large)
 
     @_shared
     def _steps(self) -> tuple[int, IntArray, IntArray]:

@@ -70,6 +70,15 @@ def _load() -> None:
             _loaded = True
 
 
+def connects() -> bool:
+    """Whether compiled connectivity has been used already, so that it costs nothing to begin with."""
+    if not _loaded:
+        return False
+    from limitsurf._kernels import connectivity
+
+    return bool(connectivity._around.signatures)
+
+
 def always() -> None:
     """Use compiled kernels for calls of any size from now on."""
     global _always
