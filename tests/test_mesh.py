@@ -529,7 +529,7 @@ def test_channels(interpolation):
         (([[0, 0]], [0] * 9 + [1], "all"), MeshError, "face 2 has index 1, need 0 to 0$"),
         (([[0, 0]], [0, -1] * 5, "all"), MeshError, "face 0 has index -1, need 0 to 0; 4 more"),
         (([[0, 0]], [0.5] * 10, "all"), TypeError, "face_indices must be integers, got float64"),
-        (([[0, math.nan]], [0] * 10, "all"), MeshError, "row 0: coordinate nan is not finite"),
+        (([[0, math.inf]], [0] * 10, "all"), MeshError, "row 0: coordinate inf is not finite"),
         (([], [0] * 10, "all"), MeshError, "^channel 'uv': need at least one row, got"),
         (([[0, 0]], [0] * 10, "some"), ValueError, "'uv': interpolation: got 'some', need one of"),
         (([[0, 0]], [0] * 10, None), ValueError, "'uv': interpolation: got None, need one of"),

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import chain
-from numbers import Integral, Rational
 from types import MappingProxyType
-from typing import Any, Generic, Self, TypeAlias, TypeVar, cast, overload
+from typing import Any, Generic, Self, TypeAlias, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import _kernels, masked
+from limitsurf import _kernels, checks
+from limitsurf.checks import Faces
+from limitsurf.checks import IntArray as IntArray
+from limitsurf.checks import MeshError as MeshError
 
 __all__ = ["Mesh", "MeshError"]
 
-IntArray: TypeAlias = NDArray[np.int64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 Channel: TypeAlias = tuple[NDArray[Any], IntArray, str]
-Faces: TypeAlias = ArrayLike | Sequence[ArrayLike] | tuple[ArrayLike, ArrayLike]
 
 T = TypeVar("T")
 
@@ -31,24 +29,6 @@ UP = (None, "y", "z")
 INTERPOLATION = ("none", "corners_only", "corners_plus1", "corners_plus2", "boundaries", "all")
 # what a mesh has besides points, faces, tags and channels, as it is given
 CHOICES = ("scheme", "boundary", "creasing", "triangles", "units", "up")
-
-
-class MeshError(ValueError):
-    """A broken cage; the message names the first culprit and says how many more there are.
-
-    ``culprits`` holds what it is about, as pairs such as ``("face", 3)`` or ``("crease", (0, 1))``.
-
-    Examples
-    --------
-    >>> import limitsurf as ls
-    >>> try:
-    ...     ls.Mesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 7]])
-    ... except ls.MeshError as error:
-    ...     print(error.culprits)
-    (('face', 0),)
-    """
-
-    culprits: tuple[tuple[str, Any], ...] = ()
 
 
 class _shared(Generic[T]):
@@ -248,8 +228,8 @@ class Mesh:
         up: str | None = None,
     ) -> None:
         self._connectivity: dict[str, Any] = {}
-        self.points = read_only(_numbers(points, "vertex"))
-        sizes, indices = _face_arrays(faces)
+        self.points = read_only(checks.numbers(points, "vertex"))
+        sizes, indices = checks.face_arrays(faces)
         self.sizes, self.indices = read_only(sizes), read_only(indices)
         _check_faces(self)
         choices = (scheme, boundary, creasing, triangles)
@@ -288,10 +268,10 @@ class Mesh:
         up: str | None = None,
     ) -> None:
         self.scheme = scheme
-        self.boundary = _choice(boundary, "boundary", BOUNDARY)
-        self.creasing = _choice(creasing, "creasing", CREASING)
-        self.triangles = _choice(triangles, "triangles", TRIANGLES)
-        self.units, self.up = _units(units), _choice(up, "up", UP)
+        self.boundary = checks.choice(boundary, "boundary", BOUNDARY)
+        self.creasing = checks.choice(creasing, "creasing", CREASING)
+        self.triangles = checks.choice(triangles, "triangles", TRIANGLES)
+        self.units, self.up = checks.units(units), checks.choice(up, "up", UP)
         self.creases = read_only(_crease_tags(self, creases))
         self.corners = read_only(_corner_tags(self, corners))
         self.holes = read_only(_hole_tags(self, holes))
@@ -309,7 +289,7 @@ class Mesh:
         MeshError
             A number of points other than ``n_vertices``, or coordinates that are NaN or infinite.
         """
-        new_points = _numbers(points, "vertex")
+        new_points = checks.numbers(points, "vertex")
         if len(new_points) != self.n_vertices:
             raise MeshError(
                 f"got {len(new_points)} points, need {self.n_vertices}, one for each vertex"
@@ -622,9 +602,9 @@ class Mesh:
         on_rim = self.boundary_vertex | self.nonmanifold_vertex
         interior = self.vertex_faces[~on_rim & (self.vertex_faces > 0)]
         parts = [
-            _count(self.n_vertices, "vertex"),
-            _count(self.n_edges, "edge"),
-            f"{_count(self.n_faces, 'face')} {_histogram(self.sizes)}",
+            checks.count(self.n_vertices, "vertex"),
+            checks.count(self.n_edges, "edge"),
+            f"{checks.count(self.n_faces, 'face')} {_histogram(self.sizes)}",
         ]
         if len(interior):
             parts.append(f"interior valences {_histogram(interior)}")
@@ -636,7 +616,7 @@ class Mesh:
             "corner": len(self.corners[0]),
             "hole": len(self.holes),
         }
-        parts += [_count(n, noun) for noun, n in tagged.items() if n]
+        parts += [checks.count(n, noun) for noun, n in tagged.items() if n]
         options = {name: getattr(self, name) for name in CHOICES}
         parts += [f"{name}={value!r}" for name, value in options.items() if value is not None]
         parts += [f"channel {name!r}" for name in self.channels]
@@ -705,10 +685,6 @@ def _offsets(counts: IntArray) -> IntArray:
     return np.concatenate([[0], np.cumsum(counts)])
 
 
-def _count(n: int, noun: str) -> str:
-    return f"{n} {noun if n == 1 else noun.replace('vertex', 'vertice') + 's'}"
-
-
 def _histogram(values: IntArray) -> str:
     found, counts = np.unique(values, return_counts=True)
     text = ", ".join(
@@ -717,169 +693,9 @@ def _histogram(values: IntArray) -> str:
     return f"{{{text}{', ...' if len(found) > 8 else ''}}}"
 
 
-def _check(broken: ArrayLike, describe: Callable[[int], tuple[Any, ...]]) -> None:
-    """Raise if any is true; ``describe`` gives the message and the culprits for the first one."""
-    found = np.flatnonzero(broken)
-    if len(found):
-        message, *culprits = describe(int(found[0]))
-        error = MeshError(message + (f"; {len(found) - 1} more like it" if len(found) > 1 else ""))
-        error.culprits = tuple(culprits)
-        raise error
-
-
-def _choice(value: T, name: str, allowed: tuple[T, ...]) -> T:
-    if value not in allowed:
-        raise ValueError(f"{name}: got {value!r}, need one of {', '.join(map(repr, allowed))}")
-    return value
-
-
-def _complete(values: T, what: str) -> T:
-    """The values, none of which may be masked."""
-    wrong = masked.refusal(values, what)
-    if wrong:
-        raise MeshError(wrong)
-    return values
-
-
-def _units(value: Any) -> float | None:
-    """A length in metres, or None."""
-    if value is None:
-        return None
-    number = isinstance(value, (int, float, np.integer, np.floating, Rational))
-    if not number or isinstance(value, bool) or not 0 < value < math.inf:
-        raise ValueError(f"units: got {value!r}, need a positive number of metres, or None")
-    return float(value)
-
-
-def _numbers(values: ArrayLike, row: str, prefix: str = "", gaps: bool = False) -> NDArray[Any]:
-    """A copy of coordinates as float64 or objects; messages call an entry a ``row``.
-
-    All are finite, or NaN if there may be gaps.
-    """
-    values = _complete(values, f"{prefix}coordinates")
-    try:
-        array = np.array(values)
-    except ValueError as error:
-        raise MeshError(f"{prefix}coordinates do not form an array: {error}") from None
-    if array.ndim == 0 or len(array) == 0:
-        raise MeshError(f"{prefix}need at least one {row}, got coordinates of shape {array.shape}")
-    need = f"{prefix}coordinates must be real numbers"
-    if array.dtype.kind not in "iufO":
-        raise TypeError(f"{need}, got an array of {array.dtype}")
-    if array.dtype == object:
-        wrong = np.frompyfunc(_is_no_number, 1, 1)(array).astype(bool)
-        if wrong.any():
-            raise TypeError(f"{need}, got {array[wrong][0]!r}")
-        infinite = np.frompyfunc(_is_infinite_float, 1, 1)(array).astype(bool)
-        if gaps:
-            infinite &= (array == array).astype(bool)
-    else:
-        array = array.astype(np.float64, copy=False)
-        infinite = np.isinf(array) if gaps else ~np.isfinite(array)
-        if not infinite.any():
-            return array
-    _check(
-        infinite.reshape(len(array), -1).any(axis=1),
-        lambda i: (f"{prefix}{row} {i}: coordinate {array[infinite][0]} is not finite",),
-    )
-    return array
-
-
-def _is_no_number(value: Any) -> bool:
-    return value is None or isinstance(value, (str, bytes, bool, complex, Sequence))
-
-
-def _is_infinite_float(value: Any) -> bool:
-    return isinstance(value, (float, np.floating)) and not math.isfinite(value)
-
-
-def checked_integer(name: str, value: Any, least: int | None = None) -> int:
-    """The value of an argument, which must be an integer, at least so large."""
-    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if not whole or (least is not None and value < least):
-        need = "" if least is None else f" >= {least}"
-        raise ValueError(f"{name} must be an integer{need}, got {value!r}")
-    return int(value)
-
-
-def _integers(values: Any, what: str) -> IntArray:
-    """A copy of ``values`` as int64; an empty list, whose type numpy cannot know, passes."""
-    values = _complete(values, what)
-    try:
-        array = np.array(values)
-    except ValueError as error:
-        raise MeshError(f"{what} do not form an array: {error}") from None
-    kind, flat = array.dtype.kind, array.ravel()
-    if kind == "O" and all(isinstance(x, Integral) and not isinstance(x, bool) for x in flat):
-        large: Any = [x for x in flat if not -(2**63) <= x < 2**63]
-    elif array.size and kind not in "iu":
-        raise TypeError(f"{what} must be integers, got {array.dtype} such as {flat[0]}")
-    else:
-        large = flat[flat >= 2**63][:1] if array.dtype == np.uint64 else ()
-    if len(large):
-        raise MeshError(f"{what}: got {large[0]}, which is beyond any that there can be, 2^63 - 1")
-    return array.astype(np.int64, copy=False)
-
-
-def _face_arrays(faces: Faces) -> tuple[IntArray, IntArray]:
-    """``sizes`` and ``indices`` from any of the three ways to give faces."""
-    if isinstance(faces, np.ndarray) and faces.dtype != object:
-        if faces.ndim != 2:
-            raise MeshError(f"faces: got an array of shape {faces.shape}, need (n_faces, k)")
-        indices = _integers(faces, "vertex indices of faces").reshape(-1)
-        sizes = np.full(len(faces), faces.shape[1])
-    elif isinstance(faces, tuple) and len(faces) == 2 and not isinstance(faces[0], tuple):
-        sizes = _integers(faces[0], "face sizes")
-        indices = _integers(faces[1], "vertex indices of faces")
-        _check_pair(sizes, indices)
-    else:
-        try:
-            rows = list(cast(Sequence[Sequence[int]], faces))
-            if any(isinstance(row, np.ma.MaskedArray) for row in rows):
-                rows = [_complete(x, f"vertices of face {f}") for f, x in enumerate(rows)]
-            sizes = np.array(list(map(len, rows)), dtype=np.int64)
-            indices = _integers(list(chain.from_iterable(rows)), "vertex indices of faces")
-        except TypeError as error:
-            raise TypeError(
-                "faces: need an (m, k) integer array, a list of index sequences or a pair "
-                f"(sizes, indices); {error}"
-            ) from None
-        if indices.ndim != 1:
-            raise MeshError("faces: need index sequences, got sequences nested deeper")
-    if len(sizes) == 0:
-        raise MeshError("need at least one face, got none")
-    return sizes, indices
-
-
-def _check_sizes(sizes: IntArray) -> None:
-    """Every face has three or more corners."""
-    _check(
-        sizes < 3,
-        lambda f: (f"face {f} has {_count(sizes[f], 'corner')}, need at least 3", ("face", f)),
-    )
-
-
-def _check_pair(sizes: IntArray, indices: IntArray) -> None:
-    """Sizes of faces, and as many indices; one size after the other, since sums may wrap."""
-    need = "need two 1-d arrays with sum(sizes) == len(indices) (two faces are a list)"
-    if sizes.ndim != 1 or indices.ndim != 1:
-        shapes = f"{sizes.shape} and {indices.shape}"
-        raise MeshError(f"faces as a pair (sizes, indices): got shapes {shapes}; {need}")
-    _check_sizes(sizes)
-    _check(
-        sizes > len(indices),
-        lambda f: (f"face {f} has {sizes[f]} corners, of {len(indices)} indices", ("face", f)),
-    )
-    if sizes.sum() != len(indices):
-        raise MeshError(
-            f"faces as a pair (sizes, indices): sum(sizes) = {sizes.sum()}, len(indices) = "
-            f"{len(indices)}; {need}"
-        )
-
-
 def _check_faces(mesh: Mesh) -> None:
     """Every face has three or more corners, at vertices that exist."""
-    _check_sizes(mesh.sizes)
+    checks.check_sizes(mesh.sizes)
 
     def missing(h: int) -> tuple[Any, ...]:
         face, vertex = int(mesh.corner_face[h]), mesh.indices[h]
@@ -888,118 +704,55 @@ def _check_faces(mesh: Mesh) -> None:
         return f"face {face}: vertex index {vertex} is {reason}, {need}", ("face", face)
 
     if mesh.indices.min() < 0 or mesh.indices.max() >= mesh.n_vertices:
-        _check((mesh.indices < 0) | (mesh.indices >= mesh.n_vertices), missing)
-
-
-def _sharpness(values: Any, what: str, names: IntArray) -> NDArray[Any]:
-    """Validated sharpness, float64 or objects, one for each of ``names``, numbers or pairs."""
-    array = np.array(_complete(values, f"sharpness of {what}s"))
-    array = np.zeros(0) if array.shape == (0,) else array
-    if array.shape != (len(names),):
-        raise MeshError(f"{what}s: got sharpness of shape {array.shape}, need ({len(names)},)")
-    if array.dtype.kind not in "iufO":
-        raise TypeError(f"{what}s: sharpness must be real numbers, got {array.dtype}")
-    if array.dtype != object:
-        array = array.astype(np.float64, copy=False)
-    else:
-        wrong = [x for x in array if not isinstance(x, (Rational, float, np.floating, np.integer))]
-        if wrong:
-            raise TypeError(
-                f"{what}s: sharpness must be Fractions, ints or floats, got {wrong[0]!r}"
-            )
-    _check(
-        ~(array >= 0).astype(bool),  # so is NaN
-        lambda i: (
-            f"{what} {_name(names[i])}: sharpness {array[i]} is not in [0, inf]",
-            (what, _name(names[i])),
-        ),
-    )
-    return array
-
-
-def _name(number: IntArray) -> int | tuple[int, ...]:
-    """A vertex or face, or the vertices of an edge, for messages."""
-    return tuple(number.tolist()) if number.ndim else int(number)
-
-
-def _tagged(given: Any, what: str) -> tuple[Any, Any]:
-    """Keys and sharpness of a mapping or a pair."""
-    if given is None:
-        return (), ()
-    if isinstance(given, Mapping):
-        return list(given), list(given.values())
-    if isinstance(given, (tuple, list)) and len(given) == 2:
-        return given[0], given[1]
-    raise TypeError(f"{what}s: need a mapping or a pair of arrays, got {type(given).__name__}")
+        checks.check((mesh.indices < 0) | (mesh.indices >= mesh.n_vertices), missing)
 
 
 def _crease_tags(mesh: Mesh, given: Any) -> tuple[IntArray, NDArray[Any]]:
-    keys, values = _tagged(given, "crease")
-    ends = _integers(keys, "vertices of creases") if len(keys) else np.zeros((0, 2), dtype=np.int64)
+    keys, values = checks.tagged(given, "crease")
+    ends = (
+        checks.integers(keys, "vertices of creases")
+        if len(keys)
+        else np.zeros((0, 2), dtype=np.int64)
+    )
     if ends.ndim != 2 or ends.shape[1] != 2:
         raise MeshError(f"creases: got edges of shape {ends.shape}, need (c, 2)")
     names = ends
-    sharpness = _sharpness(values, "crease", names)
+    sharpness = checks.sharpness(values, "crease", names)
     if len(names) == 0:
         return ends, sharpness
     ends = np.sort(ends, axis=1)
     edge = mesh.edge_numbers(ends).clip(max=mesh.n_edges - 1)
-    _check(
+    checks.check(
         (mesh.edges[edge] != ends).any(axis=1),
         lambda i: (
-            f"crease {_name(names[i])}: the mesh has no such edge",
-            ("crease", _name(names[i])),
+            f"crease {checks.named(names[i])}: the mesh has no such edge",
+            ("crease", checks.named(names[i])),
         ),
     )
-    order = _distinct_order(edge, "crease", names)
+    order = checks.distinct_order(edge, "crease", names)
     return ends[order], sharpness[order]
 
 
 def _corner_tags(mesh: Mesh, given: Any) -> tuple[IntArray, NDArray[Any]]:
-    keys, values = _tagged(given, "corner")
-    vertices = _integers(keys, "vertices of corners")
-    _check_range(vertices, "corner", mesh.n_vertices)
-    sharpness = _sharpness(values, "corner", vertices)
-    order = _distinct_order(vertices, "corner", vertices)
+    keys, values = checks.tagged(given, "corner")
+    vertices = checks.integers(keys, "vertices of corners")
+    checks.check_range(vertices, "corner", mesh.n_vertices)
+    sharpness = checks.sharpness(values, "corner", vertices)
+    order = checks.distinct_order(vertices, "corner", vertices)
     return vertices[order], sharpness[order]
 
 
 def _hole_tags(mesh: Mesh, given: Any) -> IntArray:
-    faces = _integers(() if given is None else given, "holes")
-    _check_range(faces, "hole", mesh.n_faces)
-    return faces[_distinct_order(faces, "hole", faces)]
-
-
-def _check_range(indices: IntArray, what: str, end: int) -> None:
-    """All indices are less than ``end``."""
-    if indices.ndim != 1:
-        raise MeshError(f"{what}s: got indices of shape {indices.shape}, need (n,)")
-    _check(
-        (indices < 0) | (indices >= end),
-        lambda i: (
-            f"{what} {indices[i]} is out of range, need 0 to {end - 1}",
-            (what, _name(indices[i])),
-        ),
-    )
-
-
-def _distinct_order(keys: IntArray, what: str, names: IntArray) -> IntArray:
-    """The order that sorts ``keys``, of which no two may be equal."""
-    order = np.argsort(keys, kind="stable")
-
-    def twice(i: int) -> tuple[Any, ...]:
-        name = _name(names[order[i + 1]])
-        return f"{what} {name} is given more than once", (what, name)
-
-    _check(np.diff(keys[order]) == 0, twice)
-    return order
+    faces = checks.integers(() if given is None else given, "holes")
+    checks.check_range(faces, "hole", mesh.n_faces)
+    return faces[checks.distinct_order(faces, "hole", faces)]
 
 
 def _channel(mesh: Mesh, name: str, given: Any) -> Channel:
     if not isinstance(given, (tuple, list)) or len(given) != 3:
         raise TypeError(f"channel {name!r}: need (values, face_indices, interpolation)")
-    values = _numbers(given[0], "row", f"channel {name!r}: ", gaps=True)
-    rows = _integers(given[1], f"channel {name!r}: face_indices")
+    values = checks.numbers(given[0], "row", f"channel {name!r}: ", gaps=True)
+    rows = checks.integers(given[1], f"channel {name!r}: face_indices")
     if rows.shape != (mesh.n_corners,):
         raise MeshError(
             f"channel {name!r}: got face_indices of shape {rows.shape}, need ({mesh.n_corners},)"
@@ -1010,6 +763,6 @@ def _channel(mesh: Mesh, name: str, given: Any) -> Channel:
         need = f"need 0 to {len(values) - 1}"
         return f"channel {name!r}: face {face} has index {rows[h]}, {need}", ("face", face)
 
-    _check((rows < 0) | (rows >= len(values)), missing)
-    interpolation = _choice(given[2], f"channel {name!r}: interpolation", INTERPOLATION)
+    checks.check((rows < 0) | (rows >= len(values)), missing)
+    interpolation = checks.choice(given[2], f"channel {name!r}: interpolation", INTERPOLATION)
     return values, rows, interpolation

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from limitsurf import memory
 from limitsurf.caching import cached_property
-from limitsurf.mesh import Mesh, checked_integer
+from limitsurf.checks import checked_integer
+from limitsurf.mesh import Mesh
 from limitsurf.patches import NO_LIMIT
 from limitsurf.refine import refined, refuse_levels
 from limitsurf.surface import LimitSurface

@@ -15,7 +15,8 @@ from limitsurf import _kernels, memory, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
-from limitsurf.mesh import Mesh, checked_integer, read_only
+from limitsurf.checks import checked_integer
+from limitsurf.mesh import Mesh, read_only
 from limitsurf.rules import PENDING, Rules, Sectors, Sharpness
 from limitsurf.topology import (
     MeshPart,

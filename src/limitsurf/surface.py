@@ -14,9 +14,10 @@ from limitsurf import _kernels, lazy, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
+from limitsurf.checks import checked_integer
 from limitsurf.groups import JET, ExactValues, Group, Groups, Order, Values, curvatures
 from limitsurf.masked import unmasked
-from limitsurf.mesh import Mesh, checked_integer
+from limitsurf.mesh import Mesh
 from limitsurf.packing import TERMS, Packing, threads
 from limitsurf.patches import PatchTable
 from limitsurf.refine import ExactOperator, eliminated, refined, sparse_operator, stacked

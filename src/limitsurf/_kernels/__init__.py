@@ -71,12 +71,13 @@ def _load() -> None:
 
 
 def connects() -> bool:
-    """Whether compiled connectivity has been used already, so that it costs nothing to begin with."""
+    """Whether compiled connectivity has been used, so that nothing is to be loaded for it."""
     if not _loaded:
         return False
     from limitsurf._kernels import connectivity
 
-    return bool(connectivity._around.signatures)
+    dispatcher: Any = connectivity._around
+    return bool(dispatcher.signatures)
 
 
 def always() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import memory
-from limitsurf.mesh import checked_integer
+from limitsurf.checks import checked_integer
 from limitsurf.query import POLYGON, validate
 from limitsurf.shell import charts
 from limitsurf.shell import picture as pictures

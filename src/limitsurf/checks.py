@@ -1,0 +1,268 @@
+"""Checks of what a cage is made from: errors say what was wrong, where, and what is needed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
+from numbers import Integral, Rational
+from typing import Any, TypeAlias, TypeVar, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from limitsurf import masked
+
+IntArray: TypeAlias = NDArray[np.int64]
+Faces: TypeAlias = ArrayLike | Sequence[ArrayLike] | tuple[ArrayLike, ArrayLike]
+
+T = TypeVar("T")
+
+
+class MeshError(ValueError):
+    """A broken cage; the message names the first culprit and says how many more there are.
+
+    ``culprits`` holds what it is about, as pairs such as ``("face", 3)`` or ``("crease", (0, 1))``.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> try:
+    ...     ls.Mesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 7]])
+    ... except ls.MeshError as error:
+    ...     print(error.culprits)
+    (('face', 0),)
+    """
+
+    culprits: tuple[tuple[str, Any], ...] = ()
+
+
+def count(n: int, noun: str) -> str:
+    return f"{n} {noun if n == 1 else noun.replace('vertex', 'vertice') + 's'}"
+
+
+def check(broken: ArrayLike, describe: Callable[[int], tuple[Any, ...]]) -> None:
+    """Raise if any is true; ``describe`` gives the message and the culprits for the first one."""
+    found = np.flatnonzero(broken)
+    if len(found):
+        message, *culprits = describe(int(found[0]))
+        error = MeshError(message + (f"; {len(found) - 1} more like it" if len(found) > 1 else ""))
+        error.culprits = tuple(culprits)
+        raise error
+
+
+def choice(value: T, name: str, allowed: tuple[T, ...]) -> T:
+    if value not in allowed:
+        raise ValueError(f"{name}: got {value!r}, need one of {', '.join(map(repr, allowed))}")
+    return value
+
+
+def complete(values: T, what: str) -> T:
+    """The values, none of which may be masked."""
+    wrong = masked.refusal(values, what)
+    if wrong:
+        raise MeshError(wrong)
+    return values
+
+
+def units(value: Any) -> float | None:
+    """A length in metres, or None."""
+    if value is None:
+        return None
+    number = isinstance(value, (int, float, np.integer, np.floating, Rational))
+    if not number or isinstance(value, bool) or not 0 < value < math.inf:
+        raise ValueError(f"units: got {value!r}, need a positive number of metres, or None")
+    return float(value)
+
+
+def numbers(values: ArrayLike, row: str, prefix: str = "", gaps: bool = False) -> NDArray[Any]:
+    """A copy of coordinates as float64 or objects; messages call an entry a ``row``.
+
+    All are finite, or NaN if there may be gaps.
+    """
+    values = complete(values, f"{prefix}coordinates")
+    try:
+        array = np.array(values)
+    except ValueError as error:
+        raise MeshError(f"{prefix}coordinates do not form an array: {error}") from None
+    if array.ndim == 0 or len(array) == 0:
+        raise MeshError(f"{prefix}need at least one {row}, got coordinates of shape {array.shape}")
+    need = f"{prefix}coordinates must be real numbers"
+    if array.dtype.kind not in "iufO":
+        raise TypeError(f"{need}, got an array of {array.dtype}")
+    if array.dtype == object:
+        wrong = np.frompyfunc(_is_no_number, 1, 1)(array).astype(bool)
+        if wrong.any():
+            raise TypeError(f"{need}, got {array[wrong][0]!r}")
+        infinite = np.frompyfunc(_is_infinite_float, 1, 1)(array).astype(bool)
+        if gaps:
+            infinite &= (array == array).astype(bool)
+    else:
+        array = array.astype(np.float64, copy=False)
+        infinite = np.isinf(array) if gaps else ~np.isfinite(array)
+        if not infinite.any():
+            return array
+    check(
+        infinite.reshape(len(array), -1).any(axis=1),
+        lambda i: (f"{prefix}{row} {i}: coordinate {array[infinite][0]} is not finite",),
+    )
+    return array
+
+
+def _is_no_number(value: Any) -> bool:
+    return value is None or isinstance(value, (str, bytes, bool, complex, Sequence))
+
+
+def _is_infinite_float(value: Any) -> bool:
+    return isinstance(value, (float, np.floating)) and not math.isfinite(value)
+
+
+def checked_integer(name: str, value: Any, least: int | None = None) -> int:
+    """The value of an argument, which must be an integer, at least so large."""
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not whole or (least is not None and value < least):
+        need = "" if least is None else f" >= {least}"
+        raise ValueError(f"{name} must be an integer{need}, got {value!r}")
+    return int(value)
+
+
+def integers(values: Any, what: str) -> IntArray:
+    """A copy of ``values`` as int64; an empty list, whose type numpy cannot know, passes."""
+    values = complete(values, what)
+    try:
+        array = np.array(values)
+    except ValueError as error:
+        raise MeshError(f"{what} do not form an array: {error}") from None
+    kind, flat = array.dtype.kind, array.ravel()
+    if kind == "O" and all(isinstance(x, Integral) and not isinstance(x, bool) for x in flat):
+        large: Any = [x for x in flat if not -(2**63) <= x < 2**63]
+    elif array.size and kind not in "iu":
+        raise TypeError(f"{what} must be integers, got {array.dtype} such as {flat[0]}")
+    else:
+        large = flat[flat >= 2**63][:1] if array.dtype == np.uint64 else ()
+    if len(large):
+        raise MeshError(f"{what}: got {large[0]}, which is beyond any that there can be, 2^63 - 1")
+    return array.astype(np.int64, copy=False)
+
+
+def face_arrays(faces: Faces) -> tuple[IntArray, IntArray]:
+    """``sizes`` and ``indices`` from any of the three ways to give faces."""
+    if isinstance(faces, np.ndarray) and faces.dtype != object:
+        if faces.ndim != 2:
+            raise MeshError(f"faces: got an array of shape {faces.shape}, need (n_faces, k)")
+        indices = integers(faces, "vertex indices of faces").reshape(-1)
+        sizes = np.full(len(faces), faces.shape[1])
+    elif isinstance(faces, tuple) and len(faces) == 2 and not isinstance(faces[0], tuple):
+        sizes = integers(faces[0], "face sizes")
+        indices = integers(faces[1], "vertex indices of faces")
+        _check_pair(sizes, indices)
+    else:
+        try:
+            rows = list(cast(Sequence[Sequence[int]], faces))
+            if any(isinstance(row, np.ma.MaskedArray) for row in rows):
+                rows = [complete(x, f"vertices of face {f}") for f, x in enumerate(rows)]
+            sizes = np.array(list(map(len, rows)), dtype=np.int64)
+            indices = integers(list(chain.from_iterable(rows)), "vertex indices of faces")
+        except TypeError as error:
+            raise TypeError(
+                "faces: need an (m, k) integer array, a list of index sequences or a pair "
+                f"(sizes, indices); {error}"
+            ) from None
+        if indices.ndim != 1:
+            raise MeshError("faces: need index sequences, got sequences nested deeper")
+    if len(sizes) == 0:
+        raise MeshError("need at least one face, got none")
+    return sizes, indices
+
+
+def check_sizes(sizes: IntArray) -> None:
+    """Every face has three or more corners."""
+    check(
+        sizes < 3,
+        lambda f: (f"face {f} has {count(sizes[f], 'corner')}, need at least 3", ("face", f)),
+    )
+
+
+def _check_pair(sizes: IntArray, indices: IntArray) -> None:
+    """Sizes of faces, and as many indices; one size after the other, since sums may wrap."""
+    need = "need two 1-d arrays with sum(sizes) == len(indices) (two faces are a list)"
+    if sizes.ndim != 1 or indices.ndim != 1:
+        shapes = f"{sizes.shape} and {indices.shape}"
+        raise MeshError(f"faces as a pair (sizes, indices): got shapes {shapes}; {need}")
+    check_sizes(sizes)
+    check(
+        sizes > len(indices),
+        lambda f: (f"face {f} has {sizes[f]} corners, of {len(indices)} indices", ("face", f)),
+    )
+    if sizes.sum() != len(indices):
+        raise MeshError(
+            f"faces as a pair (sizes, indices): sum(sizes) = {sizes.sum()}, len(indices) = "
+            f"{len(indices)}; {need}"
+        )
+
+
+def sharpness(values: Any, what: str, names: IntArray) -> NDArray[Any]:
+    """Validated sharpness, float64 or objects, one for each of ``names``, numbers or pairs."""
+    array = np.array(complete(values, f"sharpness of {what}s"))
+    array = np.zeros(0) if array.shape == (0,) else array
+    if array.shape != (len(names),):
+        raise MeshError(f"{what}s: got sharpness of shape {array.shape}, need ({len(names)},)")
+    if array.dtype.kind not in "iufO":
+        raise TypeError(f"{what}s: sharpness must be real numbers, got {array.dtype}")
+    if array.dtype != object:
+        array = array.astype(np.float64, copy=False)
+    else:
+        wrong = [x for x in array if not isinstance(x, (Rational, float, np.floating, np.integer))]
+        if wrong:
+            raise TypeError(
+                f"{what}s: sharpness must be Fractions, ints or floats, got {wrong[0]!r}"
+            )
+    check(
+        ~(array >= 0).astype(bool),  # so is NaN
+        lambda i: (
+            f"{what} {named(names[i])}: sharpness {array[i]} is not in [0, inf]",
+            (what, named(names[i])),
+        ),
+    )
+    return array
+
+
+def named(number: IntArray) -> int | tuple[int, ...]:
+    """A vertex or face, or the vertices of an edge, for messages."""
+    return tuple(number.tolist()) if number.ndim else int(number)
+
+
+def tagged(given: Any, what: str) -> tuple[Any, Any]:
+    """Keys and sharpness of a mapping or a pair."""
+    if given is None:
+        return (), ()
+    if isinstance(given, Mapping):
+        return list(given), list(given.values())
+    if isinstance(given, (tuple, list)) and len(given) == 2:
+        return given[0], given[1]
+    raise TypeError(f"{what}s: need a mapping or a pair of arrays, got {type(given).__name__}")
+
+
+def check_range(indices: IntArray, what: str, end: int) -> None:
+    """All indices are less than ``end``."""
+    if indices.ndim != 1:
+        raise MeshError(f"{what}s: got indices of shape {indices.shape}, need (n,)")
+    check(
+        (indices < 0) | (indices >= end),
+        lambda i: (
+            f"{what} {indices[i]} is out of range, need 0 to {end - 1}",
+            (what, named(indices[i])),
+        ),
+    )
+
+
+def distinct_order(keys: IntArray, what: str, names: IntArray) -> IntArray:
+    """The order that sorts ``keys``, of which no two may be equal."""
+    order = np.argsort(keys, kind="stable")
+
+    def twice(i: int) -> tuple[Any, ...]:
+        name = named(names[order[i + 1]])
+        return f"{what} {name} is given more than once", (what, name)
+
+    check(np.diff(keys[order]) == 0, twice)
+    return order
