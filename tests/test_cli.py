@@ -930,7 +930,9 @@ def test_texture_coordinates_come_along(tmp_path):
     ls.write(path, ls.Mesh(*zoo.cube(), channels={"uv": uv}))
     assert facts("tessellate", path, "-o", tmp_path / "a.obj")["channels"] == ["uv"]
     assert "\nvt " in (tmp_path / "a.obj").read_text()
-    succeed("tessellate", path, "-o", tmp_path / "a.stl")  # which has no place for them
+    result = run("tessellate", path, "-o", tmp_path / "a.stl")
+    assert result.exit_code == 0
+    assert "type .stl cannot hold everything, left out: channel 'uv'" in result.stderr
     assert "'st'; it has 'uv'" in fail("tessellate", path, "--channel", "st").replace(
         "no channel ", ""
     )

@@ -4,17 +4,23 @@ Libraries that read files trust the counts in them: a wrong one makes them ask f
 memory, read beyond their arrays, or read on for ever. So whatever they read is read here: a
 function is called by name in a child that has so much address space and time, and what it returns
 comes back as plain arrays, its warnings and errors as they are.
+
+What loads a library once can read many files: on Linux a child is a fork of a process that has done
+so, and waits for the next for a while (`_Server`); elsewhere each loads what it needs.
 """
 
 from __future__ import annotations
 
+import atexit
 import builtins
 import inspect
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Iterable, Mapping
@@ -37,9 +43,15 @@ MEMORY, MEMORY_PER_BYTE = 300 << 20, 128
 SECONDS, SECONDS_PER_BYTE = 10.0, 2e-6  # of a processor
 WAIT = 2  # times as many seconds pass before the end
 
+IDLE = 60.0  # seconds that a server waits for the next request
+
 _START = (
     "import json, sys; request = json.loads(sys.stdin.readline()); sys.path[:] = request['path'];"
     "from limitsurf.shell.apart import answer; answer(request)"
+)
+_SERVE = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[2]);"
+    "from limitsurf.shell.apart import serve; serve(int(sys.argv[1]), json.loads(sys.argv[3]))"
 )
 # one thread: each takes address space, whose amount would depend on the number of processors
 _ALONE = dict.fromkeys(
@@ -104,31 +116,45 @@ def read_apart(
         "size": size,
         "scale": scale(),
     }
-    # where the child cannot end itself
-    patience = None if _LATE else 60 + WAIT * _seconds(size, scale())
     try:
-        done = subprocess.run(
-            [sys.executable, "-P", "-c", _START],
-            input=json.dumps(request).encode() + b"\n",
-            capture_output=True,
-            timeout=patience,
-            env=os.environ | _ALONE,
-        )
+        code, output, said = _run(request)
     except subprocess.TimeoutExpired:
         raise MeshError(_too_slow(name, size)) from None
-    if -done.returncode in _LATE:
+    if -code in _LATE:
         raise MeshError(_too_slow(name, size))
-    if done.returncode < 0:
+    if code < 0:
         raise MeshError(
-            f"{name}: truncated or broken: its reader was ended by signal {-done.returncode}, or "
+            f"{name}: truncated or broken: its reader was ended by signal {-code}, or "
             f"{_need_memory(size)}"
         )
-    if done.returncode:
-        said = (done.stderr.decode(errors="replace").strip() or "nothing").splitlines()[-1]
-        raise MeshError(
-            f"{name}: truncated or broken: its reader ended with {done.returncode}: {said[:300]}"
-        )
-    return _received(name, done.stdout)
+    if code:
+        words = (said.decode(errors="replace").strip() or "nothing").splitlines()[-1]
+        raise MeshError(f"{name}: truncated or broken: its reader ended with {code}: {words[:300]}")
+    return _received(name, output)
+
+
+def _run(request: dict[str, Any]) -> tuple[int, bytes, bytes]:
+    """The exit code of a child, and what it writes to the standard output and error."""
+    if sys.platform == "linux" and (server := _Server.free(request)) is not None:
+        try:
+            return (*server.ask(request), b"")
+        except OSError:  # it has ended
+            server.end()
+        except BaseException:
+            server.end()
+            raise
+        finally:
+            server.lock.release()
+    # where the child cannot end itself
+    patience = None if _LATE else 60 + WAIT * _seconds(request["size"], request["scale"])
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", _START],
+        input=json.dumps(request).encode() + b"\n",
+        capture_output=True,
+        timeout=patience,
+        env=os.environ | _ALONE,
+    )
+    return done.returncode, done.stdout, done.stderr
 
 
 def allow(size: int) -> None:
@@ -225,6 +251,108 @@ def _packed(value: Any, arrays: list[Any]) -> Any:
         return ["dict", [[key, _packed(item, arrays)] for key, item in value.items()]]
     kind = "tuple" if isinstance(value, tuple) else "list"
     return [kind, [_packed(item, arrays) for item in value]]
+
+
+class _Server:
+    """A process that has loaded a library, and forks for every file that is to be read."""
+
+    known: dict[tuple[Any, ...], _Server] = {}  # noqa: RUF012  (of all instances)
+
+    def __init__(self, modules: list[str]) -> None:
+        self.lock = threading.Lock()
+        self.link, theirs = socket.socketpair()
+        with theirs:
+            arguments = [str(theirs.fileno()), json.dumps(sys.path), json.dumps(modules)]
+            self.process = subprocess.Popen(
+                [sys.executable, "-P", "-c", _SERVE, *arguments],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                env=os.environ | _ALONE,
+                start_new_session=True,
+            )
+
+    @classmethod
+    def free(cls, request: dict[str, Any]) -> _Server | None:
+        """A server, locked; None if that for the modules of a request is busy."""
+        key = os.getpid(), *request["modules"]
+        server = cls.known.get(key)
+        if server is not None and server.process.poll() is not None:
+            server.end()
+            server = None
+        if server is None:
+            server = cls.known[key] = cls(request["modules"])
+        return server if server.lock.acquire(blocking=False) else None
+
+    def ask(self, request: dict[str, Any]) -> tuple[int, bytes]:
+        """The exit code of the fork that answers a request, and its answer."""
+        around = {"environment": dict(os.environ) | _ALONE, "folder": os.getcwd()}
+        body = json.dumps(request | around).encode()
+        reading, writing = os.pipe()
+        with open(reading, "rb") as pipe:
+            try:
+                socket.send_fds(self.link, [len(body).to_bytes(8, "big")], [writing])
+            finally:
+                os.close(writing)
+            self.link.sendall(body)
+            content = pipe.read()
+        return int.from_bytes(_exactly(self.link, 4), "big", signed=True), content
+
+    def end(self) -> None:
+        """End it and what it has begun."""
+        self.link.close()
+        with suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+
+
+@atexit.register
+def _end_servers() -> None:
+    for (process, *_), server in _Server.known.items():
+        if process == os.getpid():
+            server.end()
+
+
+def _exactly(link: socket.socket, length: int) -> bytes:
+    """So many bytes from a socket; OSError if it ends before."""
+    parts = []
+    while length:
+        part = link.recv(min(length, 1 << 16))
+        if not part:
+            raise OSError("the other side has ended")
+        parts.append(part)
+        length -= len(part)
+    return b"".join(parts)
+
+
+def serve(number: int, modules: list[str]) -> None:
+    """Answer requests from a socket, as long as somebody is there and asks."""
+    for each in modules:
+        with suppress(ImportError):
+            import_module(each)
+    with socket.socket(fileno=number) as link, suppress(OSError, ValueError):
+        link.settimeout(IDLE)
+        while True:
+            length, (writing, *_), *_ = socket.recv_fds(link, 8, 1)
+            request = json.loads(_exactly(link, int.from_bytes(length, "big")))
+            child = os.fork()
+            if not child:
+                link.close()
+                os.dup2(writing, 1)
+                os.close(writing)
+                code = 1
+                with suppress(BaseException):
+                    os.environ.clear()
+                    os.environ.update(request["environment"])
+                    os.chdir(request["folder"])
+                    sys.path[:] = request["path"]
+                    answer(request)
+                    code = 0
+                os._exit(code)
+            os.close(writing)
+            status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+            link.sendall(status.to_bytes(4, "big", signed=True))
 
 
 class _Child:

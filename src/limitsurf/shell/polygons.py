@@ -20,7 +20,7 @@ IntArray: TypeAlias = NDArray[np.int64]
 INTERPOLATED = "corners_plus1"  # how channels are interpolated of which a file does not say it
 
 # formats that have units and an up axis, which polygons are scaled and turned to
-OWN_MEASURES = (".glb", ".gltf", ".dae", ".3mf")
+OWN_MEASURES = (".obj", ".glb", ".gltf", ".dae", ".3mf")
 
 
 def float_points(mesh: Mesh) -> NDArray[np.float64]:
