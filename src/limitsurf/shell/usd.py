@@ -121,10 +121,12 @@ def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh
 def _measures(stage: Any, losses: Losses) -> dict[str, Any]:
     """Units and up axis of a stage, None where the file says nothing of them."""
     found: dict[str, Any] = {}
-    if UsdGeom.StageHasAuthoredMetersPerUnit(stage):
-        units = UsdGeom.GetStageMetersPerUnit(stage)
-        if 0 < units < float("inf"):
-            found["units"] = units
+    if stage.HasAuthoredMetadata(UsdGeom.Tokens.metersPerUnit):
+        units = stage.GetMetadata(UsdGeom.Tokens.metersPerUnit)  # of any type, in old files
+        if isinstance(units, (int, float)) and 0 < units < float("inf"):
+            # of single precision the shortest decimal, 0.01 and not 0.009999999776482582
+            short = float(str(np.float32(units)))
+            found["units"] = short if np.float32(units) == units else float(units)
         else:
             losses.add("units", "", f"metersPerUnit: got {units}, need a positive number")
     if stage.HasAuthoredMetadata(UsdGeom.Tokens.upAxis):
