@@ -643,10 +643,10 @@ def test_normals_need_space_and_roots():
     surface = ls.LimitSurface(ls.Mesh(points, faces))
     exact = surface.with_points(fractions(points))
     for call in (surface.normal, surface.tangents):
-        with pytest.raises(TypeError, match=r"mpf .* sympy"):
+        with pytest.raises(TypeError, match="square roots, which exact numbers do not have"):
             call(0, F(1, 2), 0.5)
     for call in (exact.normal, exact.tangents):
-        with pytest.raises(TypeError, match=r"mpf .* sympy"):
+        with pytest.raises(TypeError, match="square roots, which exact numbers do not have"):
             call(0, 0.5, 0.5)
 
 

@@ -238,7 +238,7 @@ class Packing:
         for kind, table in enumerate(self._sectors):
             if table is not None and kinds[kind, evaluation.MODES] >= 0:
                 left[kind, : table.size, : table.size] = _left(table)
-        extra = _over_vertices(patches, self._wide)
+        extra, _ = self._over_vertices
         return rows.Controls(
             np.concatenate([np.zeros(0, np.int32), *(control.reshape(-1) for control in special)]),
             first,
@@ -251,15 +251,33 @@ class Packing:
         )
 
     @cached_property
-    def _wide(self) -> Array:
-        """Control points that combine too many vertices of the cage, (n_points,) bool."""
-        counts = np.ones(self._patches.n_vertices)
+    def _over_vertices(self) -> tuple[Any, Array]:
+        """Control points that are not vertices, as sparse rows over these, (m, n_vertices).
+
+        Also which control points combine too many of them, (n_points,) bool: these have no row, and
+        what depends on one is one, so that all rows together stay small.
+        """
+        from scipy.sparse import csr_array, diags_array, eye_array, vstack
+
+        n = self._patches.n_vertices
+        parts, wide = [eye_array(n, format="csr")], np.zeros(n, dtype=bool)
+
+        def without(rows: Any, which: Array) -> Any:
+            return diags_array((~which).astype(float)).tocsr() @ rows if which.any() else rows
+
         for operator in self._patches.extras:
-            pattern = type(operator)(
-                (np.ones(operator.nnz), operator.indices, operator.indptr), shape=operator.shape
-            )
-            counts = np.concatenate([counts, pattern @ counts])
-        return np.asarray(counts > _WIDEST)
+            touching = np.zeros(operator.shape[0], dtype=bool)
+            if wide.any():
+                touching = np.add.reduceat(wide[operator.indices], operator.indptr[:-1]) > 0
+            rows = without(operator, touching)
+            rows.eliminate_zeros()
+            found = rows @ vstack(parts, format="csr")
+            many = np.diff(found.indptr) > _WIDEST
+            found = without(found, many)
+            found.eliminate_zeros()
+            parts.append(found)
+            wide = np.concatenate([wide, touching | many])
+        return vstack([csr_array((0, n)), *parts[1:]], format="csr"), wide
 
     @cached_property
     def without_rows(self) -> Array:
@@ -271,13 +289,13 @@ class Packing:
 
         result = np.zeros(len(self._patches.kind), dtype=bool)
         known = self.tables.kinds[:, evaluation.MODES] >= 0
-        wide = self._wide.any()
+        _, wide = self._over_vertices
         for kind, controls in enumerate(self._patches.controls):
             here = np.flatnonzero(self._patches.kind == kind)
             if kind > STRIP and not known[kind]:
                 result[here] = True
-            elif wide:
-                result[here] = self._wide[controls[self._patches.row[here]]].any(axis=1)
+            elif wide.any():
+                result[here] = wide[controls[self._patches.row[here]]].any(axis=1)
         return result
 
     def weights(self, queries: tuple[Array, Array, Array], term: int, workers: int) -> Any:
@@ -490,25 +508,6 @@ def _grid(queries: tuple[Array, Array, Array]) -> tuple[Array, Array, Array] | N
             u, v = (np.array(x[(0,) * axis].reshape(-1), dtype=float) for x in (u, v))
             return (faces, u, v) if len(faces) >= _FACES and len(u) in _PLACES else None
     return None
-
-
-def _over_vertices(patches: PatchTable, wide: Array) -> Any:
-    """Control points that are not vertices of the cage, as sparse rows over these; not `wide` ones.
-
-    What depends on a wide one is wide, so that the product of all operators stays small.
-    """
-    from scipy.sparse import csr_array, diags_array, eye_array, vstack
-
-    parts = [eye_array(patches.n_vertices, format="csr")]
-    done = patches.n_vertices
-    for operator in patches.extras:
-        kept = ~wide[done : done + operator.shape[0]]
-        rows = operator if kept.all() else diags_array(kept.astype(float)).tocsr() @ operator
-        if not kept.all():
-            rows.eliminate_zeros()
-        parts.append(rows @ vstack(parts, format="csr"))
-        done += operator.shape[0]
-    return vstack([csr_array((0, patches.n_vertices)), *parts[1:]], format="csr")
 
 
 def _chunks(queries: tuple[Array, Array, Array]) -> Callable[[slice], tuple[Array, Array, Array]]:

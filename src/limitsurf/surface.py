@@ -562,7 +562,9 @@ class LimitSurface:
             if found is not None and rest is not None:
                 f, x, y = (z[rest] for z in flat)
                 both = stacked([found, self._reference_weights(f, x, y, nu, exact)])
-                return both[np.argsort(np.argsort(rest, kind="stable"), kind="stable")]
+                both = both[np.argsort(np.argsort(rest, kind="stable"), kind="stable")]
+                parts = [x.astype(found.indices.dtype) for x in (both.indices, both.indptr)]
+                return type(found)((both.data, *parts), shape=both.shape)
         self._check_ranges(face, u, v, exact)
         return self._reference_weights(face, u, v, nu, exact)
 
