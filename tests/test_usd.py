@@ -1042,6 +1042,13 @@ def test_units_and_up_axis(read, tmp_path, head, units, up):
             assert UsdGeom.GetStageUpAxis(stage) == up.upper()
 
 
+@pytest.mark.parametrize("units", [0.01, 0.0254, 1e-300, 1e300, float(np.float32(1e-30))])
+def test_units_come_back(tmp_path, units):
+    mesh = ls.Mesh(*zoo.cube(), units=units)
+    ls.write(tmp_path / "cube.usda", mesh)
+    assert ls.read(tmp_path / "cube.usda").units == pytest.approx(units, rel=1e-7)
+
+
 @pytest.mark.parametrize(
     ("head", "message"),
     [

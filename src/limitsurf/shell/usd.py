@@ -125,8 +125,9 @@ def _measures(stage: Any, losses: Losses) -> dict[str, Any]:
         units = stage.GetMetadata(UsdGeom.Tokens.metersPerUnit)  # of any type, in old files
         if isinstance(units, (int, float)) and 0 < units < float("inf"):
             # of single precision the shortest decimal, 0.01 and not 0.009999999776482582
-            short = float(str(np.float32(units)))
-            found["units"] = short if np.float32(units) == units else float(units)
+            with np.errstate(over="ignore", under="ignore"):
+                single = np.float32(units)
+            found["units"] = float(str(single) if float(single) == units else units)
         else:
             losses.add("units", "", f"metersPerUnit: got {units}, need a positive number")
     if stage.HasAuthoredMetadata(UsdGeom.Tokens.upAxis):
