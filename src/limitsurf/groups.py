@@ -132,8 +132,7 @@ class Groups:
     def _size(self, g: Group, dense: bool) -> int:
         """How many control points the patches of a group have; those of shared rings if `dense`."""
         shared = self.patches.rings.get(g.kind)
-        ring = 25 if shared is None or not dense else shared.points.shape[1]
-        ring = 0 if shared is None else ring
+        ring = 0 if shared is None else shared.points.shape[1] if dense else 25
         return int(ring + self.patches.controls[g.kind].shape[1])
 
     def answers(

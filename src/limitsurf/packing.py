@@ -263,19 +263,18 @@ class Packing:
         parts, wide = [eye_array(n, format="csr")], np.zeros(n, dtype=bool)
 
         def without(rows: Any, which: Array) -> Any:
-            return diags_array((~which).astype(float)).tocsr() @ rows if which.any() else rows
+            if which.any():
+                rows = diags_array((~which).astype(float)).tocsr() @ rows
+                rows.eliminate_zeros()
+            return rows
 
         for operator in self._patches.extras:
             touching = np.zeros(operator.shape[0], dtype=bool)
             if wide.any():
                 touching = np.add.reduceat(wide[operator.indices], operator.indptr[:-1]) > 0
-            rows = without(operator, touching)
-            rows.eliminate_zeros()
-            found = rows @ vstack(parts, format="csr")
+            found = without(operator, touching) @ vstack(parts, format="csr")
             many = np.diff(found.indptr) > _WIDEST
-            found = without(found, many)
-            found.eliminate_zeros()
-            parts.append(found)
+            parts.append(without(found, many))
             wide = np.concatenate([wide, touching | many])
         return vstack([csr_array((0, n)), *parts[1:]], format="csr"), wide
 
