@@ -36,6 +36,7 @@ from test_surface import (
 )
 
 import limitsurf as ls
+from limitsurf import numbers
 from limitsurf.patches import REGULAR, STRIP
 from limitsurf.query import on_refined, refinement_gap
 from limitsurf.rules import Rules, Sharpness
@@ -162,7 +163,7 @@ def assert_refined(fine, cage):
         cage.points, cage.faces
     )
     rules = Rules.resolve(fine)
-    sharpness = Sharpness.of(fine, rules, np.dtype(object))
+    sharpness = Sharpness.of(fine, rules, numbers.RATIONAL)
     expected = [cage.creases[edge] for edges in cage.sides for edge in edges]
     assert sharpness.half_edges.tolist() == list(map(float, expected))
     tags = dict(zip(map(tuple, fine.creases[0].tolist()), fine.creases[1].tolist(), strict=True))
@@ -861,7 +862,7 @@ def test_real_cages_are_naively_refined(name):
         fine, cage = ls.refined(mesh, level), refine_times(cage, 1)
         found = fine.points[fine.indices]
         assert np.abs(found - by_corner(cage.points, cage.faces)).max() <= 5e-15 * size
-    sharpness = Sharpness.of(fine, Rules.resolve(fine), np.dtype(float))
+    sharpness = Sharpness.of(fine, Rules.resolve(fine), numbers.FLOAT64)
     expected = [cage.creases[edge] for edges in cage.sides for edge in edges]
     assert np.array_equal(sharpness.half_edges, np.array(expected, dtype=float))
 
@@ -995,7 +996,10 @@ def test_sharpness_is_exact_in_float64_too(kind, creasing):
                 v: s for v, s in cage.corners.items() if s > 0 and v in corners
             }
             rules = Rules.resolve(mesh)
-            exact, rounded = (Sharpness.of(fine, rules, t, exact=True) for t in (object, float))
+            exact, rounded = (
+                Sharpness.of(fine, rules, t, exact=True)
+                for t in (numbers.RATIONAL, numbers.FLOAT64)
+            )
             masks = zip(
                 (*exact.vertex_masks, exact.edge_masks),
                 (*rounded.vertex_masks, rounded.edge_masks),

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf import numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.tables import EigenTable, RationalTable, StripTables
 
@@ -534,13 +535,13 @@ def _rational_derivative(table: RationalTable, nu: tuple[int, int], at_corner: A
         return np.full(sector.size, np.nan, dtype=object)
     if not (sector.open and sector.sharp_sides[axis]):
         # by halvings along the side it tends to its part in the eigenspace of 1 / 2^order
-        S, T = (kernels.exact([int(axis == k)]) for k in (0, 1))
+        S, T = (numbers.RATIONAL.array([int(axis == k)]) for k in (0, 1))
         place = CornerPlace(np.array([0]), np.array([2 * axis]), S, T)
         ahead = rational_weights(table, place, nu, at_corner)[0]
         return table.projected(ahead, Fraction(1, 2 ** sum(nu)))
     # the crease is a cubic spline; at a corner its first point is reflected at the vertex, beside a
     # flap, whose other end is the same, at the middle of the first and the last
-    before, vertex, ahead, beyond = kernels.cubic_weights(kernels.exact([0]), sum(nu))[0]
+    before, vertex, ahead, beyond = kernels.cubic_weights(numbers.RATIONAL.array([0]), sum(nu))[0]
     ends = (1, 2 * sector.faces + 1)
     outer = sector.ring + sector.outer.index(((3, 1), (1, 3))[axis])
     near, far = ends[axis], ends[1 - axis]

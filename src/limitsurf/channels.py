@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import tables
+from limitsurf import numbers, tables
 from limitsurf._kernels.rationals import Digits, integers
 from limitsurf.caching import cached_property
 from limitsurf.mesh import Mesh
@@ -74,8 +74,8 @@ class ChannelMesh(Mesh):
         # what boundary="none" leaves without a limit are holes here: seams leave nothing
         result._base, result._rules = rules, replace(rules, boundary="edge_only")
         if sharpness is None:
-            sharpness = Sharpness.of(mesh, rules, float, exact=True)
-        geometry = sharpness.typed(mesh, float, exact=True)
+            sharpness = Sharpness.of(mesh, rules, numbers.FLOAT64, exact=True)
+        geometry = sharpness.typed(mesh, numbers.FLOAT64, exact=True)
         result._known = _sharpness(geometry, rules, result, vertex, mode), False
         return result
 
@@ -191,9 +191,9 @@ class ChannelSharpness(Sharpness):
         vertex, place = np.unique(np.concatenate([x for x, _, _ in parts]), return_inverse=True)
         ends = np.cumsum([len(x) for x, _, _ in parts])[:-1]
         sharpness, exact = np.zeros(len(vertex)), _zeros(len(vertex))
-        for (_, floats, numbers), where in zip(parts, np.split(place, ends), strict=True):
+        for (_, floats, rest), where in zip(parts, np.split(place, ends), strict=True):
             sharpness[where] = floats
-            exact = exact + numbers.spread(where, len(vertex))
+            exact = exact + rest.spread(where, len(vertex))
         return replace(
             self,
             vertex=vertex,
@@ -235,7 +235,7 @@ def _sharpness(
         vertex_sharpness=vertices[sharp],
         vertex_tagged=np.zeros(len(sharp), dtype=bool),
         chaikin=rules.creasing == "chaikin",
-        dtype=np.dtype(float),
+        number=numbers.FLOAT64,
         exact=(edges_exact, vertices_exact),
         geometry=geometry,
         followers=followers,

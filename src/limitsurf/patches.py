@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import tables
-from limitsurf._kernels import reference as kernels
+from limitsurf import numbers, tables
 from limitsurf.mesh import Mesh, read_only
+from limitsurf.numbers import NumberType
 from limitsurf.refine import ExactOperator, refinement_stages
 from limitsurf.rules import Rules, Sectors, Sharpness
 from limitsurf.topology import MeshPart, child_mesh, first_limit_face
@@ -69,19 +69,19 @@ class PatchTable:
         Sparse rows, float64 or exact, over all control points of lower number.
     """
 
-    def __init__(self, mesh: Mesh, rules: Rules, dtype: Any) -> None:
+    def __init__(self, mesh: Mesh, rules: Rules, number: NumberType) -> None:
         limit_faces = first_limit_face(mesh)
         self.n_limit_faces = int(limit_faces[-1])
         self.n_vertices = self.n_points = mesh.n_vertices
         self.extras: list[Any] = []
-        self._dtype = dtype
+        self._number = number
         self.codes = np.full(self.n_limit_faces, NO_LIMIT, dtype=np.int32)
         self.kind, self.row = np.zeros((2, 0), np.int32)
         self.turn = np.zeros(0, np.int8)
         self.sectors: list[tables.Sector | None] = [None, None]
         self.controls = [np.zeros((0, 16), np.int32) for _ in self.sectors]
         self.rings: dict[int, SharedRings] = {}
-        self.sharpness = np.zeros(0, dtype=dtype)
+        self.sharpness = np.zeros(0, dtype=number.dtype)
         self._kinds: dict[tables.Sector, int] = {}
         self._combined: list[tuple[Array, Array, Array]] = []
         self._early: list[int] = []  # rows of `controls` from before there was any of these
@@ -92,7 +92,7 @@ class PatchTable:
     def _build(self, cage: Mesh, rules: Rules, limit_faces: Array) -> None:
         """Fill the table level by level; most faces of most cages end at the first."""
         faces = np.flatnonzero(~rules.without_limit(cage))
-        sharpness = Sharpness.of(cage, rules, self._dtype)
+        sharpness = Sharpness.of(cage, rules, self._number)
         turn = np.zeros(len(faces), dtype=np.int8)
         level = _Level(sharpness, cage.indices, faces, limit_faces[faces], turn)
         for depth in range(_DEEPEST + 1):
@@ -193,9 +193,7 @@ class PatchTable:
         assert sector is not None
         if not sector.carried:
             return ring
-        n, halves = len(ring), np.full(2 * len(ring), 0.5)
-        if self._dtype == object:
-            halves = kernels.exact(halves)
+        n, halves = len(ring), self._number.full(2 * len(ring), self._number.one / 2)
         middle = self._extend(np.full(n, 2), ring[:, -2:].ravel(), halves)
         return np.concatenate([ring[:, :-2], middle[:, None]], axis=1)
 
@@ -253,8 +251,7 @@ class PatchTable:
         if len(place):
             columns, weights = grid[place[:, None], _FROM[case]], _WEIGHTS[case]
             used = weights != 0
-            values = weights[used]
-            values = kernels.exact(values) if self._dtype == object else values.astype(float)
+            values = self._number.array(weights[used])
             grid[place, _TARGET[case]] = self._extend(used.sum(axis=1), columns[used], values)
         return grid
 
@@ -274,7 +271,7 @@ class PatchTable:
         """
         mesh, sharpness, faces, slot = level.mesh, level.sharpness, level.faces, level.slot
         # points of the mesh, then its face points, then its vertex and edge points, all numbered
-        face_points, refined = refinement_stages(mesh, rules, sharpness, self._dtype)
+        face_points, refined = refinement_stages(mesh, rules, sharpness, self._number)
         centres = self._extend(*_rows(face_points, level.points))
         points = np.concatenate([level.points, centres])
         others = self._extend(*_rows(refined, points, refined.shape[0] - mesh.n_faces))
@@ -621,7 +618,7 @@ def _needed_rows(
 def _operator(counts: Array, columns: Array, values: Array, width: int) -> Any:
     """An operator from the number of entries of each row, their columns and values."""
     shape = len(counts), width
-    if values.dtype == object:
+    if numbers.type_of(values).exact:
         return ExactOperator(np.repeat(np.arange(len(counts)), counts), columns, values, shape)
     from scipy.sparse import csr_array
 

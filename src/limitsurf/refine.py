@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any, Literal, Self, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import _kernels, memory, tables
+from limitsurf import _kernels, memory, numbers, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
 from limitsurf.checks import checked_integer
 from limitsurf.mesh import Mesh, read_only
+from limitsurf.numbers import NumberType
 from limitsurf.rules import PENDING, Rules, Sectors, Sharpness
 from limitsurf.topology import (
     MeshPart,
@@ -87,7 +88,7 @@ class ExactOperator:
                 self.values[entry] * other.values[place],
                 (self.shape[0], other.shape[1]),
             )
-        dense = kernels.exact(other)
+        dense = numbers.RATIONAL.array(other)
         flat = dense.reshape(len(dense), -1)
         result = np.full((self.shape[0], flat.shape[1]), Fraction(0), dtype=object)
         if len(self.rows):
@@ -108,7 +109,7 @@ class ExactOperator:
 
 def sparse_operator(rows: Array, columns: Array, values: Array, shape: tuple[int, int]) -> Any:
     """``csr_array`` for float64 values, `ExactOperator` for objects; duplicates are summed."""
-    if values.dtype == object:
+    if numbers.type_of(values).exact:
         return ExactOperator(rows, columns, values, shape)
     from scipy.sparse import coo_array
 
@@ -116,7 +117,7 @@ def sparse_operator(rows: Array, columns: Array, values: Array, shape: tuple[int
 
 
 def refinement_stages(
-    mesh: Mesh, rules: Rules, sharpness: Sharpness, dtype: Any, compiled: bool | None = None
+    mesh: Mesh, rules: Rules, sharpness: Sharpness, number: NumberType, compiled: bool | None = None
 ) -> tuple[Any, Any]:
     """One level of refinement as two sparse operators.
 
@@ -125,14 +126,14 @@ def refinement_stages(
     their product it would cost n^2.
     """
     V, E, F = mesh.n_vertices, mesh.n_edges, mesh.n_faces
+    dtype, one, zero = number.dtype, number.one, number.zero
     edge, crease_edge, crease_vertex = tables.rule_weights(rules.scheme, dtype)
-    one = tables.one(dtype)
     # vertex points: shares of the smooth, crease and corner masks; unused vertices stay
-    smooth, share = np.full(V, one), np.full(V, 0 * one)
+    smooth, share = number.full(V, one), number.full(V, zero)
     masks = (x.astype(dtype) for x in sharpness.vertex_masks)
     smooth[sharpness.concerned], share[sharpness.concerned], along = masks
     unused = mesh.vertex_faces == 0
-    smooth[unused], share[unused] = 0 * one, one
+    smooth[unused], share[unused] = zero, one
     rough = np.flatnonzero(smooth == 0)
     weights = _vertex_weights(mesh, rules, rough, dtype)[mesh.vertex_faces]
     weights *= smooth[:, None]
@@ -164,7 +165,7 @@ def refinement_stages(
         (rows, rows, own[rows]),
         (V + every[:E], mesh.edges[:, 0], ends),
         (V + every[:E], mesh.edges[:, 1], ends),
-        (V + E + every[:F], V + every[:F], np.broadcast_to(one, F)),
+        (V + E + every[:F], V + every[:F], number.full(F, one)),
     ]
     while len(end):
         found, here = np.unique(end, return_index=True)
@@ -173,7 +174,7 @@ def refinement_stages(
     corner_weights = _corner_weights(mesh, rules, dtype)
     shapes = (F, V), (V + E + F, V + F)
     if compiled is None:
-        compiled = dtype != object and mesh._large
+        compiled = not number.exact and mesh._large
     if not compiled:
         tail, head = mesh.indices, mesh.indices[mesh.next_corner]
         h = np.flatnonzero((smooth != 0)[tail])
@@ -269,7 +270,7 @@ def refined_values(
 ) -> Array:
     """One level of refinement of values at the vertices, (n_vertices, d)."""
     if not compiled:
-        faces, vertices = refinement_stages(mesh, rules, sharpness, values.dtype, False)
+        faces, vertices = refinement_stages(mesh, rules, sharpness, numbers.type_of(values), False)
         return np.asarray(vertices @ np.concatenate([values, faces @ values]))
     from limitsurf._kernels import refinement
 
@@ -363,7 +364,7 @@ def _limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arr
     if pending.any():
         near = MeshPart.of(sharpness.mesh, sharpness.neighbours(pending[sharpness.mesh.indices]))
         inner = sharpness.part(near)
-        compiled = points.dtype != object and near.mesh._large
+        compiled = not numbers.type_of(points).exact and near.mesh._large
         finer = refined_values(near.mesh, rules, inner, points[near.vertices], compiled)
         later = np.zeros(len(finer), dtype=bool)
         later[: near.mesh.n_vertices] = pending[near.vertices]
@@ -396,14 +397,14 @@ def _normal_operators(
     if len(pending):
         near = MeshPart.of(mesh, sharpness.neighbours(np.isin(sectors.fans.fan, pending)))
         inner = sharpness.part(near)
-        faces_stage, stage = refinement_stages(near.mesh, rules, inner, float)
+        faces_stage, stage = refinement_stages(near.mesh, rules, inner, numbers.FLOAT64)
         child = child_mesh(near.mesh, np.zeros(stage.shape[0]))
         later = inner.children(child)
         first = np.searchsorted(near.corners, sectors.fans.corners[sectors.fans.offsets[pending]])
         child_fans = Sectors.of(later).fans
         fan = np.full(len(child_fans.vertex), -1)
         fan[child_fans.fan[4 * first]] = pending
-        both = stacked([_identity(near.mesh.n_vertices, float), faces_stage])
+        both = stacked([_identity(near.mesh.n_vertices, numbers.FLOAT64), faces_stage])
         limits = _normal_operators(later, rules, fan >= 0, masks)
         for part, finer in zip(parts, limits, strict=True):
             rows, columns, values = entries((finer @ stage) @ both)
@@ -551,8 +552,8 @@ class RefinedMesh(Mesh):
             return np.asarray(finer.limit_points[: self.n_vertices])
         points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
         rules = self._rules
-        sharpness = Sharpness.of(self, rules, points.dtype)
-        if points.dtype == object or not self._large:
+        sharpness = Sharpness.of(self, rules, numbers.type_of(points))
+        if sharpness.number.exact or not self._large:
             result = _limit_points(sharpness, rules, points, self.vertex_faces > 0)
         else:
             from limitsurf._kernels import refinement
@@ -590,7 +591,7 @@ class RefinedMesh(Mesh):
         TypeError
             For points that are not float64 and three-dimensional.
         """
-        if self.points.dtype == object or self.points.shape[1:] != (3,):
+        if numbers.type_of(self.points).exact or self.points.shape[1:] != (3,):
             raise TypeError(
                 "limit normals need points of shape (n, 3) in numbers that have square roots, "
                 f"float64: got {self.points.dtype} {self.points.shape}"
@@ -599,7 +600,7 @@ class RefinedMesh(Mesh):
             finer = refined(self, **vars(self._rules))
             # the first corner of child h is corner h
             return np.asarray(finer.limit_normals[::4])
-        rules, sharpness = self._rules, Sharpness.of(self, self._rules, float)
+        rules, sharpness = self._rules, Sharpness.of(self, self._rules, numbers.FLOAT64)
         points = np.ldexp(self.points, kernels.balance(self.points))
         # what refinement rounded; a cage is exact
         errors = np.abs(points).max(axis=1) * self._rounded
@@ -720,17 +721,17 @@ def refined(
     levels = checked_integer("levels", levels, 0)
     refuse_levels(mesh, levels, operator)
     rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
-    dtype = mesh.points.dtype
+    number = numbers.type_of(mesh.points)
     points, balance = _balanced(mesh.points.reshape(mesh.n_vertices, -1))
-    total = _identity(mesh.n_vertices, dtype) if operator else None
+    total = _identity(mesh.n_vertices, number) if operator else None
     # decided once, so that equal calls have equal results, to the last digit
-    compiled = dtype != object and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
+    compiled = not number.exact and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
     coarse, holes = mesh, np.flatnonzero(rules.without_limit(mesh))
-    first = sharpness = Sharpness.of(mesh, rules, dtype)
+    first = sharpness = Sharpness.of(mesh, rules, number)
     lineage = []
     for _ in range(levels):
         if operator:
-            faces, vertices = refinement_stages(coarse, rules, sharpness, dtype, compiled)
+            faces, vertices = refinement_stages(coarse, rules, sharpness, number, compiled)
             both = stacked([total, multiplied(faces, total, compiled)])
             total = multiplied(vertices, both, compiled)
         points = refined_values(coarse, rules, sharpness, points, compiled)
@@ -772,8 +773,8 @@ def refined(
 
 def _balanced(points: Array) -> tuple[Array, int]:
     """Points times a power of two, where their sums might overflow, and its exponent; or exact."""
-    if points.dtype == object:
-        return kernels.exact(points), 0
+    if numbers.type_of(points).exact:
+        return numbers.RATIONAL.array(points), 0
     balance = kernels.balance(points)
     return (np.ldexp(points, balance) if balance else points), balance
 
@@ -785,7 +786,7 @@ def refuse_levels(mesh: Mesh, levels: int, operator: bool = False) -> None:
     neighbours, and with an operator some 16 entries twice.
     """
     columns = max(math.prod(mesh.points.shape[1:]), 1)
-    each = 100 + (100 if mesh.points.dtype == object else 8) * columns
+    each = 100 + (100 if numbers.type_of(mesh.points).exact else 8) * columns
     each += 32 * len(mesh.channels) + 400 * operator
     fit = memory.available() / (each * mesh.n_corners)
     most = 0 if fit < 1 else int(math.log(fit, 4)) + 1 if math.isfinite(fit) else levels
@@ -806,11 +807,11 @@ def _corners(mesh: Mesh, faces: Array) -> Array:
 
 def _refined_channel(channel: ChannelMesh, levels: int, holes: Array) -> ChannelMesh:
     """The values of a channel, refined."""
-    dtype = channel.points.dtype
+    number = numbers.type_of(channel.points)
     values, balance = _balanced(channel.points.reshape(channel.n_vertices, -1))
     mesh: Mesh = channel
-    sharpness = Sharpness.of(channel, channel._rules, dtype)
-    compiled = dtype != object and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
+    sharpness = Sharpness.of(channel, channel._rules, number)
+    compiled = not number.exact and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
     coarser = None
     for _ in range(levels):
         sharpness = sharpness if coarser is None else coarser.children(mesh)
@@ -892,9 +893,9 @@ def entries(operator: Any) -> tuple[Array, Array, Array]:
     return found.row, found.col, found.data
 
 
-def _identity(n: int, dtype: Any) -> Any:
+def _identity(n: int, number: NumberType) -> Any:
     every = np.arange(n)
-    return sparse_operator(every, every, np.broadcast_to(tables.one(dtype), n), (n, n))
+    return sparse_operator(every, every, number.full(n, number.one), (n, n))
 
 
 def _from_own(

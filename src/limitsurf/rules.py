@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import tables
+from limitsurf import numbers, tables
 from limitsurf._kernels.rationals import Digits, Objects, counting, integers, rationals
 from limitsurf.caching import cached_property
 from limitsurf.mesh import Fans, Mesh
+from limitsurf.numbers import NumberType
 from limitsurf.topology import MeshPart
 
 if TYPE_CHECKING:
@@ -109,8 +110,8 @@ class Sharpness:
         Ascending.
     vertex_sharpness, vertex_tagged : (M,)
     chaikin : bool
-    dtype : dtype
-        Numbers of the masks, float64 or object.
+    number : NumberType
+        Of the masks.
     exact : (rationals, rationals) or None
         What the finite sharpnesses of the edges (S,) and of the vertices (M,) are, where float64
         may not hold them; masks are then exact, or rounded once. 0 for infinite ones.
@@ -125,24 +126,24 @@ class Sharpness:
     vertex_sharpness: Array
     vertex_tagged: Array
     chaikin: bool
-    dtype: Any
+    number: NumberType
     exact: tuple[Rationals, Rationals] | None
 
     @classmethod
-    def of(cls, mesh: Mesh, rules: Rules, dtype: Any, exact: bool = False) -> Sharpness:
+    def of(cls, mesh: Mesh, rules: Rules, number: NumberType, exact: bool = False) -> Sharpness:
         """The sharpness of a cage; a refined mesh carries its own."""
         known = getattr(mesh, "_sharpness", None)
         if isinstance(known, Sharpness) and mesh._rules == rules:  # type: ignore[attr-defined]
-            return known.typed(mesh, dtype, exact)
+            return known.typed(mesh, number, exact)
         # rules change where a sharpness reaches 0: rounding must not decide it
         (ends, creases), (vertices, corners) = mesh.creases, mesh.corners
         exact |= rules.creasing == "chaikin" and len(creases) > 0
-        exact |= object in (dtype, creases.dtype, corners.dtype)
+        exact |= number.exact or numbers.common(creases, corners).exact
         marked = mesh.twin < 0
-        numbers = mesh.edge_numbers(ends) if len(ends) else np.zeros(0, np.int64)
+        tagged_edges = mesh.edge_numbers(ends) if len(ends) else np.zeros(0, np.int64)
         if len(ends):
             tagged = np.zeros(mesh.n_edges, dtype=bool)
-            tagged[numbers] = True
+            tagged[tagged_edges] = True
             marked |= tagged[mesh.corner_edge]
         sides = np.flatnonzero(marked)
         if len(ends) or (len(sides) and mesh.separate[sides].any()):
@@ -153,7 +154,7 @@ class Sharpness:
         unique, edge = np.unique(key, return_inverse=True)
         is_open = np.zeros(len(unique), dtype=bool)
         is_open[edge[mesh.twin[sides] < 0]] = True
-        place = np.searchsorted(unique, numbers)
+        place = np.searchsorted(unique, tagged_edges)
         edge_sharpness, edge_exact = _sharpness(creases, place, is_open, exact)
         # on a boundary only an infinite tag means anything, see Rules.loose_vertices
         edge_tagged = np.zeros(len(unique), dtype=bool)
@@ -175,20 +176,19 @@ class Sharpness:
             vertex_sharpness,
             vertex_tagged,
             rules.creasing == "chaikin",
-            np.dtype(dtype),
+            number,
             None if edge_exact is None or vertex_exact is None else (edge_exact, vertex_exact),
         )
 
-    def typed(self, mesh: Mesh, dtype: Any, exact: bool = False) -> Self:
+    def typed(self, mesh: Mesh, number: NumberType, exact: bool = False) -> Self:
         """The same on a copy of the mesh, at least as exact as another number type."""
-        dtype = np.dtype(dtype)
-        if self.exact or not (exact or dtype == object):
-            return replace(self, mesh=mesh, dtype=dtype)
+        if self.exact or not (exact or number.exact):
+            return replace(self, mesh=mesh, number=number)
         edges, vertices = (
             rationals(np.where(tables.is_infinite(x), 0, x))
             for x in (self.edge_sharpness, self.vertex_sharpness)
         )
-        return replace(self, mesh=mesh, dtype=dtype, exact=(edges, vertices))
+        return replace(self, mesh=mesh, number=number, exact=(edges, vertices))
 
     def __getstate__(self) -> dict[str, Any]:
         return {field.name: getattr(self, field.name) for field in fields(self)}
@@ -220,7 +220,7 @@ class Sharpness:
             return self.half_edges[corners]
         edge = self.edge_at(corners)
         exact = self.exact[0].take(edge)
-        if self.dtype != object:
+        if not self.number.exact:
             rounded = self.edge_sharpness[edge]
             twice = rationals(rounded)
             if not (twice - exact).positive.any() and not (exact - twice).positive.any():
@@ -377,26 +377,26 @@ class Sharpness:
         """
         _, place, _, after = self._ends
         (parent, child), (changing, *shares) = self._rules, self.shares
-        one = tables.one(self.dtype)[0]
+        one, zero = self.number.one, self.number.zero
         if not len(changing):
-            smooth = np.where(parent <= DART, one, 0 * one)
-            corner = np.where(parent == CORNER, one, 0 * one)
-            return smooth, corner, np.where((parent == CREASE)[place], one, 0 * one)
-        share, rest = np.full(len(parent), one), np.full(len(parent), 0 * one)
+            smooth = np.where(parent <= DART, one, zero)
+            corner = np.where(parent == CORNER, one, zero)
+            return smooth, corner, np.where((parent == CREASE)[place], one, zero)
+        share, rest = (self.number.full(len(parent), x) for x in (one, zero))
         share[changing], rest[changing] = map(self._numbers, shares)
-        smooth = np.where(parent <= DART, one, np.where(child <= DART, rest, 0 * one))
-        corner = np.where(parent == CORNER, share, 0 * one)
-        corner = corner + np.where((child == CORNER) & (parent != CORNER), rest, 0 * one)
-        along = np.where(parent[place] == CREASE, share[place], 0 * one)
+        smooth = np.where(parent <= DART, one, np.where(child <= DART, rest, zero))
+        corner = np.where(parent == CORNER, share, zero)
+        corner = corner + np.where((child == CORNER) & (parent != CORNER), rest, zero)
+        along = np.where(parent[place] == CREASE, share[place], zero)
         stays = (after > 0) & (child[place] == CREASE) & (parent[place] == CORNER)
-        along = along + np.where(stays, rest[place], 0 * one)
+        along = along + np.where(stays, rest[place], zero)
         return smooth, corner, along
 
     def _numbers(self, values: Any) -> Array:
         """Numbers of masks, rounded if they are exact and masks are not."""
         if isinstance(values, np.ndarray):
             return values
-        return np.asarray(values.fractions() if self.dtype == object else values.floats())
+        return np.asarray(values.fractions() if self.number.exact else values.floats())
 
     @cached_property
     def codes(self) -> tuple[Array, Array]:
@@ -428,12 +428,12 @@ class Sharpness:
         """Share of the midpoint in the point of each of `sharp_edges`, the rest being smooth."""
         edge, _, sharpness, after = self._ends
         half = len(sharpness) // 2
-        one = tables.one(self.dtype)[0]
+        one = self.number.one
         falling = np.flatnonzero((after[:half] == 0) | (after[half:] == 0))
         own = sharpness[falling]
-        if self.dtype == object and self.exact:
+        if self.number.exact and self.exact:
             own = self.exact[0].take(edge[falling]).fractions()
-        result = np.full(half, one)
+        result = self.number.full(half, one)
         result[falling] = np.minimum(own, one)
         return result
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import _kernels, lazy, tables
+from limitsurf import _kernels, lazy, numbers, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
@@ -189,7 +189,7 @@ class LimitSurface:
             raise TypeError(f"a surface needs a Mesh, got {type(mesh).__name__}")
         rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
         self._rules = rules
-        patches = PatchTable(mesh, rules, np.dtype(float))
+        patches = PatchTable(mesh, rules, numbers.FLOAT64)
         # masks that do not converge are refused here, not at the first query
         for kind, sector in enumerate(patches.sectors):
             if sector is not None and kind in patches.rings:
@@ -202,7 +202,7 @@ class LimitSurface:
         self._mesh = mesh
         self._flat = mesh.points.reshape(mesh.n_vertices, -1)
         if self._flat.dtype == object:
-            self._flat = kernels.exact(self._flat)
+            self._flat = numbers.RATIONAL.array(self._flat)
 
     def with_points(self, points: ArrayLike) -> LimitSurface:
         """The surface of the same cage with other points, (n_vertices, ...); nothing is rebuilt.
@@ -616,7 +616,7 @@ class LimitSurface:
 
     def _groups_of(self, exact: bool) -> Groups:
         if exact not in self._groups:
-            patches = PatchTable(self.mesh, self._rules, np.dtype(object))
+            patches = PatchTable(self.mesh, self._rules, numbers.RATIONAL)
             self._groups[exact] = Groups(patches, self._rules.scheme, exact)
         return self._groups[exact]
 
@@ -626,7 +626,7 @@ class LimitSurface:
 
     @cached_property
     def _exact_values(self) -> ExactValues:
-        return ExactValues(self._groups_of(True), kernels.exact(self._flat))
+        return ExactValues(self._groups_of(True), numbers.RATIONAL.array(self._flat))
 
     def _broadcast(
         self, face: ArrayLike, u: Numbers, v: Numbers
@@ -639,7 +639,7 @@ class LimitSurface:
             raise TypeError(f"faces must be integers, got {faces.dtype}")
         exact = object in (us.dtype, vs.dtype, self.points.dtype)
         if exact:
-            us, vs = kernels.exact(us), kernels.exact(vs)
+            us, vs = numbers.RATIONAL.array(us), numbers.RATIONAL.array(vs)
         else:
             for name, x in (("u", us), ("v", vs)):
                 if x.dtype.kind not in "iuf":
@@ -762,7 +762,7 @@ class LimitSurface:
     def _sharp_sides(self) -> Array:
         """Whether the sides v = 0, u = 1, v = 1, u = 0 of limit faces stay sharp, (n, 4)."""
         mesh, faces = self.mesh, self.limit_faces
-        sharpness = Sharpness.of(mesh, self._rules, np.dtype(float))
+        sharpness = Sharpness.of(mesh, self._rules, numbers.FLOAT64)
         sharp = np.zeros(mesh.n_corners, dtype=bool)
         sharp[sharpness.sides] = tables.is_infinite(sharpness.edge_sharpness)[sharpness.edge]
         quad = faces.corner < 0

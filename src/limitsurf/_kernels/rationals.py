@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf._kernels.reference import exact
+from limitsurf.numbers import RATIONAL, type_of
 
 Array = NDArray[Any]
 
@@ -26,8 +26,8 @@ _LONGEST = 2048  # bits of a denominator up to which digits are faster than Frac
 
 def rationals(values: Array) -> Digits | Objects:
     """The rationals that finite floats >= 0, or Fractions, are; (n,)."""
-    if values.dtype == object:
-        values = exact(values)
+    if type_of(values).exact:
+        values = RATIONAL.array(values)
         unit = 1
         for denominator in {x.denominator for x in values.tolist()}:
             unit = lcm(unit, denominator)

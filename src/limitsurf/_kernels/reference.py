@@ -6,12 +6,12 @@ Shapes: Q queries, K control points of a patch, d channels of the points.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from fractions import Fraction
-from numbers import Rational
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from limitsurf.numbers import FAR, type_of
 
 Array = NDArray[Any]
 
@@ -19,33 +19,13 @@ NOISE = 16 * np.finfo(float).eps  # of sums of products of rounded numbers, rela
 TINY = 2.0**-1000  # beside what underflow takes from such sums
 
 
-def exact(values: Any) -> Array:
-    """Object array of Fractions; ints and floats count as the rationals they are, NaN stays."""
-    array = np.asarray(values)
-    if array.dtype != object:
-        array = array.astype(object)
-    flat = [x if type(x) is Fraction else _rational(x) for x in array.ravel().tolist()]
-    result = np.empty(len(flat), dtype=object)
-    result[:] = flat
-    return result.reshape(array.shape)
-
-
-def _rational(x: Any) -> Any:
-    if isinstance(x, (Rational, np.integer)):
-        return Fraction(int(x)) if isinstance(x, np.integer) else Fraction(x)
-    if isinstance(x, (float, np.floating)):
-        return Fraction(float(x)) if np.isfinite(x) else float("nan")
-    raise TypeError(
-        f"numbers of type {type(x).__name__} are not supported: give Fractions, ints or floats"
-    )
-
-
 def spline_weights(t: Array, degree: int) -> Array:
     """Weights (Q, degree + 1) of the control points of a uniform B-spline piece, t in [0, 1].
 
     Sums of products of non-negative numbers (de Boor 1978, chapter X): no cancellation.
     """
-    weights = np.full((len(t), 1), Fraction(1) if t.dtype == object else 1.0, dtype=t.dtype)
+    number = type_of(t)
+    weights = number.full((len(t), 1), number.one)
     for p in range(1, degree + 1):
         raised = np.zeros((len(t), p + 1), dtype=t.dtype)
         for k in range(p):
@@ -111,34 +91,17 @@ def split_corner(s: Array, t: Array, up_s: Array, up_t: Array) -> tuple[Array, A
     S, T : (Q,)
         Parameters within the piece, in [0, 1], exact.
     """
-    ks, kt = _halvings(s, up_s), _halvings(t, up_t)
+    number = type_of(s)
+    ks, kt = number.halvings(s, up_s), number.halvings(t, up_t)
     level = np.minimum(ks, kt)
     high_s, high_t = ks == level, kt == level
-    corner = level == _FAR
+    corner = level == FAR
     level = np.where(corner, 0, level)
-    S, T = scale_by_two(s, level + 1), scale_by_two(t, level + 1)
+    S, T = number.scaled(s, level + 1), number.scaled(t, level + 1)
     S = np.where(high_s & ~corner, S - 1, S)
     T = np.where(high_t & ~corner, T - 1, T)
     piece = np.where(corner, 0, np.where(high_s, np.where(high_t, 1, 0), 2))
     return np.where(corner, -1, level), piece, S, T
-
-
-_FAR = np.int64(1 << 40)
-
-
-def _halvings(x: Array, up: Array) -> Array:
-    """Largest k >= 0 with 2^k x <= 1 (< 1 where `up`, unless x is 1); far for x = 0."""
-    if x.dtype == object:
-        # -log2 from numerator and denominator, then corrected by one exactly
-        k = np.array([_floor_log2(1 / y) if y else _FAR for y in x], dtype=np.int64)
-        ones = [bool(y) and y * 2 ** int(j) == 1 for y, j in zip(x, k, strict=True)]
-        whole = np.array(ones, dtype=bool)
-        k = k - (whole & up)
-    else:
-        mantissa, exponent = np.frexp(x)
-        k = np.where((mantissa == 0.5) & ~up, 1 - exponent, -exponent).astype(np.int64)
-        k[x == 0] = _FAR
-    return np.maximum(k, 0)
 
 
 def split_strip(t: Array, depth: Array, up: Array) -> tuple[Array, Array, Array]:
@@ -147,32 +110,25 @@ def split_strip(t: Array, depth: Array, up: Array) -> tuple[Array, Array, Array]
     Piece k < depth is the upper half after k halvings towards t = 0; the last piece, of number
     `depth`, is what then is left. On a line between two the upper one is taken where `up`.
     """
-    k = np.minimum(_halvings(t, up), depth)
+    number = type_of(t)
+    k = np.minimum(number.halvings(t, up), depth)
     level = np.minimum(k + 1, depth)
-    T = scale_by_two(t, level)
+    T = number.scaled(t, level)
     return k, np.where(k < depth, T - 1, T), level
 
 
 def monomials(x: Array, degree: int) -> Array:
     """Powers 0 to `degree` of x (Q,), (Q, degree + 1)."""
     powers = np.empty((len(x), degree + 1), dtype=x.dtype)
-    powers[:, 0] = Fraction(1) if x.dtype == object else 1.0
+    powers[:, 0] = type_of(x).one
     for k in range(degree):
         powers[:, k + 1] = powers[:, k] * x
     return powers
 
 
-def _floor_log2(x: Fraction) -> int:
-    k = x.numerator.bit_length() - x.denominator.bit_length()
-    return k if x >= Fraction(2) ** k else k - 1
-
-
 def scale_by_two(x: Array, n: Array) -> Array:
     """``x * 2 ** n`` for integers n (Q,), exact up to underflow and overflow (inf)."""
-    if x.dtype == object:
-        return np.asarray(x * np.array([Fraction(2) ** int(k) for k in n], dtype=object))
-    with np.errstate(over="ignore", under="ignore"):
-        return np.ldexp(x, np.clip(n, -(10**8), 10**8).astype(np.int32))
+    return type_of(x).scaled(x, n)
 
 
 def ring_coefficients(
