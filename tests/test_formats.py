@@ -24,7 +24,9 @@ import zoo
 
 import limitsurf as ls
 from limitsurf import memory
-from limitsurf.shell import apart, files, formats, plain
+from limitsurf.shell import files
+from limitsurf.shell.io import apart, formats
+from limitsurf.shell.io import ply as plain
 
 POLYGONS = [".obj", ".ply", ".off", ".usd", ".usda", ".usdc", ".vtp", ".vtu", ".vtk"]
 TRIANGLES = [".stl", ".glb", ".gltf", ".3mf", ".dae"]
@@ -1318,7 +1320,7 @@ GREEDY = {
 READ = """
 import resource, sys
 import limitsurf as ls
-from limitsurf.shell import apart
+from limitsurf.shell.io import apart
 
 for path in sys.argv[1:]:
     try:

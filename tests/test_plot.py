@@ -17,10 +17,10 @@ import zoo
 from PIL import Image
 
 import limitsurf as ls
-from limitsurf.shell import picture as pictures
-from limitsurf.shell import render
-from limitsurf.shell import scene as scenes
-from limitsurf.shell.modes import Fan, predicted_order
+from limitsurf.shell.plot import picture as pictures
+from limitsurf.shell.plot import render
+from limitsurf.shell.plot import scene as scenes
+from limitsurf.shell.plot.modes import Fan, predicted_order
 
 SIZE = (160, 120)
 PAINTED = "painted by Matplotlib"

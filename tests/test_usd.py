@@ -19,8 +19,8 @@ from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
 
 import limitsurf as ls
 from limitsurf.mesh import INTERPOLATION
-from limitsurf.shell import usd
-from limitsurf.shell.cli import main
+from limitsurf.shell.cli.commands import main
+from limitsurf.shell.io import usd
 
 # USD rounds to float32, which random cages may not survive: `write` says so
 pytestmark = pytest.mark.filterwarnings("ignore:.*distinct points become equal:UserWarning")
@@ -678,12 +678,12 @@ def test_instancers_are_bounded(tmp_path, monkeypatch):
         path.write_text("#usda 1.0\n" + text)
         return usd.read("cage.usda", str(path))
 
-    monkeypatch.setattr("limitsurf.shell.usd_scene.MOST_CORNERS", 40)
+    monkeypatch.setattr("limitsurf.shell.io.usd_scene.MOST_CORNERS", 40)
     assert read(instancer(INSTANCES)).n_faces == 10
     text = instancer(INSTANCES, more=instancer("", "other", "</scatter/a>"))
     path = tmp_path / "other.usda"  # USD keeps the layer of a path
     assert read(text).n_faces == 10
-    monkeypatch.setattr("limitsurf.shell.usd_scene.MOST_CORNERS", 39)
+    monkeypatch.setattr("limitsurf.shell.io.usd_scene.MOST_CORNERS", 39)
     path = tmp_path / "sound.usda"
     message = "/scatter: 5 instances make 40 corners of faces, which is more than 39"
     with pytest.raises(ls.MeshError, match=re.escape(message)):

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import Mesh, MeshError
-from limitsurf.shell.losses import LocatedError, Losses, listed
-from limitsurf.shell.parts import MIXED, Part, merged
-from limitsurf.shell.polygons import IntArray, float_points, polygons
+from limitsurf.shell.io.losses import LocatedError, Losses, listed
+from limitsurf.shell.io.parts import MIXED, Part, merged
+from limitsurf.shell.io.polygons import IntArray, float_points, polygons
 
 if TYPE_CHECKING:
     from limitsurf.query import Tessellation
@@ -25,8 +25,8 @@ try:
 except ImportError as error:
     raise ImportError('usd-core is needed for USD files: pip install "limitsurf[usd]"') from error
 
-from limitsurf.shell.usd_reader import CHOICES, CREASING_NOTE, LINEAR, OF_POINTS, Reader, plain
-from limitsurf.shell.usd_scene import Scene
+from limitsurf.shell.io.usd_reader import CHOICES, CREASING_NOTE, LINEAR, OF_POINTS, Reader, plain
+from limitsurf.shell.io.usd_scene import Scene
 
 PRIM = "/mesh"  # what a file of ours calls its mesh
 UP = {"Y": "y", "Z": "z"}

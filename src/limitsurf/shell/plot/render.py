@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.shell import paint
-from limitsurf.shell import scene as scenes
-from limitsurf.shell.formats import _pyvista
-from limitsurf.shell.paint import Image
-from limitsurf.shell.scene import Array, Scene
+from limitsurf.shell.io.formats import _pyvista
+from limitsurf.shell.plot import paint
+from limitsurf.shell.plot import scene as scenes
+from limitsurf.shell.plot.paint import Image
+from limitsurf.shell.plot.scene import Array, Scene
 
 TRIAL = 60  # seconds after which VTK counts as unable to draw
 SUPERSAMPLING = 2  # pixels drawn per pixel of the picture, each way

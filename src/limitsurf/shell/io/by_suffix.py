@@ -13,10 +13,12 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from limitsurf.mesh import Mesh, MeshError
-from limitsurf.shell import files, formats, obj, plain
+from limitsurf.shell import files
 from limitsurf.shell.files import Path, replacing
-from limitsurf.shell.formats import from_pyvista, from_trimesh, to_pyvista, to_trimesh
-from limitsurf.shell.polygons import (
+from limitsurf.shell.io import formats, obj
+from limitsurf.shell.io import ply as plain
+from limitsurf.shell.io.formats import from_pyvista, from_trimesh, to_pyvista, to_trimesh
+from limitsurf.shell.io.polygons import (
     float_points,
     polygons,
     warn_of_cuts,
@@ -389,7 +391,7 @@ def _write(file: IO[bytes], pieces: Any, text: bool) -> None:
 
 
 def _usd() -> Any:
-    from limitsurf.shell import usd
+    from limitsurf.shell.io import usd
 
     return usd
 

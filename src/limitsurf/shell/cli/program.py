@@ -107,7 +107,7 @@ class Cage:
 
     def _check_suffix(self) -> None:
         """Say more than `ls.read` can, of a name that does not tell the format."""
-        from limitsurf.shell.formats import READABLE, library
+        from limitsurf.shell.io.formats import READABLE, library
 
         suffix = os.path.splitext(self.path)[1].lower()
         if suffix in READABLE or not os.path.exists(self.path) or library(suffix):
@@ -135,13 +135,13 @@ def _normal_suffix(_: click.Context, __: click.Parameter, given: str | None) -> 
 
 
 def _readable(_: click.Context, __: click.Parameter, begun: str) -> list[str]:
-    from limitsurf.shell.formats import READABLE
+    from limitsurf.shell.io.formats import READABLE
 
     return [suffix for suffix in READABLE if suffix.startswith(begun)]
 
 
 def _writable(_: click.Context, __: click.Parameter, begun: str) -> list[str]:
-    from limitsurf.shell.formats import WRITABLE
+    from limitsurf.shell.io.formats import WRITABLE
 
     return [suffix for suffix in WRITABLE if suffix.startswith(begun)]
 
@@ -224,7 +224,7 @@ def reads_cage(command: Command) -> Command:
 
 def mesh_suffix(output: str, to: str | None, as_json: bool) -> str:
     """The format of a mesh that is to be written; what could not be is refused at once."""
-    from limitsurf.shell.formats import WRITABLE
+    from limitsurf.shell.io.formats import WRITABLE
 
     suffix = to or (".obj" if output == "-" else os.path.splitext(output)[1].lower())
     if output != "-":

@@ -28,7 +28,7 @@ def cage_facts(mesh: Mesh, rules: Mapping[str, Any]) -> Facts:
     Examples
     --------
     >>> import limitsurf as ls
-    >>> from limitsurf.shell.facts import cage_facts
+    >>> from limitsurf.shell.cli.facts import cage_facts
     >>> facts = cage_facts(ls.Mesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]), {})
     >>> facts["vertices"], facts["closed"], facts["limit_faces"], facts["special_corners"]
     (3, False, 3, [{'kind': 'interior', 'faces': 3, 'patches': 3}])

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import Mesh, MeshError
-from limitsurf.shell.losses import Losses
-from limitsurf.shell.obj import Statements
-from limitsurf.shell.polygons import IntArray, mesh_of, strips
+from limitsurf.shell.io.losses import Losses
+from limitsurf.shell.io.obj import Statements
+from limitsurf.shell.io.polygons import IntArray, mesh_of, strips
 
 if TYPE_CHECKING:
     from limitsurf.query import Polygons

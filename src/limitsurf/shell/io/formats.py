@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import UP, Mesh, MeshError
-from limitsurf.shell import references, vtk_reader
-from limitsurf.shell.apart import allow, read_apart
-from limitsurf.shell.losses import Losses
-from limitsurf.shell.polygons import mesh_of, polygons
+from limitsurf.shell.io import references, vtk_reader
+from limitsurf.shell.io.apart import allow, read_apart
+from limitsurf.shell.io.losses import Losses
+from limitsurf.shell.io.polygons import mesh_of, polygons
 
 if TYPE_CHECKING:
     from limitsurf.query import Polygons, Tessellation
@@ -40,13 +40,13 @@ MEASURES = {".glb": ("y", 1.0), ".gltf": ("y", 1.0), ".dae": ("y", 1.0), ".3mf":
 _UNPACKED = 1 << 26  # bytes of archives unpacked, beside those in proportion to a file
 # what reads files of a library in a process of its own, and what is to be imported there first
 _READERS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "usd": ("limitsurf.shell.references:read_usd", ("limitsurf.shell.usd",)),
+    "usd": ("limitsurf.shell.io.references:read_usd", ("limitsurf.shell.io.usd",)),
     "vtk": (
-        "limitsurf.shell.vtk_reader:read",
+        "limitsurf.shell.io.vtk_reader:read",
         ("vtkmodules.vtkIOLegacy", "vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support"),
     ),
-    "pyvista": ("limitsurf.shell.vtk_reader:read", ("pyvista",)),
-    "trimesh": ("limitsurf.shell.formats:read_trimesh", ("trimesh.exchange.load",)),
+    "pyvista": ("limitsurf.shell.io.vtk_reader:read", ("pyvista",)),
+    "trimesh": ("limitsurf.shell.io.formats:read_trimesh", ("trimesh.exchange.load",)),
 }
 # how a file begins, after white space, and what to say where it does not
 _BEGINNINGS = {

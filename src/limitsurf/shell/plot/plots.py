@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from limitsurf import memory
 from limitsurf.checks import checked_integer
 from limitsurf.query import POLYGON, validate
-from limitsurf.shell import charts
-from limitsurf.shell import picture as pictures
 from limitsurf.shell.files import Path
-from limitsurf.shell.formats import _pyvista
-from limitsurf.shell.modes import Fan, Mode, predicted_order
-from limitsurf.shell.picture import Picture
-from limitsurf.shell.scene import (
+from limitsurf.shell.io.formats import _pyvista
+from limitsurf.shell.plot import charts
+from limitsurf.shell.plot import picture as pictures
+from limitsurf.shell.plot.modes import Fan, Mode, predicted_order
+from limitsurf.shell.plot.picture import Picture
+from limitsurf.shell.plot.scene import (
     COLOR,
     CURVATURES,
     DIVERGING,

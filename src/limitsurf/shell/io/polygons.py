@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import CHOICES, Mesh, MeshError
-from limitsurf.shell.losses import Losses, finite_points, tagged, with_gaps
+from limitsurf.shell.io.losses import Losses, finite_points, tagged, with_gaps
 
 if TYPE_CHECKING:
     from limitsurf.query import Polygons, Tessellation

@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.shell import scene as scenes
-from limitsurf.shell.scene import Array, Dots, Field, Scene
+from limitsurf.shell.plot import scene as scenes
+from limitsurf.shell.plot.scene import Array, Dots, Field, Scene
 
 Image: TypeAlias = NDArray[np.uint8]
 

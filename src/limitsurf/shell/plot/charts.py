@@ -10,10 +10,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.shell import paint
-from limitsurf.shell.modes import Fan, Mode
-from limitsurf.shell.paint import Image
-from limitsurf.shell.scene import INK
+from limitsurf.shell.plot import paint
+from limitsurf.shell.plot.modes import Fan, Mode
+from limitsurf.shell.plot.paint import Image
+from limitsurf.shell.plot.scene import INK
 
 Array: TypeAlias = NDArray[np.float64]
 
