@@ -34,22 +34,22 @@ if TYPE_CHECKING:
         refined as refined,
     )
     from limitsurf.shell.io.by_suffix import (
-        from_pyvista as from_pyvista,
-    )
-    from limitsurf.shell.io.by_suffix import (
-        from_trimesh as from_trimesh,
-    )
-    from limitsurf.shell.io.by_suffix import (
         read as read,
     )
     from limitsurf.shell.io.by_suffix import (
-        to_pyvista as to_pyvista,
+        write as write,
     )
-    from limitsurf.shell.io.by_suffix import (
+    from limitsurf.shell.io.by_trimesh import (
+        from_trimesh as from_trimesh,
+    )
+    from limitsurf.shell.io.by_trimesh import (
         to_trimesh as to_trimesh,
     )
-    from limitsurf.shell.io.by_suffix import (
-        write as write,
+    from limitsurf.shell.io.vtk import (
+        from_pyvista as from_pyvista,
+    )
+    from limitsurf.shell.io.vtk import (
+        to_pyvista as to_pyvista,
     )
     from limitsurf.shell.plot.plots import (
         Picture as Picture,
@@ -93,8 +93,8 @@ _HOME = {
     "Scheme": "exact.scheme",
     "Tessellation": "query",
     "eigenbasis": "spectra",
-    "from_pyvista": "shell.io.by_suffix",
-    "from_trimesh": "shell.io.by_suffix",
+    "from_pyvista": "shell.io.vtk",
+    "from_trimesh": "shell.io.by_trimesh",
     "plot": "shell.plot.plots",
     "plot_characteristic_map": "shell.plot.plots",
     "plot_convergence": "shell.plot.plots",
@@ -103,8 +103,8 @@ _HOME = {
     "read": "shell.io.by_suffix",
     "refined": "refine",
     "tessellate": "query",
-    "to_pyvista": "shell.io.by_suffix",
-    "to_trimesh": "shell.io.by_suffix",
+    "to_pyvista": "shell.io.vtk",
+    "to_trimesh": "shell.io.by_trimesh",
     "validate": "query",
     "write": "shell.io.by_suffix",
 }

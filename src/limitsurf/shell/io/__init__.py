@@ -1,6 +1,9 @@
 """Files and the objects of other libraries: cages, tessellations, queries, answers.
 
-`by_suffix` holds the calls, `formats` the table of what each format can hold. A format has a module
-of its own name (`obj`, `ply`, `off`, `usd`) or is one of those that a library knows
-(`vtk_objects`, `trimesh_objects`). To add one is to add a module and its row in `formats`.
+`by_suffix` has the calls, `formats` the table of what each format holds. A format of cages is a
+module: `obj`, `ply`, `off`, `usd` (with `usd_reader`, `usd_scene`), `vtk` (with `vtk_reader`), or
+`by_trimesh` for those that trimesh knows, with `gltf`. What they have in common is in `polygons`
+(faces, points, "uv"), `parts` (many meshes as one), `losses` (what is left out), `apart` and
+`references` (processes that read broken files). `queries` and `answers` are CSV, NPY, NPZ, Parquet
+and Zarr.
 """

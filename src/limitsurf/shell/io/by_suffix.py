@@ -15,9 +15,7 @@ import numpy as np
 from limitsurf.mesh import Mesh, MeshError
 from limitsurf.shell import files
 from limitsurf.shell.files import Path, replacing
-from limitsurf.shell.io import formats, obj
-from limitsurf.shell.io import ply as plain
-from limitsurf.shell.io.formats import from_pyvista, from_trimesh, to_pyvista, to_trimesh
+from limitsurf.shell.io import by_trimesh, formats, obj, off, ply, vtk
 from limitsurf.shell.io.polygons import (
     float_points,
     polygons,
@@ -30,9 +28,7 @@ from limitsurf.shell.io.polygons import (
 if TYPE_CHECKING:
     from limitsurf.query import Tessellation
 
-__all__ = ["from_pyvista", "from_trimesh", "read", "to_pyvista", "to_trimesh", "write"]
-
-_PARSERS = {".obj": obj.parse, ".ply": plain.parse_ply, ".off": plain.parse_off}
+_PARSERS = {".obj": obj.parse, ".ply": ply.parse, ".off": off.parse}
 
 
 def read(
@@ -128,7 +124,7 @@ def read(
     shapes that are no meshes have no place in a cage, which a warning says. Normals are ignored.
 
     **glTF, DAE, 3MF** say in which units and with which axis up they are (glTF: metres, Y), which
-    become the ``units`` and ``up`` of the mesh.
+    become the ``units`` and ``up`` of the mesh. Strips and fans of glTF become triangles.
 
     Parameters
     ----------
@@ -372,10 +368,10 @@ def _pieces(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]:
     if kind in formats.TRIMESH:
         shape = without_gaps(name, kind, shape)
         warn_of_cuts(name, kind, x)
-        warn_of_rounding(name, kind, x, shape.points, formats.rounded(kind, shape.points), 4)
+        warn_of_rounding(name, kind, x, shape.points, by_trimesh.rounded(kind, shape.points), 4)
     if kind in (".off", ".ply"):
-        return plain.off(shape) if kind == ".off" else plain.ply(shape.split())
-    return formats.vtk(shape, kind) if kind in formats.VTK else formats.trimesh_bytes(shape, kind)
+        return off.pieces(shape) if kind == ".off" else ply.pieces(shape.split())
+    return vtk.pieces(shape, kind) if kind in formats.VTK else by_trimesh.pieces(shape, kind)
 
 
 def _write(file: IO[bytes], pieces: Any, text: bool) -> None:

@@ -116,9 +116,6 @@ def warn_of_loss(
     if isinstance(x, Mesh) and not loose:
         unused = int((x.vertex_faces == 0).sum())
         lost += [f"vertices of no face ({unused})"] if unused else []
-    if kind not in OWN_MEASURES and not tags:
-        lost += [f"units ({x.units:g} m)"] if x.units is not None else []
-        lost += [f"up axis ({x.up})"] if x.up is not None else []
     if lost:
         text = f"{name}: a file of type {kind} cannot hold everything, left out: "
         warnings.warn(text + ", ".join(lost), stacklevel=3 if tags else 4)

@@ -18,7 +18,7 @@ from limitsurf import memory
 from limitsurf.checks import checked_integer
 from limitsurf.query import POLYGON, validate
 from limitsurf.shell.files import Path
-from limitsurf.shell.io.formats import _pyvista
+from limitsurf.shell.io.vtk import imported_pyvista
 from limitsurf.shell.plot import charts
 from limitsurf.shell.plot import picture as pictures
 from limitsurf.shell.plot.modes import Fan, Mode, predicted_order
@@ -186,7 +186,7 @@ def plot(
     width, height = _checked_size(window_size)
     memory.refuse_beyond(len(surface.limit_faces) * (n or 1) ** 2, POLYGON, "quads")
     memory.refuse_beyond(width * height, 100, "pixels")
-    pyvista = _pyvista()
+    pyvista = imported_pyvista()
     try:
         body = pyvista.Color(color).float_rgb
     except (TypeError, ValueError):

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.shell.io.formats import _pyvista
+from limitsurf.shell.io.vtk import imported_pyvista
 from limitsurf.shell.plot import paint
 from limitsurf.shell.plot import scene as scenes
 from limitsurf.shell.plot.paint import Image
@@ -152,7 +152,7 @@ def _plotter(
     scene: Scene, width: int, height: int, off_screen: bool | None, page: bool = False
 ) -> Iterator[Any]:
     """A PyVista plotter with the scene; of a page all is made of triangles and thin lines."""
-    pyvista = _pyvista()
+    pyvista = imported_pyvista()
     size = (width, height)
     with _calm_vtk(), _offset():
         plotter = pyvista.Plotter(off_screen=off_screen, window_size=size, lighting=None)
