@@ -1,5 +1,6 @@
 """Cages to and from USD: what is written is read, what others write means what it means there."""
 
+import json
 import os
 import random
 import re
@@ -470,6 +471,13 @@ def test_meshes_of_several_schemes(read, tmp_path):
     assert "--scheme catmull-clark" in told.stdout
     assert "differ in scheme: 'none' (1: /World/ground)" in told.stderr
     assert "--prim PATH" in told.stderr
+    assert re.search(r"scheme of /World/ground +none\nscheme of /World/box +catmull", told.stdout)
+    found = {"/World/ground": "none", "/World/box": "catmull-clark"}
+    for given in ([path], ["-", "--from", "usda"]):
+        said = CliRunner().invoke(main, ["info", *given, "--json"], input=Path(path).read_bytes())
+        assert json.loads(said.stdout)["schemes"] == found
+    only = CliRunner().invoke(main, ["info", path, "--json", "--prim", "/World/box"])
+    assert json.loads(only.stdout)["schemes"] is None
     chosen = CliRunner().invoke(main, ["info", path, "--scheme", "catmull-clark"])
     assert (chosen.exit_code, chosen.stderr) == (0, "")
     assert "limit faces" in chosen.stdout

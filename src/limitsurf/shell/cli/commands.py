@@ -77,15 +77,18 @@ def info(cage: Cage, as_json: bool) -> None:
     faces, components, closed; face_sizes, valences, boundary_faces, nonmanifold_faces (how
     often which number of corners, or of faces at a vertex, occurs); creases, corners (number,
     infinite, least, most); holes; channels (of each name values, numbers, interpolation); scheme,
-    units (metres), up (as the cage says, else null); rules (of each value, by_default);
-    limit_faces; patches (how many limit faces are covered how); special_corners (kind, faces,
-    patches); no_surface (why there is none, else null).
+    units (metres), up (as the cage says, else null); schemes (of each mesh in a USD file, if they
+    differ, else null); rules (of each value, by_default); limit_faces; patches (how many limit
+    faces are covered how); special_corners (kind, faces, patches); no_surface (why there is none,
+    else null).
     """
     from limitsurf.shell.cli import facts
+    from limitsurf.shell.io.parts import MIXED
 
     mesh = cage.read()
+    schemes = cage.schemes() if mesh.scheme == MIXED else None
     with terminal.working("building the surface"):
-        found = facts.cage_facts(mesh, cage.rules)
+        found = facts.cage_facts(mesh, cage.rules, schemes)
     if as_json:
         terminal.say_json({"cage": cage.path, **found})
     else:

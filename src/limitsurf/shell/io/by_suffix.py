@@ -202,11 +202,30 @@ def read(
         if kind in _PARSERS:
             return _PARSERS[kind](name, _content(file, name, kind), strict=strict)
         with _on_disk(file, name, kind, library) as (path, folder):
-            return formats.read_by_library(name, kind, path, folder, strict=strict, **options)
+            found: Mesh = formats.read_by_library(
+                name, kind, path, folder, strict=strict, **options
+            )
+            return found
     except MeshError as error:
         if str(error).startswith(name):
             raise
         raise MeshError(f"{name}: {error}") from None
+
+
+def schemes(
+    file: Path | IO[bytes],
+    *,
+    suffix: str | None = None,
+    prim: str | None = None,
+    time: float | None = None,
+) -> dict[str, str]:
+    """The scheme of each mesh of a USD file by its path; arguments are those of `read`."""
+    name, kind = _named(file, suffix, "<stdin>")
+    with _on_disk(file, name, kind, None) as (path, folder):
+        found: dict[str, str] = formats.read_by_library(
+            name, kind, path, folder, call="schemes", prim=prim, time=time
+        )
+        return found
 
 
 def _content(file: Path | IO[bytes], name: str, kind: str) -> bytes:

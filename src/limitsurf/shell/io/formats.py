@@ -51,7 +51,7 @@ _BEGINNINGS = {
 }
 
 
-def read_by_library(name: str, suffix: str, path: str, folder: str | None, **options: Any) -> Mesh:
+def read_by_library(name: str, suffix: str, path: str, folder: str | None, **options: Any) -> Any:
     """The cage of a file at a path, whose format is not `PLAIN`, read in a process of its own.
 
     `name` is that of the file for messages; files that it names are in the folder, if any.
@@ -62,10 +62,7 @@ def read_by_library(name: str, suffix: str, path: str, folder: str | None, **opt
         _check_beginning(name, suffix, file.read(1 << 16))
     function, modules = _READERS[families.get(suffix) or library(suffix) or "trimesh"]
     size = os.path.getsize(path)
-    found: Mesh = read_apart(
-        name, size, function, name, suffix, path, folder, modules=modules, **options
-    )
-    return found
+    return read_apart(name, size, function, name, suffix, path, folder, modules=modules, **options)
 
 
 def library(suffix: str) -> str | None:

@@ -68,13 +68,15 @@ def add_mentioned(name: str, path: str) -> None:
             named.add(place)
 
 
-def read_usd(name: str, suffix: str, path: str, folder: str | None, **options: Any) -> Any:
-    """What `usd.read` returns, the layers of the stage being looked at one after the other."""
+def read_usd(
+    name: str, suffix: str, path: str, folder: str | None, *, call: str = "read", **options: Any
+) -> Any:
+    """What a function of `usd` returns, the layers of the stage being looked at one by one."""
     from limitsurf.shell.io import usd
 
     layers = _layers(name, path)  # kept, so that none is read twice
     try:
-        return usd.read(name, path, **options)
+        return getattr(usd, call)(name, path, **options)
     finally:
         del layers
 
