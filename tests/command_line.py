@@ -6,7 +6,7 @@ import sys
 
 from click.testing import CliRunner
 
-from limitsurf.shell.cli import main
+from limitsurf.shell.cli.commands import main
 
 PROGRAM = [sys.executable, "-W", "error", "-m", "limitsurf"]
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import limitsurf as ls
-from limitsurf.shell import render
+from limitsurf.shell.plot import render
 
 FOLDER = Path(__file__).parent / "images"
 README = Path(__file__).parents[1] / "notebooks" / "site" / "images" / "readme.jpg"

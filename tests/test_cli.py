@@ -23,8 +23,8 @@ from command_line import PROGRAM, facts, fail, pipeline, run, succeed
 from mpmath import mp
 
 import limitsurf as ls
-from limitsurf.shell import answers, queries
-from limitsurf.shell.cli import main
+from limitsurf.shell.cli.commands import main
+from limitsurf.shell.io import answers, queries
 
 
 @pytest.fixture
@@ -603,8 +603,8 @@ def test_memory_holds_batches_not_files(cage, tmp_path):
     """Answers to a million queries are 48 MB, which no step may add."""
     script = f"""
 import resource
-from limitsurf.shell import queries
-from limitsurf.shell.cli import main
+from limitsurf.shell.io import queries
+from limitsurf.shell.cli.commands import main
 
 queries.BATCH = 1 << 14
 def peak(*options):

@@ -27,9 +27,10 @@ from pyarrow import parquet
 
 import limitsurf as ls
 from limitsurf import __main__
-from limitsurf.shell import answers, files, formats, queries
-from limitsurf.shell.cli import main
-from limitsurf.shell.program import ERRORS
+from limitsurf.shell import files
+from limitsurf.shell.cli.commands import main
+from limitsurf.shell.cli.program import ERRORS
+from limitsurf.shell.io import answers, formats, queries
 
 # every command that takes a cage, and what it writes; CAGE and OUT are put in their places
 READING = {
@@ -302,7 +303,7 @@ def test_json_and_a_mesh_cannot_share_the_output(cage):
 
 FULL = """
 import contextlib, io, json, os, resource, sys
-from limitsurf.shell.cli import main
+from limitsurf.shell.cli.commands import main
 
 found = []
 before = sorted(os.listdir("."))
@@ -503,7 +504,7 @@ def test_interrupts_while_the_program_loads(monkeypatch):
         def __getattr__(self, name):
             raise KeyboardInterrupt
 
-    monkeypatch.setitem(sys.modules, "limitsurf.shell.cli", Loading())
+    monkeypatch.setitem(sys.modules, "limitsurf.shell.cli.commands", Loading())
     with pytest.raises(SystemExit) as end:
         __main__.main()
     assert end.value.code == 130
@@ -553,7 +554,9 @@ def test_a_signal_while_the_input_is_awaited(number, code, untouched):
 
 LONG = """
 import sys
-from limitsurf.shell import answers, cli, terminal
+from limitsurf.shell import terminal
+from limitsurf.shell.cli import commands as cli
+from limitsurf.shell.io import answers
 import numpy as np
 
 terminal.GRACE = 0.2
@@ -598,7 +601,7 @@ def default_signals():
 
 CLOSED = """
 import io, json, os, sys
-from limitsurf.shell.cli import main
+from limitsurf.shell.cli.commands import main
 
 codes = []
 for arguments in json.loads(sys.argv[1]):

@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 import limitsurf as ls
-from limitsurf.shell import picture
-from limitsurf.shell.cli import main
+from limitsurf.shell.cli.commands import main
+from limitsurf.shell.plot import picture
 
 
 def demo(folder, *options):

@@ -24,7 +24,8 @@ import zoo
 
 import limitsurf as ls
 from limitsurf import memory
-from limitsurf.shell import apart, files, formats, plain
+from limitsurf.shell import files
+from limitsurf.shell.io import apart, formats, ply
 
 POLYGONS = [".obj", ".ply", ".off", ".usd", ".usda", ".usdc", ".vtp", ".vtu", ".vtk"]
 TRIANGLES = [".stl", ".glb", ".gltf", ".3mf", ".dae"]
@@ -732,7 +733,7 @@ def test_ply_of_many_blocks(tmp_path, monkeypatch, block, text):
         lines += ["end_header", *(" ".join(map(repr, point)) for point in mesh.points.tolist())]
         lines += [" ".join(map(str, [len(face), *face.tolist()])) for face in mesh.faces]
         path.write_text("\n".join(lines))
-    monkeypatch.setattr(plain, "_BLOCK", block)
+    monkeypatch.setattr(ply, "_BLOCK", block)
     assert ls.read(path) == mesh
     data = path.read_bytes()
     for length in len(data) - 3, len(data) - 2000:
@@ -749,7 +750,7 @@ def test_memory_of_a_ply_file(tmp_path):
     data = path.read_bytes()
     tracemalloc.start()
     try:
-        plain._Ply("x.ply", data)
+        ply._Ply("x.ply", data)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -1318,7 +1319,7 @@ GREEDY = {
 READ = """
 import resource, sys
 import limitsurf as ls
-from limitsurf.shell import apart
+from limitsurf.shell.io import apart
 
 for path in sys.argv[1:]:
     try:
@@ -1594,6 +1595,70 @@ def test_buffers_beside_a_gltf_file(tmp_path):
         ls.read(io.BytesIO(path.read_bytes()), suffix=".gltf")
     ls.write(tmp_path / "y.gltf", CUBE)
     assert sum(name.startswith("y") for name in os.listdir(tmp_path)) == 1
+
+
+def gltf_of(corners, mode, kind, indices, place):
+    """The glTF file of one primitive at corners (V, 3), as the name and bytes of several files.
+
+    `kind` is the type of indices, of which there may be none; `place` where they are: inside of a
+    binary file, in the text, or in a file of their own.
+    """
+    numbers = np.array([] if indices is None else indices, kind).tobytes()
+    points = np.array(corners, np.float32).tobytes()
+    primitive = {"attributes": {"POSITION": 0}, "mode": mode}
+    views = [{"buffer": 0, "byteLength": len(points)}]
+    accessors = [{"bufferView": 0, "componentType": 5126, "count": len(corners), "type": "VEC3"}]
+    if indices is not None:
+        primitive["indices"] = 1
+        views.append({"buffer": 0, "byteOffset": len(points) - 4, "byteLength": len(numbers) + 4})
+        accessors.append({"bufferView": 1, "byteOffset": 4, "count": len(indices)})
+        accessors[1] |= {"type": "SCALAR", "componentType": 5121 + 2 * "BHxI".index(kind)}
+    content = points + numbers
+    content += bytes(-len(content) % 4)
+    head = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(content)}],
+    }
+    if place == "binary":
+        text = json.dumps(head).encode()
+        text += b" " * (-len(text) % 4)
+        size = 28 + len(text) + len(content)
+        chunks = struct.pack("<I4s", len(text), b"JSON") + text
+        chunks += struct.pack("<I4s", len(content), b"BIN\0") + content
+        return {"a.glb": struct.pack("<4sII", b"glTF", 2, size) + chunks}
+    uri = "data:x;base64," + base64.b64encode(content).decode() if place == "text" else "a.bin"
+    head["buffers"][0]["uri"] = uri
+    return {"a.gltf": json.dumps(head).encode(), "a.bin": content}
+
+
+@pytest.mark.parametrize("place", ["binary", "text", "beside"])
+@pytest.mark.parametrize(("kind", "order"), [("B", range(5)), ("H", [4, 1, 2, 2, 0]), ("I", None)])
+def test_fans_of_gltf(tmp_path, place, kind, order):
+    """Triangles of the first vertex and two neighbours, but those that have a vertex twice."""
+    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [-1, 0, 0]]
+    for name, content in gltf_of(corners, 6, kind, order, place).items():
+        (tmp_path / name).write_bytes(content)
+        first = next(iter(tmp_path.glob("a.gl*")))
+    mesh = ls.read(first, strict=True)
+    faces = [[4, 1, 2], [4, 2, 0]] if kind == "H" else [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
+    assert mesh.points[mesh.faces].tolist() == np.array(corners, float)[faces].tolist()
+
+
+def test_broken_fans_of_gltf(tmp_path):
+    """They are named, and cost no triangles."""
+    content = gltf_of(np.eye(3), 6, "H", [0, 1, 2], "text")["a.gltf"]
+    head = json.loads(content)
+    primitive = head["meshes"][0]["primitives"][0]
+    head["meshes"][0]["primitives"] += [primitive | {"mode": 4}, primitive | {"indices": 7}]
+    path = tmp_path / "a.gltf"
+    path.write_text(json.dumps(head))
+    with pytest.warns(UserWarning, match=r"left out: triangle fans$"):
+        assert ls.read(path).n_faces == 2
 
 
 def test_without_trimesh(monkeypatch):

@@ -225,8 +225,9 @@ import os
 import dask, dask.array as da, numpy as np, limitsurf as ls, pyarrow as pa, zarr
 import pyarrow.parquet as pq
 from dask.distributed import Client, LocalCluster
-from limitsurf.shell import answers, cluster as cluster_files
-from limitsurf.shell.cli import main
+from limitsurf.shell import cluster as cluster_files
+from limitsurf.shell.io import answers
+from limitsurf.shell.cli.commands import main
 
 def watch():
     restored = ls.LimitSurface.__setstate__

@@ -17,10 +17,10 @@ import zoo
 from PIL import Image
 
 import limitsurf as ls
-from limitsurf.shell import picture as pictures
-from limitsurf.shell import render
-from limitsurf.shell import scene as scenes
-from limitsurf.shell.modes import Fan, predicted_order
+from limitsurf.shell.plot import picture as pictures
+from limitsurf.shell.plot import render
+from limitsurf.shell.plot import scene as scenes
+from limitsurf.shell.plot.modes import Fan, predicted_order
 
 SIZE = (160, 120)
 PAINTED = "painted by Matplotlib"
@@ -788,7 +788,7 @@ def test_diagrams_as_files(suffix, tmp_path):
     start = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}[suffix]
     assert path.read_bytes().startswith(start)
     with pytest.raises(ValueError, match=r"\.png or \.svg or \.pdf"):
-        ls.plot_convergence(ls.LimitSurface(cube()), 1, tmp_path / "a.html")
+        ls.plot_convergence(ls.LimitSurface(cube()), tmp_path / "a.html", levels=1)
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
@@ -837,4 +837,4 @@ def test_convergence_of_nothing():
     with pytest.raises(ValueError, match="at least one surface"):
         ls.plot_convergence({}, off_screen=True)
     with pytest.raises(ValueError, match="levels"):
-        ls.plot_convergence(ls.LimitSurface(cube()), 0, off_screen=True)
+        ls.plot_convergence(ls.LimitSurface(cube()), levels=0, off_screen=True)

@@ -1,5 +1,6 @@
 """Cages to and from USD: what is written is read, what others write means what it means there."""
 
+import json
 import os
 import random
 import re
@@ -19,8 +20,8 @@ from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
 
 import limitsurf as ls
 from limitsurf.mesh import INTERPOLATION
-from limitsurf.shell import usd
-from limitsurf.shell.cli import main
+from limitsurf.shell.cli.commands import main
+from limitsurf.shell.io import usd
 
 # USD rounds to float32, which random cages may not survive: `write` says so
 pytestmark = pytest.mark.filterwarnings("ignore:.*distinct points become equal:UserWarning")
@@ -470,6 +471,13 @@ def test_meshes_of_several_schemes(read, tmp_path):
     assert "--scheme catmull-clark" in told.stdout
     assert "differ in scheme: 'none' (1: /World/ground)" in told.stderr
     assert "--prim PATH" in told.stderr
+    assert re.search(r"scheme of /World/ground +none\nscheme of /World/box +catmull", told.stdout)
+    found = {"/World/ground": "none", "/World/box": "catmull-clark"}
+    for given in ([path], ["-", "--from", "usda"]):
+        said = CliRunner().invoke(main, ["info", *given, "--json"], input=Path(path).read_bytes())
+        assert json.loads(said.stdout)["schemes"] == found
+    only = CliRunner().invoke(main, ["info", path, "--json", "--prim", "/World/box"])
+    assert json.loads(only.stdout)["schemes"] is None
     chosen = CliRunner().invoke(main, ["info", path, "--scheme", "catmull-clark"])
     assert (chosen.exit_code, chosen.stderr) == (0, "")
     assert "limit faces" in chosen.stdout
@@ -678,12 +686,12 @@ def test_instancers_are_bounded(tmp_path, monkeypatch):
         path.write_text("#usda 1.0\n" + text)
         return usd.read("cage.usda", str(path))
 
-    monkeypatch.setattr("limitsurf.shell.usd_scene.MOST_CORNERS", 40)
+    monkeypatch.setattr("limitsurf.shell.io.usd_scene.MOST_CORNERS", 40)
     assert read(instancer(INSTANCES)).n_faces == 10
     text = instancer(INSTANCES, more=instancer("", "other", "</scatter/a>"))
     path = tmp_path / "other.usda"  # USD keeps the layer of a path
     assert read(text).n_faces == 10
-    monkeypatch.setattr("limitsurf.shell.usd_scene.MOST_CORNERS", 39)
+    monkeypatch.setattr("limitsurf.shell.io.usd_scene.MOST_CORNERS", 39)
     path = tmp_path / "sound.usda"
     message = "/scatter: 5 instances make 40 corners of faces, which is more than 39"
     with pytest.raises(ls.MeshError, match=re.escape(message)):

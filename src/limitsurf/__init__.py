@@ -33,37 +33,37 @@ if TYPE_CHECKING:
     from limitsurf.refine import (
         refined as refined,
     )
-    from limitsurf.shell.io import (
-        from_pyvista as from_pyvista,
-    )
-    from limitsurf.shell.io import (
-        from_trimesh as from_trimesh,
-    )
-    from limitsurf.shell.io import (
+    from limitsurf.shell.io.by_suffix import (
         read as read,
     )
-    from limitsurf.shell.io import (
-        to_pyvista as to_pyvista,
-    )
-    from limitsurf.shell.io import (
-        to_trimesh as to_trimesh,
-    )
-    from limitsurf.shell.io import (
+    from limitsurf.shell.io.by_suffix import (
         write as write,
     )
-    from limitsurf.shell.plot import (
+    from limitsurf.shell.io.by_trimesh import (
+        from_trimesh as from_trimesh,
+    )
+    from limitsurf.shell.io.by_trimesh import (
+        to_trimesh as to_trimesh,
+    )
+    from limitsurf.shell.io.vtk import (
+        from_pyvista as from_pyvista,
+    )
+    from limitsurf.shell.io.vtk import (
+        to_pyvista as to_pyvista,
+    )
+    from limitsurf.shell.plot.plots import (
         Picture as Picture,
     )
-    from limitsurf.shell.plot import (
+    from limitsurf.shell.plot.plots import (
         plot as plot,
     )
-    from limitsurf.shell.plot import (
+    from limitsurf.shell.plot.plots import (
         plot_characteristic_map as plot_characteristic_map,
     )
-    from limitsurf.shell.plot import (
+    from limitsurf.shell.plot.plots import (
         plot_convergence as plot_convergence,
     )
-    from limitsurf.shell.plot import (
+    from limitsurf.shell.plot.plots import (
         plot_eigenfunctions as plot_eigenfunctions,
     )
     from limitsurf.spectra import Eigenbasis as Eigenbasis
@@ -88,25 +88,25 @@ _HOME = {
     "LimitSurface": "surface",
     "Mesh": "mesh",
     "MeshError": "mesh",
-    "Picture": "shell.plot",
+    "Picture": "shell.plot.plots",
     "RefinedMesh": "refine",
     "Scheme": "exact.scheme",
     "Tessellation": "query",
     "eigenbasis": "spectra",
-    "from_pyvista": "shell.io",
-    "from_trimesh": "shell.io",
-    "plot": "shell.plot",
-    "plot_characteristic_map": "shell.plot",
-    "plot_convergence": "shell.plot",
-    "plot_eigenfunctions": "shell.plot",
+    "from_pyvista": "shell.io.vtk",
+    "from_trimesh": "shell.io.by_trimesh",
+    "plot": "shell.plot.plots",
+    "plot_characteristic_map": "shell.plot.plots",
+    "plot_convergence": "shell.plot.plots",
+    "plot_eigenfunctions": "shell.plot.plots",
     "precompile": "surface",
-    "read": "shell.io",
+    "read": "shell.io.by_suffix",
     "refined": "refine",
     "tessellate": "query",
-    "to_pyvista": "shell.io",
-    "to_trimesh": "shell.io",
+    "to_pyvista": "shell.io.vtk",
+    "to_trimesh": "shell.io.by_trimesh",
     "validate": "query",
-    "write": "shell.io",
+    "write": "shell.io.by_suffix",
 }
 __all__ = [*_HOME]
 

@@ -4,7 +4,7 @@
 def main() -> None:
     """Run the command line on the arguments of the process."""
     try:
-        from limitsurf.shell.cli import main as program
+        from limitsurf.shell.cli.commands import main as program
     except KeyboardInterrupt:
         raise SystemExit(130) from None
     program()

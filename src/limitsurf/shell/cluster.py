@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from limitsurf.shell.answers import Parquet, Question, Zarr, answered
 from limitsurf.shell.files import checked_suffix, needed, replacing_folder
-from limitsurf.shell.queries import BATCH, Batch, Queries, spans
+from limitsurf.shell.io.answers import Parquet, Question, Zarr, answered
+from limitsurf.shell.io.queries import BATCH, Batch, Queries, spans
 
 if TYPE_CHECKING:
     from limitsurf.surface import LimitSurface

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from limitsurf import memory
 from limitsurf.checks import checked_integer
 from limitsurf.query import POLYGON, validate
-from limitsurf.shell import charts
-from limitsurf.shell import picture as pictures
 from limitsurf.shell.files import Path
-from limitsurf.shell.formats import _pyvista
-from limitsurf.shell.modes import Fan, Mode, predicted_order
-from limitsurf.shell.picture import Picture
-from limitsurf.shell.scene import (
+from limitsurf.shell.io.vtk import imported_pyvista
+from limitsurf.shell.plot import charts
+from limitsurf.shell.plot import picture as pictures
+from limitsurf.shell.plot.modes import Fan, Mode, predicted_order
+from limitsurf.shell.plot.picture import Picture
+from limitsurf.shell.plot.scene import (
     COLOR,
     CURVATURES,
     DIVERGING,
@@ -186,7 +186,7 @@ def plot(
     width, height = _checked_size(window_size)
     memory.refuse_beyond(len(surface.limit_faces) * (n or 1) ** 2, POLYGON, "quads")
     memory.refuse_beyond(width * height, 100, "pixels")
-    pyvista = _pyvista()
+    pyvista = imported_pyvista()
     try:
         body = pyvista.Color(color).float_rgb
     except (TypeError, ValueError):
@@ -203,11 +203,11 @@ def plot(
 
 def plot_characteristic_map(
     scheme: str | Scheme = "catmull-clark",
+    file: Path | None = None,
     *,
     valence: int | None = None,
     kind: str | None = None,
     faces: int | None = None,
-    file: Path | None = None,
     isolines: int = 7,
     rings: int = 5,
     window_size: tuple[int, int] = (1200, 1200),
@@ -224,6 +224,8 @@ def plot_characteristic_map(
     ----------
     scheme : str or Scheme
         A name such as "catmull-clark", or a scheme of your own.
+    file : str or os.PathLike, optional
+        A ``.png``, ``.svg`` or ``.pdf`` file to write.
     valence : int, optional
         Number of faces around a smooth interior vertex, at least 3.
     kind : {"crease", "corner", "dart"}, optional
@@ -231,8 +233,6 @@ def plot_characteristic_map(
         shrink by another factor each way, and are numbered.
     faces : int, optional
         With `kind`: the number of faces of the sector.
-    file : str or os.PathLike, optional
-        A ``.png``, ``.svg`` or ``.pdf`` file to write.
     isolines : int
         Lines of constant u in each sector and ring, and as many of constant v.
     rings : int
@@ -283,10 +283,10 @@ def plot_characteristic_map(
 
 def plot_eigenfunctions(
     scheme: str | Scheme = "catmull-clark",
+    file: Path | None = None,
     *,
     valence: int,
     which: int | None = None,
-    file: Path | None = None,
     window_size: tuple[int, int] = (1600, 1200),
     off_screen: bool | None = None,
 ) -> Picture:
@@ -300,14 +300,14 @@ def plot_eigenfunctions(
     ----------
     scheme : str or Scheme
         A name such as "catmull-clark", or a scheme of your own.
+    file : str or os.PathLike, optional
+        A file to write: ``.png``, and of a single one ``.html``, of a panel ``.svg`` and ``.pdf``.
     valence : int
         Number of faces around the vertex, at least 3.
     which : int, optional
         Only this one, counted from 0, the constant, by decreasing eigenvalue; of two that are
         turned against each other the one that is symmetric about the first edge comes first. By
         default a panel of the first after the constant, one of each such pair.
-    file : str or os.PathLike, optional
-        A file to write: ``.png``, and of a single one ``.html``, of a panel ``.svg`` and ``.pdf``.
     window_size : (int, int)
         Width and height in pixels.
     off_screen : bool, optional
@@ -350,10 +350,10 @@ def plot_eigenfunctions(
         drawing = _graph(fan, plane, modes[which], size, True)
         return pictures.finished(drawing, size, file, off_screen)
     shown = [m for m in modes[1:] if not (m.sine and m.paired)][: charts.PANEL]
-    part = charts.part_of_panel(size)
+    small = charts.picture_size(size)
 
     def draw(figure: Any) -> None:
-        images = [_graph(fan, plane, mode, part, False).pixels() for mode in shown]
+        images = [_graph(fan, plane, mode, small, False).pixels() for mode in shown]
         names = [charts.mode_name(mode) for mode in shown]
         charts.draw_panel(figure, images, names, charts.title(fan, "eigenfunctions"))
 
@@ -386,9 +386,9 @@ def _graph(
 
 def plot_convergence(
     surfaces: LimitSurface | Mapping[str, LimitSurface],
-    levels: int = 4,
     file: Path | None = None,
     *,
+    levels: int = 4,
     window_size: tuple[int, int] = (1600, 1200),
     off_screen: bool | None = None,
 ) -> Picture:
@@ -404,10 +404,10 @@ def plot_convergence(
     ----------
     surfaces : LimitSurface, or mapping of names to them
         Of float64 points.
-    levels : int
-        How many levels to refine, at least 1; memory and time grow by four with each.
     file : str or os.PathLike, optional
         A ``.png``, ``.svg`` or ``.pdf`` file to write.
+    levels : int
+        How many levels to refine, at least 1; memory and time grow by four with each.
     window_size : (int, int)
         Width and height in pixels.
     off_screen : bool, optional
@@ -432,7 +432,7 @@ def plot_convergence(
     >>> import limitsurf as ls
     >>> quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
     >>> cube = ls.Mesh([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], quads)
-    >>> ls.plot_convergence({"cube": ls.LimitSurface(cube)}, 3, off_screen=True)
+    >>> ls.plot_convergence({"cube": ls.LimitSurface(cube)}, levels=3, off_screen=True)
     <Picture of 1600 x 1200 pixels>
     """
     named = surfaces if isinstance(surfaces, Mapping) else {"": surfaces}

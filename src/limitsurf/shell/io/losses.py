@@ -30,7 +30,7 @@ class Losses:
 
     Examples
     --------
-    >>> from limitsurf.shell.losses import Losses
+    >>> from limitsurf.shell.io.losses import Losses
     >>> losses = Losses("cage.obj", strict=False)
     >>> for line in 7, 9:
     ...     losses.add("crease", f"line {line}", "the mesh has no such edge")
@@ -173,7 +173,7 @@ def first_of(names: IntArray) -> tuple[str, str]:
     Examples
     --------
     >>> import numpy as np
-    >>> from limitsurf.shell.losses import first_of
+    >>> from limitsurf.shell.io.losses import first_of
     >>> first_of(np.array([[0, 7], [1, 9]]))
     ('(0, 7)', '; 1 more like it')
     """

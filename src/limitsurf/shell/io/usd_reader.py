@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pxr import UsdGeom
 
 from limitsurf.mesh import CREASING, INTERPOLATION, Channel, Mesh, MeshError
-from limitsurf.shell.losses import Losses, finite_points, first_of, tagged
-from limitsurf.shell.polygons import IntArray
+from limitsurf.shell.io.losses import Losses, finite_points, first_of, tagged
+from limitsurf.shell.io.polygons import IntArray
 
 # For each of our choices USD's attribute, and the meanings of its tokens; first the one that holds
 # where a file says nothing.

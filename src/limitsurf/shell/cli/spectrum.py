@@ -24,7 +24,7 @@ def spectrum_facts(basis: Eigenbasis, digits: int, latex: bool = False) -> Facts
     Examples
     --------
     >>> import limitsurf as ls
-    >>> from limitsurf.shell.spectrum import spectrum_facts
+    >>> from limitsurf.shell.cli.spectrum import spectrum_facts
     >>> facts = spectrum_facts(ls.eigenbasis("catmull-clark", valence=3), digits=5)
     >>> facts["eigenvalues"][1]["decimal"], facts["eigenvalues"][1]["multiplicity"]
     ('0.41010', 2)

@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.shell import paint
-from limitsurf.shell import scene as scenes
-from limitsurf.shell.formats import _pyvista
-from limitsurf.shell.paint import Image
-from limitsurf.shell.scene import Array, Scene
+from limitsurf.shell.io.vtk import imported_pyvista
+from limitsurf.shell.plot import paint
+from limitsurf.shell.plot import scene as scenes
+from limitsurf.shell.plot.paint import Image
+from limitsurf.shell.plot.scene import Array, Lines, Scene
 
 TRIAL = 60  # seconds after which VTK counts as unable to draw
 SUPERSAMPLING = 2  # pixels drawn per pixel of the picture, each way
@@ -152,7 +152,7 @@ def _plotter(
     scene: Scene, width: int, height: int, off_screen: bool | None, page: bool = False
 ) -> Iterator[Any]:
     """A PyVista plotter with the scene; of a page all is made of triangles and thin lines."""
-    pyvista = _pyvista()
+    pyvista = imported_pyvista()
     size = (width, height)
     with _calm_vtk(), _offset():
         plotter = pyvista.Plotter(off_screen=off_screen, window_size=size, lighting=None)
@@ -177,11 +177,32 @@ def _plotter(
 
 
 def _add(pyvista: Any, plotter: Any, scene: Scene, page: bool) -> None:
+    """Let a plotter show all of a scene, in a page for a browser if so."""
+    _add_surface(pyvista, plotter, scene, page)
     height = plotter.window_size[1]
+    unit = 2 * scene.distance * np.tan(np.radians(scenes.VIEW_ANGLE / 2)) / 1000
+    for lines in scene.lines:
+        _add_lines(pyvista, plotter, lines, unit if page else None)
+    for dots in scene.dots:
+        cloud = pyvista.PolyData(dots.places)
+        if page:
+            ball = pyvista.Icosphere(radius=unit * scene.dot / 2, nsub=1)
+            cloud = cloud.glyph(geom=ball, scale=False, orient=False)
+        plotter.add_mesh(
+            cloud,
+            color=dots.color,
+            point_size=height * scene.dot / 1000,
+            render_points_as_spheres=not page,
+            smooth_shading=page,
+            ambient=0.5,
+        )
+
+
+def _add_surface(pyvista: Any, plotter: Any, scene: Scene, page: bool) -> None:
     field = scene.field
     values, limits = np.zeros(len(scene.points)), (0.0, 1.0)
     if field is not None:  # a page counts in 24 bits, a window shows the values
-        values, limits = (field.parts, limits) if page else (field.values, field.limits)
+        values, limits = (field.shades, limits) if page else (field.values, field.limits)
     quads = scene.quads
     vertices: NDArray[Any] = np.column_stack([scene.points, scene.normals, values])
     if page:
@@ -205,41 +226,32 @@ def _add(pyvista: Any, plotter: Any, scene: Scene, page: bool) -> None:
     )
     # Pushed back a little, it does not hide the lines that lie on it.
     actor.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(2.0, 2.0)
-    unit = 2 * scene.distance * np.tan(np.radians(scenes.VIEW_ANGLE / 2)) / 1000
-    for lines in scene.lines:
-        ends = lines.ends
-        if page and lines.normals is not None:  # there that does not work: lines on both sides
-            ends = np.concatenate([ends + side * scenes.LIFT * lines.normals for side in (1, -1)])
-        places: NDArray[Any] = ends.reshape(-1, 3)
-        number = np.arange(len(places))
-        if page:
-            places, number = _joined(places)
-        cells = np.insert(number.reshape(-1, 2), 0, 2, axis=1)
-        wires = pyvista.PolyData(places, lines=cells)
-        thickness = height * lines.width / 1000
-        if page:  # lines there have one pixel, on most machines
-            thickness = 1.0
-            if lines.width >= scenes.CREASE:
-                wires = wires.tube(radius=unit * lines.width / 2, n_sides=6)
-        plotter.add_mesh(wires, color=lines.color, line_width=thickness, lighting=False)
-    for dots in scene.dots:
-        cloud = pyvista.PolyData(dots.places)
-        if page:
-            ball = pyvista.Icosphere(radius=unit * scene.dot / 2, nsub=1)
-            cloud = cloud.glyph(geom=ball, scale=False, orient=False)
-        plotter.add_mesh(
-            cloud,
-            color=dots.color,
-            point_size=height * scene.dot / 1000,
-            render_points_as_spheres=not page,
-            smooth_shading=page,
-            ambient=0.5,
-        )
+
+
+def _add_lines(pyvista: Any, plotter: Any, lines: Lines, page_unit: float | None) -> None:
+    """Lines of one look; for a page, a thousandth of whose height is so long in the scene."""
+    ends = lines.ends
+    if page_unit is not None and lines.normals is not None:  # nothing is pushed back: both sides
+        ends = np.concatenate([ends + side * scenes.LIFT * lines.normals for side in (1, -1)])
+    places: NDArray[Any] = ends.reshape(-1, 3)
+    number = np.arange(len(places))
+    if page_unit is not None:
+        places, number = _joined(places)
+    cells = np.insert(number.reshape(-1, 2), 0, 2, axis=1)
+    wires = pyvista.PolyData(places, lines=cells)
+    thickness = plotter.window_size[1] * lines.width / 1000
+    if page_unit is not None:  # lines there have one pixel, on most machines
+        thickness = 1.0
+        if lines.width >= scenes.CREASE:
+            wires = wires.tube(radius=page_unit * lines.width / 2, n_sides=6)
+    plotter.add_mesh(wires, color=lines.color, line_width=thickness, lighting=False)
 
 
 def _joined(rows: Array) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Rows (m, d) rounded to 16 bits of what the columns span, without repetitions, and the new
-    number of each row: a page of them is small."""
+    """Rows (m, d) rounded, without repetitions, and the new number of each row.
+
+    They keep 16 bits of what the columns span: a page of them is small.
+    """
     low, high = np.nanmin(rows, axis=0, initial=0), np.nanmax(rows, axis=0, initial=0)
     step = np.exp2(np.ceil(np.log2(np.maximum(high - low, 1e-300))) - 16)
     rounded = (np.rint(rows / step) * step).astype(np.float32)

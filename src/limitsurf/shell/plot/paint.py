@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.shell import scene as scenes
-from limitsurf.shell.scene import Array, Dots, Field, Scene
+from limitsurf.shell.plot import scene as scenes
+from limitsurf.shell.plot.scene import Array, Dots, Field, Scene
 
 Image: TypeAlias = NDArray[np.uint8]
 
@@ -104,10 +104,10 @@ def pixels(figure: Any) -> Image:
 
 def png(image: Image) -> bytes:
     """An image, (height, width, 3 or 4), as the contents of a PNG file."""
-    from PIL import Image as images
+    from PIL import Image as PILImage
 
     file = io.BytesIO()
-    images.fromarray(image).save(file, format="PNG")
+    PILImage.fromarray(image).save(file, format="PNG")
     return file.getvalue()
 
 
@@ -200,9 +200,9 @@ def _hidden(busy: NDArray[np.bool_], shown: Image, row: int, column: int) -> int
 
 def _laid(image: Image, shown: Image, row: int, column: int) -> Image:
     """An image with another, which has transparency, laid over it."""
-    from PIL import Image as images
+    from PIL import Image as PILImage
 
-    picture, over = images.fromarray(image), images.fromarray(shown)
+    picture, over = PILImage.fromarray(image), PILImage.fromarray(shown)
     picture.paste(over, (column % picture.width, row % picture.height), over)
     return np.asarray(picture)
 
@@ -231,7 +231,7 @@ def _lit(scene: Scene) -> Array:
     shine = gloss * np.maximum(np.sum(normal * half, axis=1), 0.0) ** SHARPNESS
     colors: Array = np.asarray(scene.color)
     if scene.field is not None:
-        part = scene.field.parts[scene.quads].mean(axis=1)  # (q,)
-        colors = colormap(scene.field)(np.ma.masked_invalid(part))[:, :3]
+        shade = scene.field.shades[scene.quads].mean(axis=1)  # (q,)
+        colors = colormap(scene.field)(np.ma.masked_invalid(shade))[:, :3]
     colors = lit[:, None] * colors + shine[:, None]
     return np.clip(colors, 0.0, 1.0)

@@ -10,10 +10,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.shell import files, paint, render
+from limitsurf.shell import files
 from limitsurf.shell.files import Path
-from limitsurf.shell.paint import Image
-from limitsurf.shell.scene import QUADS, Scene
+from limitsurf.shell.plot import paint, render
+from limitsurf.shell.plot.paint import Image
+from limitsurf.shell.plot.scene import QUADS, Scene
 
 PAGE_QUADS = 30_000  # of a page, whose size they make up
 

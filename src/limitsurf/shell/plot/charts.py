@@ -10,10 +10,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.shell import paint
-from limitsurf.shell.modes import Fan, Mode
-from limitsurf.shell.paint import Image
-from limitsurf.shell.scene import INK
+from limitsurf.shell.plot import paint
+from limitsurf.shell.plot.modes import Fan, Mode
+from limitsurf.shell.plot.paint import Image
+from limitsurf.shell.plot.scene import INK
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -63,17 +63,15 @@ class ChartDrawing:
 
     def window(self) -> Image:
         """Show it in a window until that is closed; the picture."""
-        from PIL import Image as images
+        from PIL import Image as PILImage
 
         image = self.pixels()
-        images.fromarray(image).show()
+        PILImage.fromarray(image).show()
         return image
 
 
 def draw_characteristic_map(figure: Any, fan: Fan, isolines: int, rings: int) -> None:
     """Images of the sectors under the characteristic map, with nested rings around the vertex."""
-    from matplotlib.collections import LineCollection
-
     surface = fan.surface(fan.characteristic_map())
     axes = figure.add_axes((0.03, 0.03, 0.94, 0.87), aspect="equal")
     axes.set_axis_off()
@@ -84,8 +82,31 @@ def draw_characteristic_map(figure: Any, fan: Fan, isolines: int, rings: int) ->
     u, v = np.concatenate([at, one, at[::-1], 0 * at]), np.concatenate([0 * at, at, one, at[::-1]])
     for k, outline in enumerate(surface.evaluate(face, u, v)):
         axes.fill(*outline.T, color=SECTORS[k % 2], lw=0)
-    reach = np.abs(surface.evaluate(face, 1.0, at)).max()
-    # In the n-th ring, where the larger of u and v is from 2^-n-1 to 2^-n, lines are 2^-n as dense.
+    _draw_isolines(axes, surface, face, isolines, rings)
+    for s in range(fan.faces):
+        axes.plot(*surface.evaluate(s, at, 0 * at).T, color=AXIS, lw=1.4, solid_capstyle="round")
+        axes.plot(*surface.evaluate(s, 0 * at, at).T, color=AXIS, lw=1.4, solid_capstyle="round")
+    first, second = fan.basis.float64.rates[0, fan.basis.float64.normal].tolist()
+    similar = abs(first - second) < 1e-9
+    _draw_rings(axes, surface, face, rings, r"\lambda" if similar else "")
+    axes.plot(0, 0, "o", color=INK, ms=4.5)
+    spectrum = (
+        rf"$\lambda = {first:.5f}$"
+        if similar
+        else rf"$\lambda_1 = {max(first, second):.5f},\ \lambda_2 = {min(first, second):.5f}$"
+    )
+    axes.autoscale_view()
+    axes.set_title(title(fan, spectrum), color=INK, size=12, pad=8)
+
+
+def _draw_isolines(axes: Any, surface: Any, face: NDArray[Any], isolines: int, rings: int) -> None:
+    """Lines of constant u and v on the faces (k, 1).
+
+    In the n-th ring, where the larger of u and v is from 2^-n-1 to 2^-n, they are 2^-n as dense.
+    """
+    from matplotlib.collections import LineCollection
+
+    at = np.linspace(0.0, 1.0, 33)
     steps = np.arange(1, isolines + 1) / (isolines + 1)
     low = np.where(steps < 0.5, 0.5, 0.0)[:, None]
     along = low + at * (1 - low)  # (isolines, 33)
@@ -98,12 +119,16 @@ def draw_characteristic_map(figure: Any, fan: Fan, isolines: int, rings: int) ->
             axes.add_collection(
                 LineCollection(lines.reshape(-1, len(at), 2), colors=LINE, linewidths=width)
             )
-    for s in range(fan.faces):
-        axes.plot(*surface.evaluate(s, at, 0 * at).T, color=AXIS, lw=1.4, solid_capstyle="round")
-        axes.plot(*surface.evaluate(s, 0 * at, at).T, color=AXIS, lw=1.4, solid_capstyle="round")
+
+
+def _draw_rings(axes: Any, surface: Any, face: NDArray[Any], rings: int, factor: str) -> None:
+    """The far sides of the faces (k, 1) in each ring, named by a power of the factor, if any."""
+    from matplotlib.collections import LineCollection
+
+    at = np.linspace(0.0, 1.0, 33)
+    one = np.ones_like(at)
+    reach = np.abs(surface.evaluate(face, 1.0, at)).max()
     u, v = np.concatenate([one, at[::-1]]), np.concatenate([at, one])
-    first, second = fan.basis.float64.rates[0, fan.basis.float64.normal].tolist()
-    similar = abs(first - second) < 1e-9
     named = math.inf  # the largest distance of a name from the vertex
     for ring in range(rings + 1):
         scale = 2.0**-ring
@@ -111,26 +136,18 @@ def draw_characteristic_map(figure: Any, fan: Fan, isolines: int, rings: int) ->
         axes.add_collection(LineCollection(edge, colors=RING, linewidths=1.8 * 0.88**ring))
         place = surface.evaluate(0, scale, 0.0)
         far = float(np.hypot(*place))
-        power = "1" if ring == 0 else r"\lambda" + (f"^{ring}" if ring > 1 else "")
+        power = "1" if ring == 0 else factor + (f"^{ring}" if ring > 1 else "")
         if ring and min(named - far, far) < 0.13 * reach:  # no room for more names
             named = 0.0
         else:
             named = far
             axes.annotate(
-                *(f"${power}$" if similar else f"${ring}$", place),
+                *(f"${power}$" if factor else f"${ring}$", place),
                 xytext=(4, -4),
                 textcoords="offset points",
                 **{"color": RING, "size": 11, "va": "top"},
                 bbox={"facecolor": "white", "alpha": 0.8, "lw": 0, "pad": 0.8},
             )
-    axes.plot(0, 0, "o", color=INK, ms=4.5)
-    spectrum = (
-        rf"$\lambda = {first:.5f}$"
-        if similar
-        else rf"$\lambda_1 = {max(first, second):.5f},\ \lambda_2 = {min(first, second):.5f}$"
-    )
-    axes.autoscale_view()
-    axes.set_title(title(fan, spectrum), color=INK, size=12, pad=8)
 
 
 def title(fan: Fan, what: str) -> str:
@@ -160,7 +177,7 @@ def draw_panel(figure: Any, images: Sequence[Image], titles: Sequence[str], titl
     figure.text(0.5, 1 - HEAD / 2, title, color=INK, size=12, ha="center", va="center")
 
 
-def part_of_panel(size: tuple[int, int]) -> tuple[int, int]:
+def picture_size(size: tuple[int, int]) -> tuple[int, int]:
     """Width and height in pixels of the pictures of a panel."""
     width, height = size
     return width // COLUMNS, max(1, round(height * ((1 - HEAD) / ROWS - NAME)))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import CHOICES, Mesh, MeshError
-from limitsurf.shell.losses import Losses, finite_points, tagged, with_gaps
+from limitsurf.shell.io.losses import Losses, finite_points, tagged, with_gaps
 
 if TYPE_CHECKING:
     from limitsurf.query import Polygons, Tessellation
@@ -116,16 +116,16 @@ def warn_of_loss(
     if isinstance(x, Mesh) and not loose:
         unused = int((x.vertex_faces == 0).sum())
         lost += [f"vertices of no face ({unused})"] if unused else []
-    if kind not in OWN_MEASURES and not tags:
-        lost += [f"units ({x.units:g} m)"] if x.units is not None else []
-        lost += [f"up axis ({x.up})"] if x.up is not None else []
     if lost:
         text = f"{name}: a file of type {kind} cannot hold everything, left out: "
         warnings.warn(text + ", ".join(lost), stacklevel=3 if tags else 4)
 
 
 def without_gaps(name: str, kind: str, shape: Polygons) -> Polygons:
-    """The same with finite texture coordinates, for files that hold no NaN, which is warned of."""
+    """Polygons with zeros for texture coordinates that are NaN, which is warned of.
+
+    It is for files that hold texture coordinates of all faces or none.
+    """
     if "uv" not in shape.channels:
         return shape
     values, rows = shape.channels["uv"]
@@ -215,7 +215,7 @@ def mesh_of(
     points = np.asarray(points)
     sizes, indices = np.asarray(sizes, np.int64), np.asarray(indices, np.int64)
     rows = indices if rows is None or uv is None else np.asarray(rows, np.int64)
-    if merge and len(points) and len(indices) and 0 <= indices.min() <= indices.max() < len(points):
+    if merge and len(points) and _in_range(indices, points):
         first, number = merged(points)
         if len(first) < len(points):
             points, indices = points[first], number[indices]
@@ -235,16 +235,13 @@ def mesh_of(
         indices, rows = indices[kept], rows[kept]
         place = _renumbered(place, np.flatnonzero(faces))
         if "holes" in tags and lost_tags is not None:
-            holes = np.asarray(tags["holes"], np.int64)
-            there = (holes >= 0) & (holes < len(faces))
-            number = np.where(faces, np.cumsum(faces) - 1, -1)[np.where(there, holes, 0)]
-            tags["holes"] = np.where(there, number, holes)[~there | (number >= 0)]
+            tags["holes"] = _renumbered_holes(tags["holes"], faces)
 
     def lost(vertices: IntArray, why: str) -> None:
         more = f"; {len(vertices) - 1} more like it" if len(vertices) > 1 else ""
         losses.add("points", "", f"vertex {vertices[0]}{why}{more}", "put where another one is")
 
-    if len(indices) and not 0 <= indices.min() <= indices.max() < len(points):
+    if len(indices) and not _in_range(indices, points):
         return Mesh(points, (sizes, indices))  # which says what is wrong
     points = finite_points(points, indices, lost)
     if uv is not None and len(uv) and len(indices) and rows.max() < len(uv):
@@ -255,6 +252,20 @@ def mesh_of(
     if lost_tags is None:
         return Mesh(points, (sizes, indices), **tags)
     return tagged(Mesh(points, (sizes, indices)), lost_tags, **tags)
+
+
+def _in_range(indices: IntArray, points: NDArray[Any]) -> bool:
+    """Whether there are indices, and all of them of points."""
+    return len(indices) > 0 and bool(0 <= indices.min() <= indices.max() < len(points))
+
+
+def _renumbered_holes(holes: Any, kept: NDArray[np.bool_]) -> IntArray:
+    """Holes as the faces that are kept are numbered; those that are no faces stay as they are."""
+    holes = np.asarray(holes, np.int64)
+    there = (holes >= 0) & (holes < len(kept))
+    number = np.where(kept, np.cumsum(kept) - 1, -1)[np.where(there, holes, 0)]
+    found: IntArray = np.where(there, number, holes)[~there | (number >= 0)]
+    return found
 
 
 def _renumbered(place: Callable[[int], str], number: IntArray) -> Callable[[int], str]:

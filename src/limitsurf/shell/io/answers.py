@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from limitsurf.shell import files, terminal
 from limitsurf.shell.files import checked_suffix, needed, replacing, replacing_folder
-from limitsurf.shell.queries import BATCH, NAMES, Batch
+from limitsurf.shell.io.queries import BATCH, NAMES, Batch
 
 if TYPE_CHECKING:
     from limitsurf.surface import LimitSurface

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import Channel, IntArray, Mesh, MeshError
-from limitsurf.shell.losses import Losses, joined_channels, listed
+from limitsurf.shell.io.losses import Losses, joined_channels, listed
 
 Array: TypeAlias = NDArray[Any]
 

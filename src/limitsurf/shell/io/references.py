@@ -13,7 +13,7 @@ from contextlib import suppress
 from typing import Any
 
 from limitsurf.mesh import MeshError
-from limitsurf.shell.apart import allow
+from limitsurf.shell.io.apart import allow
 
 _TEXT = 1 << 22  # bytes of a file in which names of others are sought
 
@@ -68,13 +68,15 @@ def add_mentioned(name: str, path: str) -> None:
             named.add(place)
 
 
-def read_usd(name: str, suffix: str, path: str, folder: str | None, **options: Any) -> Any:
-    """What `usd.read` returns, the layers of the stage being looked at one after the other."""
-    from limitsurf.shell import usd
+def read_usd(
+    name: str, suffix: str, path: str, folder: str | None, *, call: str = "read", **options: Any
+) -> Any:
+    """What a function of `usd` returns, the layers of the stage being looked at one by one."""
+    from limitsurf.shell.io import usd
 
     layers = _layers(name, path)  # kept, so that none is read twice
     try:
-        return usd.read(name, path, **options)
+        return getattr(usd, call)(name, path, **options)
     finally:
         del layers
 

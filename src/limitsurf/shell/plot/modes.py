@@ -60,7 +60,7 @@ class Fan:
 
     Examples
     --------
-    >>> from limitsurf.shell.modes import Fan
+    >>> from limitsurf.shell.plot.modes import Fan
     >>> fan = Fan("catmull-clark", "interior", 5)
     >>> x, y = fan.characteristic_map().T
     >>> surface = fan.surface(x)

@@ -13,7 +13,8 @@ import numpy as np
 import limitsurf as ls
 from limitsurf import _kernels
 from limitsurf.query import refinement_gap
-from limitsurf.shell import answers, queries, terminal
+from limitsurf.shell import terminal
+from limitsurf.shell.io import answers, queries
 
 LEVELS = 3
 REFINER = f"""

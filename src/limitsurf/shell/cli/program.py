@@ -8,8 +8,9 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import wraps
-from typing import TYPE_CHECKING, Any, TypeVar
+from functools import cached_property, wraps
+from io import BytesIO
+from typing import IO, TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 # What a user can cause; anything else is a defect of the program and shows its traceback.
-ERRORS = (ValueError, OSError, IndexError, ImportError, MemoryError, NotImplementedError)
+ERRORS = (ValueError, OSError, IndexError, ImportError, MemoryError)
 PATH = click.Path(readable=False)  # whether it can be read is seen when it is
 DASHED = "limitsurf.dashed"  # of a context: files with names that begin with -
 RULE = "By default as the cage says."
@@ -99,15 +100,38 @@ class Cage:
                 # the choice is made: nothing is left to differ in
                 warnings.filterwarnings("ignore", rf".*: its meshes differ in {rule}:", UserWarning)
             if self.path == "-":
-                file = terminal.standard_input().buffer
-                return ls.read(file, suffix=self.suffix or ".obj", **self.asked)
+                return ls.read(self._input, suffix=self.suffix or ".obj", **self.asked)
             if self.suffix is None:
                 self._check_suffix()
             return ls.read(self.path, suffix=self.suffix, **self.asked)
 
+    @cached_property
+    def _input(self) -> IO[bytes]:
+        """The standard input, in memory if it is one of those files that are read again."""
+        from limitsurf.shell.io.formats import USD
+
+        file: IO[bytes] = terminal.standard_input().buffer
+        if self.suffix not in (*USD, ".usdz"):
+            return file
+        return BytesIO(b"".join(files.blocks(file, "<stdin>")))
+
+    def schemes(self) -> dict[str, str] | None:
+        """Once it is read: the scheme of each mesh of a USD file by its path; else None."""
+        from limitsurf.shell.io.by_suffix import schemes
+        from limitsurf.shell.io.formats import USD
+
+        file: Any = self.path
+        if (self.suffix or os.path.splitext(file)[1].lower()) not in (*USD, ".usdz"):
+            return None
+        if file == "-":
+            file = self._input
+            file.seek(0)
+        asked = {name: self.asked[name] for name in ("prim", "time")}
+        return schemes(file, suffix=self.suffix, **asked)
+
     def _check_suffix(self) -> None:
         """Say more than `ls.read` can, of a name that does not tell the format."""
-        from limitsurf.shell.formats import READABLE, library
+        from limitsurf.shell.io.formats import READABLE, library
 
         suffix = os.path.splitext(self.path)[1].lower()
         if suffix in READABLE or not os.path.exists(self.path) or library(suffix):
@@ -135,13 +159,13 @@ def _normal_suffix(_: click.Context, __: click.Parameter, given: str | None) -> 
 
 
 def _readable(_: click.Context, __: click.Parameter, begun: str) -> list[str]:
-    from limitsurf.shell.formats import READABLE
+    from limitsurf.shell.io.formats import READABLE
 
     return [suffix for suffix in READABLE if suffix.startswith(begun)]
 
 
 def _writable(_: click.Context, __: click.Parameter, begun: str) -> list[str]:
-    from limitsurf.shell.formats import WRITABLE
+    from limitsurf.shell.io.formats import WRITABLE
 
     return [suffix for suffix in WRITABLE if suffix.startswith(begun)]
 
@@ -224,7 +248,7 @@ def reads_cage(command: Command) -> Command:
 
 def mesh_suffix(output: str, to: str | None, as_json: bool) -> str:
     """The format of a mesh that is to be written; what could not be is refused at once."""
-    from limitsurf.shell.formats import WRITABLE
+    from limitsurf.shell.io.formats import WRITABLE
 
     suffix = to or (".obj" if output == "-" else os.path.splitext(output)[1].lower())
     if output != "-":

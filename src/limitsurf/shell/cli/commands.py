@@ -14,7 +14,7 @@ import click
 import limitsurf as ls
 from limitsurf import memory
 from limitsurf.shell import files, terminal
-from limitsurf.shell.program import (
+from limitsurf.shell.cli.program import (
     PATH,
     Cage,
     Program,
@@ -77,15 +77,18 @@ def info(cage: Cage, as_json: bool) -> None:
     faces, components, closed; face_sizes, valences, boundary_faces, nonmanifold_faces (how
     often which number of corners, or of faces at a vertex, occurs); creases, corners (number,
     infinite, least, most); holes; channels (of each name values, numbers, interpolation); scheme,
-    units (metres), up (as the cage says, else null); rules (of each value, by_default);
-    limit_faces; patches (how many limit faces are covered how); special_corners (kind, faces,
-    patches); no_surface (why there is none, else null).
+    units (metres), up (as the cage says, else null); schemes (of each mesh in a USD file, if they
+    differ, else null); rules (of each value, by_default); limit_faces; patches (how many limit
+    faces are covered how); special_corners (kind, faces, patches); no_surface (why there is none,
+    else null).
     """
-    from limitsurf.shell import facts
+    from limitsurf.shell.cli import facts
+    from limitsurf.shell.io.parts import MIXED
 
     mesh = cage.read()
+    schemes = cage.schemes() if mesh.scheme == MIXED else None
     with terminal.working("building the surface"):
-        found = facts.cage_facts(mesh, cage.rules)
+        found = facts.cage_facts(mesh, cage.rules, schemes)
     if as_json:
         terminal.say_json({"cage": cage.path, **found})
     else:
@@ -171,9 +174,9 @@ def evaluate(
     With --json, answers on the standard output are one object in each line, of the same names as
     arrays; with -o FILE there is one object: output, answers (their number), limit_faces.
     """
-    from limitsurf.shell import answers as formats
     from limitsurf.shell import cluster
-    from limitsurf.shell import queries as sources
+    from limitsurf.shell.io import answers as formats
+    from limitsurf.shell.io import queries as sources
 
     if sum(given is not None for given in (queries, grid, random)) != 1:
         raise click.UsageError("need one of --queries, --grid and --random")
@@ -266,7 +269,7 @@ def tessellate(
 
     Keys of --json: output, vertices, faces, triangles, limit_faces, n, normals, channels.
     """
-    from limitsurf.shell.formats import WITH_NORMALS
+    from limitsurf.shell.io.formats import WITH_NORMALS
 
     suffix = mesh_suffix(output, to, as_json)
     if normals and suffix not in WITH_NORMALS:
@@ -295,8 +298,8 @@ def _with_others(
     surface: ls.LimitSurface, channels: tuple[str, ...], suffix: str
 ) -> tuple[str, ...]:
     """The channels that were asked for, and others that a format holds; a warning of the rest."""
-    from limitsurf.shell.formats import USD, WITH_UV
-    from limitsurf.shell.polygons import texture
+    from limitsurf.shell.io.formats import USD, WITH_UV
+    from limitsurf.shell.io.polygons import texture
 
     held = {texture(surface.mesh)} if suffix in WITH_UV else set()
     found, lost = [], []
@@ -457,7 +460,7 @@ def basis(
     after 1; the factors first_derivatives, second_derivatives, curvature, normals); limit_mask and
     tangent_masks (point, decimal, exact). With --latex also latex beside exact.
     """
-    from limitsurf.shell import spectrum
+    from limitsurf.shell.cli import spectrum
 
     if (valence is None) == (faces is None):
         raise click.UsageError("need either --valence N, or --kind KIND with --faces K")
@@ -550,7 +553,7 @@ def plot(
 
     Keys of --json: output (null for a window), width, height, limit_faces.
     """
-    from limitsurf.shell import picture
+    from limitsurf.shell.plot import picture
 
     picture.check_target(output, None, picture.SceneDrawing.suffixes)
     surface = cage.surface(() if channel is None else (channel,))
@@ -632,7 +635,7 @@ def demo(context: click.Context, output: Path, queries: int, seed: int, as_json:
     Keys of --json: agrees, output (the files written), limit_faces, queries, seconds, position_gap
     and normal_gap (the largest differences on the once refined cage), levels (as of validate).
     """
-    from limitsurf.shell.demo import run
+    from limitsurf.shell.cli.demo import run
 
     memory.refuse_beyond(queries, 400, "queries")
     facts = run(output, queries, seed, quiet=as_json)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 Array: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
+Query: TypeAlias = tuple[IntArray, Array, Array]  # face, u, v
 RGB: TypeAlias = tuple[float, float, float]
 Color: TypeAlias = str | RGB
 Scalars: TypeAlias = str | Callable[..., ArrayLike] | ArrayLike
@@ -107,8 +108,8 @@ class Field:
     beyond: tuple[bool, bool] = (False, False)  # whether values lie below and above the limits
 
     @property
-    def parts(self) -> Array:
-        """The values as parts of the range, (p,), from 0 to 1."""
+    def shades(self) -> Array:
+        """The values as places in the range, (p,), from 0 to 1."""
         low, high = self.limits
         return (np.clip(self.values, low, high) - low) / (high - low)
 
@@ -156,36 +157,70 @@ class Wishes:
 def build(surface: LimitSurface, wishes: Wishes, aspect: float, quads: int) -> Scene:
     """The scene of a surface, of about so many quads unless ``wishes.n`` says how many."""
     drawn = surface.of_channel(wishes.channel)
-    mesh = drawn.mesh
-    places, _ = unit_points(mesh)
+    places, _ = unit_points(drawn.mesh)
     drawn = drawn.with_points(places)
     faces = len(drawn.limit_faces)
-    n = wishes.n
-    if n is None:
-        n = int(np.clip(math.sqrt(quads / faces), 1, 32))
-        part = wishes.isolines + 1
-        n = -(-n // part) * part  # so that the curves follow the grid
-    at = np.linspace(0.0, 1.0, n + 1)
+    at = _steps(faces, wishes, quads)
     query = (np.arange(faces)[:, None, None], at[:, None], at)
-    position = drawn.evaluate(*query)  # (faces, n + 1, n + 1, 3)
-    normal = filled(drawn.normal, query)
-    normal[np.isnan(normal).any(axis=-1)] = (0.0, 0.0, 1.0)
-    number = np.arange(faces * (n + 1) ** 2).reshape(faces, n + 1, n + 1)
-    cells = np.stack(
-        [number[:, :-1, :-1], number[:, 1:, :-1], number[:, 1:, 1:], number[:, :-1, 1:]], axis=-1
-    ).reshape(-1, 4)
-    points = position.reshape(-1, 3)
+    points = drawn.evaluate(*query).reshape(-1, 3)
+    normals = filled(drawn.normal, query).reshape(-1, 3)
+    normals[np.isnan(normals).any(axis=-1)] = (0.0, 0.0, 1.0)
+    cells = _cells(faces, len(at))
     cells = cells[np.isfinite(points[cells]).all(axis=(1, 2))]
     if not len(cells):
         raise ValueError("nothing to draw: no limit face has a surface")
+    lines = [k for k in map(_drawable, _lines(drawn, wishes, at)) if len(k.ends)]
+    poles = wishes.poles or (wishes.poles is None and wishes.scalars is None)
+    seen = [points[cells].reshape(-1, 3), *(k.ends.reshape(-1, 3) for k in lines)]
+    axes, eye, distance = camera(np.concatenate(seen), wishes.up, wishes.view, aspect)
+    field = None
+    if isinstance(wishes.scalars, str) and wishes.scalars == "zebra":
+        field = _zebra(points, normals, axes, eye)
+    elif wishes.scalars is not None:
+        field = _field(surface, wishes, query, _areas(points, cells))
+    return Scene(
+        points=points,
+        normals=normals,
+        quads=cells,
+        color=wishes.color,
+        field=field,
+        lines=lines,
+        dots=extraordinary(drawn) if poles else [],
+        dot=DOT * min(1.0, (FEW / faces) ** 0.25),
+        axes=axes,
+        eye=eye,
+        distance=distance,
+        ground=wishes.ground or (GROUND, SKY),
+    )
 
-    # What would hide the surface, or its colours, is drawn only if it is asked for.
+
+def _steps(faces: int, wishes: Wishes, quads: int) -> Array:
+    """The u and v of the points on each of so many limit faces, from 0 to 1."""
+    n = wishes.n
+    if n is None:
+        n = int(np.clip(math.sqrt(quads / faces), 1, 32))
+        strips = wishes.isolines + 1
+        n = -(-n // strips) * strips  # so that the curves follow the grid
+    return np.linspace(0.0, 1.0, n + 1)
+
+
+def _cells(faces: int, side: int) -> IntArray:
+    """The quads (q, 4) between the points of so many limit faces, side x side each."""
+    number = np.arange(faces * side**2).reshape(faces, side, side)
+    corners = [number[:, :-1, :-1], number[:, 1:, :-1], number[:, 1:, 1:], number[:, :-1, 1:]]
+    return np.stack(corners, axis=-1).reshape(-1, 4)
+
+
+def _lines(drawn: LimitSurface, wishes: Wishes, at: Array) -> list[Lines]:
+    """Curves on the surface, normals and cage.
+
+    What would hide the surface, or its colours, is drawn only if it is asked for.
+    """
+    faces = len(drawn.limit_faces)
     plain = faces <= CROWD and wishes.scalars is None
     lines = []
-    color = wishes.color
-    dark = (0.42 * color[0], 0.42 * color[1], 0.42 * color[2])
-    if wishes.scalars is not None:
-        dark = (0.15, 0.17, 0.2)
+    red, green, blue = wishes.color
+    dark = (0.42 * red, 0.42 * green, 0.42 * blue) if wishes.scalars is None else (0.15, 0.17, 0.2)
     if wishes.isolines:
         between = np.arange(1, wishes.isolines + 1) / (wishes.isolines + 1)
         lines.append(_isolines(drawn, between, at, dark, 0.6))
@@ -193,42 +228,23 @@ def build(surface: LimitSurface, wishes: Wishes, aspect: float, quads: int) -> S
         width = 1.4 if wishes.isolines else 0.9
         lines.append(_isolines(drawn, np.array([0.0, 1.0]), at, dark, width))
     if wishes.normals:
-        every = int(np.clip(math.sqrt(NEEDLES / faces), 1, 6))
-        inside = (np.arange(every) + 0.5) / every
-        places_of = (np.arange(faces)[:, None, None], inside[:, None], inside)
-        foot, length = drawn.evaluate(*places_of), 0.6 / every / math.sqrt(faces)
-        tip = foot + np.clip(length, 0.01, 0.1) * drawn.normal(*places_of)
-        lines.append(Lines(np.stack([foot, tip], axis=-2).reshape(-1, 2, 3), NORMAL, 1.6))
+        lines.append(_needles(drawn))
     if wishes.cage or (wishes.cage is None and plain):
-        lines.append(Lines(places[mesh.edges], INK, 1.0))
-        lines.append(Lines(places[mesh.creases[0][mesh.creases[1] > 0]], INK, CREASE))
-    lines = [k for k in map(_drawable, lines) if len(k.ends)]
-    poles = wishes.poles or (wishes.poles is None and wishes.scalars is None)
-    dots = extraordinary(drawn) if poles else []
+        mesh = drawn.mesh
+        lines.append(Lines(mesh.points[mesh.edges], INK, 1.0))
+        lines.append(Lines(mesh.points[mesh.creases[0][mesh.creases[1] > 0]], INK, CREASE))
+    return lines
 
-    seen = [points[cells].reshape(-1, 3), *(k.ends.reshape(-1, 3) for k in lines)]
-    axes, eye, distance = camera(np.concatenate(seen), wishes.up, wishes.view, aspect)
-    field = None
-    if wishes.scalars is not None:
-        if isinstance(wishes.scalars, str) and wishes.scalars == "zebra":
-            field = _zebra(points, normal.reshape(-1, 3), axes, eye)
-        else:
-            field = _field(surface, wishes, query, _areas(points, cells))
-    dot = DOT * min(1.0, (FEW / faces) ** 0.25)
-    return Scene(
-        points=points,
-        normals=normal.reshape(-1, 3),
-        quads=cells,
-        color=color,
-        field=field,
-        lines=lines,
-        dots=dots,
-        dot=dot,
-        axes=axes,
-        eye=eye,
-        distance=distance,
-        ground=wishes.ground or (GROUND, SKY),
-    )
+
+def _needles(drawn: LimitSurface) -> Lines:
+    """Normals at some places of each limit face."""
+    faces = len(drawn.limit_faces)
+    every = int(np.clip(math.sqrt(NEEDLES / faces), 1, 6))
+    inside = (np.arange(every) + 0.5) / every
+    places = (np.arange(faces)[:, None, None], inside[:, None], inside)
+    foot, length = drawn.evaluate(*places), 0.6 / every / math.sqrt(faces)
+    tip = foot + np.clip(length, 0.01, 0.1) * drawn.normal(*places)
+    return Lines(np.stack([foot, tip], axis=-2).reshape(-1, 2, 3), NORMAL, 1.6)
 
 
 def unit_points(mesh: Any) -> tuple[Array, float]:
@@ -251,7 +267,7 @@ def unit_points(mesh: Any) -> tuple[Array, float]:
         return scaled, float(extent * largest)
 
 
-def filled(function: Callable[..., Array], query: tuple[IntArray, Array, Array]) -> Array:
+def filled(function: Callable[..., Array], query: Query) -> Array:
     """Values of a function of (face, u, v), with that of a nearby place where one is not finite."""
     values = np.array(function(*query))  # (...), or (..., d)
     face, u, v = np.broadcast_arrays(*query)
@@ -288,8 +304,10 @@ def _drawable(lines: Lines) -> Lines:
 
 
 def extraordinary(surface: LimitSurface) -> list[Dots]:
-    """Limits of the interior vertices of valence other than 4, and centres of faces with other
-    than four corners, which are such vertices of the refined cage."""
+    """Limits of the interior vertices of valence other than 4, and centres of other polygons.
+
+    The centre of a face that is no quad is such a vertex of the refined cage.
+    """
     mesh, first = surface.mesh, surface.limit_faces.first
     inside = ~(mesh.boundary_vertex | mesh.nonmanifold_vertex)
     valence = np.where(inside, mesh.vertex_faces, 4)
@@ -356,55 +374,23 @@ def camera(
     return axes, eye @ axes, depth - middle
 
 
-def _field(
-    surface: LimitSurface,
-    wishes: Wishes,
-    query: tuple[IntArray, Array, Array],
-    areas: Array,
-) -> Field:
-    """A scalar at the places of a query, each with its part of the area that is drawn, (p,)."""
+def _field(surface: LimitSurface, wishes: Wishes, query: Query, areas: Array) -> Field:
+    """A scalar at the places of a query, each with its share of the area that is drawn, (p,)."""
     scalars = wishes.scalars
     floor, name = 0.0, "value"
     if isinstance(scalars, str):
-        name, power = CURVATURES[scalars]
-        places, extent = unit_points(surface.mesh)
-        unit = surface.with_points(places)
-
-        def curvature(*at: Any) -> Array:
-            found: Array = getattr(unit.curvature(*at), scalars)
-            # At a vertex of valence 3 it tends to 0, but so late that nothing near is like it.
-            corner = np.isin(at[1], (0, 1)) & np.isin(at[2], (0, 1))
-            return np.where(corner & (found == 0), np.nan, found)
-
-        values, least = filled(curvature, query), np.float64(FLATNESS)
-        # one after the other: the power of an extent can be 0 or infinite where quotients are not
-        with np.errstate(over="ignore", under="ignore", divide="ignore", invalid="ignore"):
-            for _ in range(power):
-                values, least = values / extent, least / extent
-        floor = float(least)
+        name = CURVATURES[scalars][0]
+        values, floor = _curvature(surface, scalars, query)
     elif callable(scalars):
-        face, u, v = (x.ravel() for x in np.broadcast_arrays(*query))
-        returned = scalars(face, u, v)
-        values = numbers(returned, "what the function of (face, u, v) returns")
-        if values.shape != face.shape:
-            raise ValueError(
-                f"the function of (face, u, v) must return as many values as it gets, "
-                f"{face.shape}, got {values.shape}"
-            )
+        values = _of_function(scalars, query)
     else:
-        control = numbers(scalars, "scalars")
-        if control.shape != (surface.mesh.n_vertices,):
-            raise ValueError(
-                f"scalars of the cage's vertices have shape ({surface.mesh.n_vertices},), "
-                f"got {control.shape}"
-            )
-        values = surface.with_points(control).evaluate(*query)
+        values = _of_vertices(surface, scalars, query)
     values = np.where(np.isfinite(values), values, np.nan).ravel()
     there = np.flatnonzero((areas > 0) & ~np.isnan(values))
     if not len(there):
         raise ValueError("no scalar to draw is finite")
-    finite, weights = values[there], areas[there]
-    low, high = _robust_range(finite, weights)
+    finite = values[there]
+    low, high = _robust_range(finite, areas[there])
     # Signed ones get colours about 0, of the same range on both sides.
     signed = isinstance(scalars, str) or (
         low < 0 < high and min(-low, high) > 0.1 * max(-low, high)
@@ -425,6 +411,50 @@ def _field(
         (name if wishes.label is None else wishes.label) if wishes.bar else None,
         (bool(finite.min() < low), bool(finite.max() > high)),
     )
+
+
+def _curvature(surface: LimitSurface, kind: str, query: Query) -> tuple[Array, float]:
+    """One of the `CURVATURES` at the places of a query, and how much of it counts as none."""
+    power = CURVATURES[kind][1]
+    places, extent = unit_points(surface.mesh)
+    unit = surface.with_points(places)
+
+    def curvature(*at: Any) -> Array:
+        found: Array = getattr(unit.curvature(*at), kind)
+        # At a vertex of valence 3 it tends to 0, but so late that nothing near is like it.
+        corner = np.isin(at[1], (0, 1)) & np.isin(at[2], (0, 1))
+        return np.where(corner & (found == 0), np.nan, found)
+
+    values, least = filled(curvature, query), np.float64(FLATNESS)
+    # one after the other: the power of an extent can be 0 or infinite where quotients are not
+    with np.errstate(over="ignore", under="ignore", divide="ignore", invalid="ignore"):
+        for _ in range(power):
+            values, least = values / extent, least / extent
+    return values, float(least)
+
+
+def _of_function(function: Callable[..., ArrayLike], query: Query) -> Array:
+    """What a function of the user returns at the places of a query."""
+    face, u, v = (x.ravel() for x in np.broadcast_arrays(*query))
+    values = numbers(function(face, u, v), "what the function of (face, u, v) returns")
+    if values.shape != face.shape:
+        raise ValueError(
+            f"the function of (face, u, v) must return as many values as it gets, "
+            f"{face.shape}, got {values.shape}"
+        )
+    return values
+
+
+def _of_vertices(surface: LimitSurface, scalars: Any, query: Query) -> Array:
+    """Values of the cage's vertices, (n_vertices,), at the places of a query."""
+    control = numbers(scalars, "scalars")
+    if control.shape != (surface.mesh.n_vertices,):
+        raise ValueError(
+            f"scalars of the cage's vertices have shape ({surface.mesh.n_vertices},), "
+            f"got {control.shape}"
+        )
+    values: Array = surface.with_points(control).evaluate(*query)
+    return values
 
 
 def numbers(values: Any, name: str) -> Array:
@@ -448,8 +478,8 @@ def _areas(points: Array, quads: IntArray) -> Array:
 def _robust_range(values: Array, areas: Array) -> tuple[float, float]:
     """Lower and upper percentile of the area."""
     order = np.argsort(values)
-    part = np.cumsum(areas[order])
-    low, high = np.searchsorted(part, part[-1] * np.array([OUTLIERS, 100 - OUTLIERS]) / 100)
+    area = np.cumsum(areas[order])
+    low, high = np.searchsorted(area, area[-1] * np.array([OUTLIERS, 100 - OUTLIERS]) / 100)
     return float(values[order[low]]), float(values[order[min(high, len(order) - 1)]])
 
 

@@ -19,8 +19,12 @@ from limitsurf.tables import is_infinite
 Facts: TypeAlias = dict[str, Any]
 
 
-def cage_facts(mesh: Mesh, rules: Mapping[str, Any]) -> Facts:
+def cage_facts(
+    mesh: Mesh, rules: Mapping[str, Any], schemes: Mapping[str, str] | None = None
+) -> Facts:
     """Facts of a cage, and of its surface under rules for `LimitSurface`, by name.
+
+    The cage may be of several meshes, by name, which have schemes of their own.
 
     Numbers, and dictionaries of numbers; the names are those that the help of ``limitsurf info``
     lists, always all of them, None where there is nothing to say.
@@ -28,31 +32,13 @@ def cage_facts(mesh: Mesh, rules: Mapping[str, Any]) -> Facts:
     Examples
     --------
     >>> import limitsurf as ls
-    >>> from limitsurf.shell.facts import cage_facts
+    >>> from limitsurf.shell.cli.facts import cage_facts
     >>> facts = cage_facts(ls.Mesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]), {})
     >>> facts["vertices"], facts["closed"], facts["limit_faces"], facts["special_corners"]
     (3, False, 3, [{'kind': 'interior', 'faces': 3, 'patches': 3}])
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    used = mesh.vertex_faces > 0
-    start, end = mesh.edges.T
-    links = coo_array((np.ones(mesh.n_edges), (start, end)), shape=(mesh.n_vertices,) * 2)
-    odd = mesh.nonmanifold_vertex
     facts: Facts = {
-        "vertices": mesh.n_vertices,
-        "unused_vertices": int((~used).sum()),
-        "edges": mesh.n_edges,
-        "boundary_edges": int(mesh.boundary_edge.sum()),
-        "nonmanifold_edges": int(mesh.nonmanifold_edge.sum()),
-        "faces": mesh.n_faces,
-        "components": len(np.unique(connected_components(links)[1][used])),
-        "closed": not mesh.boundary_edge.any(),
-        "face_sizes": _counts(mesh.sizes),
-        "valences": _counts(mesh.vertex_faces[used & ~mesh.boundary_vertex & ~odd]),
-        "boundary_faces": _counts(mesh.vertex_faces[mesh.boundary_vertex & ~odd]),
-        "nonmanifold_faces": _counts(mesh.vertex_faces[odd]),
+        **_counts_of(mesh),
         "creases": _sharpness(mesh.creases[1]),
         "corners": _sharpness(mesh.corners[1]),
         "holes": len(mesh.holes),
@@ -65,6 +51,7 @@ def cage_facts(mesh: Mesh, rules: Mapping[str, Any]) -> Facts:
             for name, (values, _, interpolation) in mesh.channels.items()
         },
         "scheme": mesh.scheme if mesh.scheme is None else getattr(mesh.scheme, "name", mesh.scheme),
+        "schemes": schemes,
         "units": mesh.units,
         "up": mesh.up,
         "rules": None,
@@ -91,6 +78,31 @@ def cage_facts(mesh: Mesh, rules: Mapping[str, Any]) -> Facts:
     facts["patches"] = dict(surface.patches.summary())
     facts["special_corners"] = _special_corners(surface)
     return facts
+
+
+def _counts_of(mesh: Mesh) -> Facts:
+    """How much there is of what a cage is made of."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    used = mesh.vertex_faces > 0
+    start, end = mesh.edges.T
+    links = coo_array((np.ones(mesh.n_edges), (start, end)), shape=(mesh.n_vertices,) * 2)
+    odd = mesh.nonmanifold_vertex
+    return {
+        "vertices": mesh.n_vertices,
+        "unused_vertices": int((~used).sum()),
+        "edges": mesh.n_edges,
+        "boundary_edges": int(mesh.boundary_edge.sum()),
+        "nonmanifold_edges": int(mesh.nonmanifold_edge.sum()),
+        "faces": mesh.n_faces,
+        "components": len(np.unique(connected_components(links)[1][used])),
+        "closed": not mesh.boundary_edge.any(),
+        "face_sizes": _counts(mesh.sizes),
+        "valences": _counts(mesh.vertex_faces[used & ~mesh.boundary_vertex & ~odd]),
+        "boundary_faces": _counts(mesh.vertex_faces[mesh.boundary_vertex & ~odd]),
+        "nonmanifold_faces": _counts(mesh.vertex_faces[odd]),
+    }
 
 
 def _counts(values: NDArray[np.int64]) -> dict[int, int]:
@@ -123,9 +135,9 @@ def _special_corners(surface: LimitSurface) -> list[Facts]:
 
 def told(facts: Facts) -> Iterator[tuple[str, str]]:
     """The facts of a cage as lines of a table."""
-    yield "vertices", _parts(facts["vertices"], {"in no face": facts["unused_vertices"]})
+    yield "vertices", _with_some(facts["vertices"], {"in no face": facts["unused_vertices"]})
     on = {"on the boundary": facts["boundary_edges"], "not manifold": facts["nonmanifold_edges"]}
-    yield "edges", _parts(facts["edges"], on)
+    yield "edges", _with_some(facts["edges"], on)
     yield "faces", f"{facts['faces']}"
     yield "components", f"{facts['components']}, {'closed' if facts['closed'] else 'open'}"
     for name, key in (
@@ -143,6 +155,8 @@ def told(facts: Facts) -> Iterator[tuple[str, str]]:
         yield "holes", f"{facts['holes']}"
     for name, channel in facts["channels"].items():
         yield f"channel {name}", f"{channel['values']} values, {channel['interpolation']}"
+    for name, scheme in (facts["schemes"] or {}).items():
+        yield f"scheme of {name}", scheme
     if facts["units"] is not None:
         yield "units", f"{facts['units']:g} m"
     if facts["up"] is not None:
@@ -161,20 +175,20 @@ def told(facts: Facts) -> Iterator[tuple[str, str]]:
         yield "special corners of patches", ", ".join(_told_corner(**corner) for corner in corners)
 
 
-def _parts(total: int, parts: Mapping[str, int]) -> str:
+def _with_some(total: int, some: Mapping[str, int]) -> str:
     """A number, and how many of them are something else than usual."""
-    found = [f"{number} of them {what}" for what, number in parts.items() if number]
+    found = [f"{number} of them {what}" for what, number in some.items() if number]
     return ", ".join([f"{total}", *found])
 
 
 def _told_sharpness(number: int, infinite: int, least: float | None, most: float | None) -> str:
     """How many there are, of which sharpness, such as "5, sharpness 0.5 to 2, 3 infinite"."""
-    parts = [f"{number}"]
+    said = [f"{number}"]
     if least is not None:
-        parts.append(f"sharpness {least:g}" + (f" to {most:g}" if least != most else ""))
+        said.append(f"sharpness {least:g}" + (f" to {most:g}" if least != most else ""))
     if infinite:
-        parts.append(f"{infinite} infinite" if infinite < number else "infinite")
-    return ", ".join(parts)
+        said.append(f"{infinite} infinite" if infinite < number else "infinite")
+    return ", ".join(said)
 
 
 def _told_corner(kind: str, faces: int, patches: int) -> str:

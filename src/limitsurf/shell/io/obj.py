@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import INTERPOLATION, Mesh, MeshError
-from limitsurf.shell.losses import Losses, first_of
-from limitsurf.shell.polygons import INTERPOLATED, IntArray, mesh_of, polygons, texture
+from limitsurf.shell.io.losses import Losses, first_of
+from limitsurf.shell.io.polygons import INTERPOLATED, IntArray, mesh_of, polygons, texture
 
 if TYPE_CHECKING:
     from limitsurf.query import Tessellation

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pxr import Gf, Tf, Usd, UsdGeom
 
 from limitsurf.mesh import MeshError
-from limitsurf.shell.losses import LocatedError, Losses, first_of
-from limitsurf.shell.usd_reader import numbers, plain
+from limitsurf.shell.io.losses import LocatedError, Losses, first_of
+from limitsurf.shell.io.usd_reader import numbers, plain
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import Mesh, MeshError
-from limitsurf.shell.losses import LocatedError, Losses, listed
-from limitsurf.shell.parts import MIXED, Part, merged
-from limitsurf.shell.polygons import IntArray, float_points, polygons
+from limitsurf.shell.io.losses import LocatedError, Losses, listed
+from limitsurf.shell.io.parts import DEFAULTS, MIXED, Part, merged
+from limitsurf.shell.io.polygons import IntArray, float_points, polygons
 
 if TYPE_CHECKING:
     from limitsurf.query import Tessellation
@@ -25,8 +25,8 @@ try:
 except ImportError as error:
     raise ImportError('usd-core is needed for USD files: pip install "limitsurf[usd]"') from error
 
-from limitsurf.shell.usd_reader import CHOICES, CREASING_NOTE, LINEAR, OF_POINTS, Reader, plain
-from limitsurf.shell.usd_scene import Scene
+from limitsurf.shell.io.usd_reader import CHOICES, CREASING_NOTE, LINEAR, OF_POINTS, Reader, plain
+from limitsurf.shell.io.usd_scene import Scene
 
 PRIM = "/mesh"  # what a file of ours calls its mesh
 UP = {"Y": "y", "Z": "z"}
@@ -74,9 +74,22 @@ def read(
     return mesh
 
 
-def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh:
-    """All that is shown of a stage, or at or below a path, as one mesh."""
-    name = losses.name
+def schemes(
+    name: str, file: str, *, prim: str | None = None, time: float | None = None
+) -> dict[str, str]:
+    """The scheme of each mesh that `read` makes one of, by its path."""
+    losses = Losses(name, strict=False)
+    code = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
+    diagnostics = UsdUtils.CoalescingDiagnosticDelegate()
+    stage = Usd.Stage.Open(os.path.abspath(file))  # without which its prims expire
+    scene = _shown(stage, prim, code, losses)
+    readers = [Reader(found, code, losses) for found, _ in scene.placed]
+    diagnostics.TakeUncoalescedDiagnostics()  # which `read` has told
+    return {x.path: x.choice(*CHOICES["scheme"]) or DEFAULTS["scheme"] for x in readers}
+
+
+def _shown(stage: Any, path: str | None, time: Any, losses: Losses) -> Scene:
+    """What is shown of a stage, or at or below a path; ValueError if there is no such path."""
     scene = Scene(time, losses)
     root = stage.GetPseudoRoot()
     if path is not None:
@@ -85,8 +98,14 @@ def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh
             scene.add(stage.GetPseudoRoot())
             paths = list(dict.fromkeys(str(prim.GetPath()) for prim, _ in scene.placed))
             known = ", ".join(paths[:6]) + (", ..." if len(paths) > 6 else "")
-            raise ValueError(f"{name}: there is no prim {path!r}; its meshes are {known}")
+            raise ValueError(f"{losses.name}: there is no prim {path!r}; its meshes are {known}")
     scene.add(root)
+    return scene
+
+
+def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh:
+    """All that is shown of a stage, or at or below a path, as one mesh."""
+    name, scene = losses.name, _shown(stage, path, time, losses)
     if not scene.placed:
         place = "in the stage" if path is None else f"at or below {path}"
         text = f"{name}: need a mesh of UsdGeom, found none that is shown {place}"

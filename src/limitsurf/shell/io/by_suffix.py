@@ -13,10 +13,10 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from limitsurf.mesh import Mesh, MeshError
-from limitsurf.shell import files, formats, obj, plain
+from limitsurf.shell import files
 from limitsurf.shell.files import Path, replacing
-from limitsurf.shell.formats import from_pyvista, from_trimesh, to_pyvista, to_trimesh
-from limitsurf.shell.polygons import (
+from limitsurf.shell.io import by_trimesh, formats, obj, off, ply, vtk
+from limitsurf.shell.io.polygons import (
     float_points,
     polygons,
     warn_of_cuts,
@@ -28,9 +28,7 @@ from limitsurf.shell.polygons import (
 if TYPE_CHECKING:
     from limitsurf.query import Tessellation
 
-__all__ = ["from_pyvista", "from_trimesh", "read", "to_pyvista", "to_trimesh", "write"]
-
-_PARSERS = {".obj": obj.parse, ".ply": plain.parse_ply, ".off": plain.parse_off}
+_PARSERS = {".obj": obj.parse, ".ply": ply.parse, ".off": off.parse}
 
 
 def read(
@@ -126,7 +124,7 @@ def read(
     shapes that are no meshes have no place in a cage, which a warning says. Normals are ignored.
 
     **glTF, DAE, 3MF** say in which units and with which axis up they are (glTF: metres, Y), which
-    become the ``units`` and ``up`` of the mesh.
+    become the ``units`` and ``up`` of the mesh. Strips and fans of glTF become triangles.
 
     Parameters
     ----------
@@ -204,11 +202,30 @@ def read(
         if kind in _PARSERS:
             return _PARSERS[kind](name, _content(file, name, kind), strict=strict)
         with _on_disk(file, name, kind, library) as (path, folder):
-            return formats.read_by_library(name, kind, path, folder, strict=strict, **options)
+            found: Mesh = formats.read_by_library(
+                name, kind, path, folder, strict=strict, **options
+            )
+            return found
     except MeshError as error:
         if str(error).startswith(name):
             raise
         raise MeshError(f"{name}: {error}") from None
+
+
+def schemes(
+    file: Path | IO[bytes],
+    *,
+    suffix: str | None = None,
+    prim: str | None = None,
+    time: float | None = None,
+) -> dict[str, str]:
+    """The scheme of each mesh of a USD file by its path; arguments are those of `read`."""
+    name, kind = _named(file, suffix, "<stdin>")
+    with _on_disk(file, name, kind, None) as (path, folder):
+        found: dict[str, str] = formats.read_by_library(
+            name, kind, path, folder, call="schemes", prim=prim, time=time
+        )
+        return found
 
 
 def _content(file: Path | IO[bytes], name: str, kind: str) -> bytes:
@@ -370,10 +387,10 @@ def _pieces(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]:
     if kind in formats.TRIMESH:
         shape = without_gaps(name, kind, shape)
         warn_of_cuts(name, kind, x)
-        warn_of_rounding(name, kind, x, shape.points, formats.rounded(kind, shape.points), 4)
+        warn_of_rounding(name, kind, x, shape.points, by_trimesh.rounded(kind, shape.points), 4)
     if kind in (".off", ".ply"):
-        return plain.off(shape) if kind == ".off" else plain.ply(shape.split())
-    return formats.vtk(shape, kind) if kind in formats.VTK else formats.trimesh_bytes(shape, kind)
+        return off.pieces(shape) if kind == ".off" else ply.pieces(shape.split())
+    return vtk.pieces(shape, kind) if kind in formats.VTK else by_trimesh.pieces(shape, kind)
 
 
 def _write(file: IO[bytes], pieces: Any, text: bool) -> None:
@@ -389,7 +406,7 @@ def _write(file: IO[bytes], pieces: Any, text: bool) -> None:
 
 
 def _usd() -> Any:
-    from limitsurf.shell import usd
+    from limitsurf.shell.io import usd
 
     return usd
 

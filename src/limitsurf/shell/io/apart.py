@@ -47,11 +47,11 @@ IDLE = 60.0  # seconds that a server waits for the next request
 
 _START = (
     "import json, sys; request = json.loads(sys.stdin.readline()); sys.path[:] = request['path'];"
-    "from limitsurf.shell.apart import answer; answer(request)"
+    "from limitsurf.shell.io.apart import answer; answer(request)"
 )
 _SERVE = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[2]);"
-    "from limitsurf.shell.apart import serve; serve(int(sys.argv[1]), json.loads(sys.argv[3]))"
+    "from limitsurf.shell.io.apart import serve; serve(int(sys.argv[1]), json.loads(sys.argv[3]))"
 )
 # one thread: each takes address space, whose amount would depend on the number of processors
 _ALONE = dict.fromkeys(

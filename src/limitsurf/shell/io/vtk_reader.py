@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from limitsurf.mesh import Mesh, MeshError
-from limitsurf.shell import references
-from limitsurf.shell.losses import Losses
-from limitsurf.shell.polygons import mesh_of, strips
+from limitsurf.shell.io import references
+from limitsurf.shell.io.losses import Losses
+from limitsurf.shell.io.polygons import mesh_of, strips
 
 SUFFIXES = (".vtp", ".vtu", ".vtk")
 

@@ -47,7 +47,13 @@ class Batch:
         return f"{self.name}: line {self.first + next(islice(with_query, k, None))}"
 
     def checked(self, faces: int) -> Batch:
-        """The same, if all lie on one of so many limit faces; NaN and infinity may be asked."""
+        """These queries, if all lie on one of so many limit faces; u and v may be NaN or infinite.
+
+        Raises
+        ------
+        IndexError, ValueError
+            With the place of the first that does not.
+        """
         bad = (self.face < 0) | (self.face >= faces)
         if bad.any():
             k = int(bad.argmax())

@@ -1,0 +1,1 @@
+"""The program ``limitsurf``; `commands` holds the commands."""

@@ -1,0 +1,105 @@
+"""The formats of files: which there are, what each can hold, and who reads it."""
+
+from __future__ import annotations
+
+import os
+import re
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from limitsurf.mesh import Mesh, MeshError
+from limitsurf.shell.io import vtk_reader
+from limitsurf.shell.io.apart import read_apart
+
+if TYPE_CHECKING:
+    from limitsurf.query import Polygons, Tessellation
+
+USD = (".usd", ".usda", ".usdc")
+PLAIN = (".obj", ".ply", ".off")
+VTK = vtk_reader.SUFFIXES
+TRIMESH = (".stl", ".glb", ".gltf", ".3mf", ".dae")
+READABLE = (*PLAIN, *USD, ".usdz", *VTK, *TRIMESH)
+WRITABLE = (*PLAIN, *USD, *VTK, *TRIMESH)
+# what else a format holds of a tessellation
+WITH_NORMALS = (".obj", ".ply", *USD, *VTK, ".glb", ".gltf", ".dae")
+WITH_UV = (".obj", ".ply", *USD, *VTK, ".glb", ".gltf", ".dae")
+# the axis that points up, and the metres of one unit, in files as they are written
+MEASURES = {".glb": ("y", 1.0), ".gltf": ("y", 1.0), ".dae": ("y", 1.0), ".3mf": ("z", 0.001)}
+
+# what reads files of a library in a process of its own, and what is to be imported there first
+_READERS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "usd": ("limitsurf.shell.io.references:read_usd", ("limitsurf.shell.io.usd",)),
+    "vtk": (
+        "limitsurf.shell.io.vtk_reader:read",
+        ("vtkmodules.vtkIOLegacy", "vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support"),
+    ),
+    "pyvista": ("limitsurf.shell.io.vtk_reader:read", ("pyvista",)),
+    "trimesh": ("limitsurf.shell.io.by_trimesh:read", ("trimesh.exchange.load",)),
+}
+# how a file begins, after white space, and what to say where it does not
+_BEGINNINGS = {
+    ".vtp": (rb"\s*<((?s:.){0,2000}<)?VTKFile\b", "XML with <VTKFile"),
+    ".vtu": (rb"\s*<((?s:.){0,2000}<)?VTKFile\b", "XML with <VTKFile"),
+    ".vtk": (rb"# vtk DataFile Version \d", "'# vtk DataFile Version'"),
+    ".glb": (rb"glTF\x02\0\0\0", "'glTF', version 2"),
+    ".gltf": (rb"(\xef\xbb\xbf)?\s*\{", "JSON, '{'"),
+    ".3mf": (rb"PK\x03\x04", "a ZIP archive, 'PK'"),
+    ".dae": (rb"(\xef\xbb\xbf)?\s*<((?s:.){0,2000}<)?COLLADA\b", "XML with <COLLADA"),
+}
+
+
+def read_by_library(name: str, suffix: str, path: str, folder: str | None, **options: Any) -> Any:
+    """The cage of a file at a path, whose format is not `PLAIN`, read in a process of its own.
+
+    `name` is that of the file for messages; files that it names are in the folder, if any.
+    """
+    families = {**dict.fromkeys((*USD, ".usdz"), "usd"), **dict.fromkeys(VTK, "vtk")}
+    families |= dict.fromkeys(TRIMESH, "trimesh")
+    with open(path, "rb") as file:
+        _check_beginning(name, suffix, file.read(1 << 16))
+    function, modules = _READERS[families.get(suffix) or library(suffix) or "trimesh"]
+    size = os.path.getsize(path)
+    return read_apart(name, size, function, name, suffix, path, folder, modules=modules, **options)
+
+
+def library(suffix: str) -> str | None:
+    """The library that reads a format outside of `READABLE`, if it is installed."""
+    with suppress(ImportError):
+        from trimesh.exchange.load import mesh_formats
+
+        if suffix in {f".{name}" for name in mesh_formats()} - {".xyz"}:  # points alone
+            return "trimesh"
+    with suppress(ImportError):
+        from pyvista.core.utilities.reader import CLASS_READERS
+
+        if suffix in CLASS_READERS:
+            return "pyvista"
+    return None
+
+
+def _check_beginning(name: str, suffix: str, data: bytes) -> None:
+    pattern, need = _BEGINNINGS.get(suffix, (b"", ""))
+    if not re.match(pattern, data):
+        raise MeshError(f"{name}: need {need} at the start: this is no {suffix} file")
+
+
+def placed(shape: Polygons, suffix: str, x: Mesh | Tessellation) -> Polygons:
+    """Polygons turned and scaled as a format takes them that has units and an up axis of its own.
+
+    What is not known of `x` is taken to be right.
+    """
+    if suffix not in MEASURES:
+        return shape
+    up, units = MEASURES[suffix]
+    points, normals = shape.points, shape.normals
+    if x.up not in (None, up):
+        turn = (
+            [[1, 0, 0], [0, 0, -1], [0, 1, 0]] if up == "y" else [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+        )
+        points, normals = points @ np.array(turn, float), normals @ np.array(turn, float)
+    if x.units not in (None, units):
+        points = points * (x.units / units)
+    return replace(shape, points=points, normals=normals)

@@ -1,0 +1,174 @@
+"""Cages and tessellations from and to PyVista, and to files of VTK; `vtk_reader` reads these."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf.mesh import Mesh
+from limitsurf.shell.io import vtk_reader
+from limitsurf.shell.io.losses import Losses
+from limitsurf.shell.io.polygons import mesh_of, polygons
+
+if TYPE_CHECKING:
+    from limitsurf.query import Polygons, Tessellation
+
+
+def from_pyvista(dataset: Any, **tags: Any) -> Mesh:
+    """A cage of the polygons of a PyVista ``PolyData`` or ``UnstructuredGrid``.
+
+    Vertex cells and lines are ignored, and so are data arrays. Triangle strips become triangles,
+    in the order of VTK behind other polygons. Faces that only touch are joined nowhere: merge their
+    points first with ``dataset.clean()``.
+
+    Parameters
+    ----------
+    dataset : pyvista.PolyData or pyvista.UnstructuredGrid
+        Polygons of any size; a grid must have no other cells.
+    **tags
+        Creases, corners and all else that ``Mesh`` takes besides points and faces.
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    MeshError
+        Polygons that ``Mesh`` refuses.
+    TypeError
+        Another type of dataset.
+    ValueError
+        Cells of a grid that are no polygons.
+    ImportError
+        PyVista is not installed.
+
+    Examples
+    --------
+    >>> import limitsurf as ls, pyvista
+    >>> ls.from_pyvista(pyvista.Cube().clean())
+    Mesh(8 vertices, 12 edges, 6 faces {4: 6}, interior valences {3: 8})
+    """
+    imported_pyvista()
+    losses = Losses("from_pyvista", strict=False)
+    sizes, indices = _dataset_faces(dataset)
+    mesh = mesh_of(dataset.points, sizes, indices, losses, **tags)
+    losses.warn(2)
+    return mesh
+
+
+def to_pyvista(x: Mesh | Tessellation) -> Any:
+    """A cage or a tessellation as a ``pyvista.PolyData``.
+
+    Parameters
+    ----------
+    x : Mesh or Tessellation
+        Of a cage the points and faces, without tags and channels; exact points are rounded to
+        float64. Of a tessellation the polygons, split into one normal for each point, which are
+        the active normals; "uv" or else "st" (k, 2) are the active texture coordinates.
+
+    Returns
+    -------
+    pyvista.PolyData
+
+    Raises
+    ------
+    ValueError
+        Points that are not of shape (n_vertices, 3), or a tessellation without polygons.
+    ImportError
+        PyVista is not installed.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> ls.to_pyvista(ls.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])).n_cells
+    1
+    """
+    return _dataset(polygons(x, uv=not isinstance(x, Mesh)))
+
+
+def imported_pyvista() -> Any:
+    """PyVista; ImportError that says how to install it."""
+    try:
+        import pyvista
+    except ImportError as error:
+        raise ImportError('PyVista is needed: pip install "limitsurf[plot]"') from error
+    return pyvista
+
+
+def _dataset_faces(dataset: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sizes and indices of the polygons of a dataset of PyVista."""
+    pyvista = imported_pyvista()
+    if not isinstance(dataset, (pyvista.PolyData, pyvista.UnstructuredGrid)):
+        raise TypeError(
+            f"need a pyvista.PolyData or UnstructuredGrid, got {type(dataset).__name__}: "
+            "datasets of pyvista become PolyData by .extract_surface()"
+        )
+    if isinstance(dataset, pyvista.UnstructuredGrid):
+        others = np.flatnonzero(~np.isin(dataset.celltypes, list(vtk_reader.POLYGONS)))
+        if len(others):
+            kind = pyvista.CellType(dataset.celltypes[others[0]]).name
+            raise ValueError(
+                f"cell {others[0]} is a {kind}, need polygons only: call .extract_surface()"
+            )
+    sizes, indices, _ = vtk_reader.cells(dataset)
+    return sizes, indices
+
+
+def _dataset(shape: Polygons) -> Any:
+    """Polygons as a PolyData, split at creases and seams."""
+    shape = shape.split()
+    cells = np.insert(shape.indices, shape.offsets[:-1], shape.sizes)  # size, vertices, size, ...
+    dataset = imported_pyvista().PolyData(shape.points.copy(), cells)
+    if len(shape.normals):
+        dataset.point_data["Normals"] = shape.normals
+        dataset.point_data.active_normals_name = "Normals"
+    if "uv" in shape.channels:
+        # in single precision: of others VTK's writer of PLY files would end the process
+        dataset.point_data["uv"] = shape.channels["uv"][0].astype(np.float32)
+        dataset.GetPointData().SetActiveTCoords("uv")
+    return dataset
+
+
+@contextmanager
+def _complaints() -> Iterator[list[str]]:
+    """What VTK says meanwhile, instead of printing it."""
+    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
+
+    said: list[str] = []
+    window, before = vtkStringOutputWindow(), vtkOutputWindow.GetInstance()
+    verbosity = vtkLogger.GetCurrentVerbosityCutoff()
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+    vtkOutputWindow.SetInstance(window)
+    try:
+        yield said
+    finally:
+        vtkOutputWindow.SetInstance(before)
+        vtkLogger.SetStderrVerbosity(verbosity)
+        said += [line for line in window.GetOutput().splitlines() if "rror" in line]
+
+
+def pieces(shape: Polygons, suffix: str) -> Iterator[bytes]:
+    """The bytes of a file of VTK."""
+    dataset: Any = _dataset(shape)
+    from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter, vtkXMLUnstructuredGridWriter
+
+    with _complaints() as said:
+        if suffix == ".vtk":
+            writer = vtkPolyDataWriter()
+            writer.SetFileTypeToBinary()
+        else:
+            writer = vtkXMLPolyDataWriter() if suffix == ".vtp" else vtkXMLUnstructuredGridWriter()
+            dataset = dataset if suffix == ".vtp" else dataset.cast_to_unstructured_grid()
+        writer.SetInputData(dataset)
+        writer.WriteToOutputStringOn()
+        writer.Write()
+        text = writer.GetOutputStdString() if suffix == ".vtk" else writer.GetOutputString()
+    if said or not text:
+        raise OSError(f"VTK cannot write it: {' '.join(said)}")
+    yield text.encode() if isinstance(text, str) else text
