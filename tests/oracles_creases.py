@@ -177,36 +177,79 @@ def _count_fans(v, around, faces, sides):
     return len(fans)
 
 
+# --- sharpness, whatever the scheme ---------------------------------------------------------------
+
+
+def decayed(cage, vertex_edges):
+    """What is left after a step: of the half of an edge at its end v, {(edge, v)}; of {v}."""
+
+    def left(edge, v):
+        s = cage.creases[edge]
+        if s == 0 or s == INF:
+            return s
+        if cage.creasing == "chaikin":
+            around = [cage.creases[e] for e in vertex_edges[v] if e != edge]
+            others = [other for other in around if 0 < other < INF]
+            if others:
+                s = Fraction(3, 4) * s + Fraction(1, 4) * (sum(others) / len(others))
+        return max(s - 1, Fraction(0))
+
+    halves = {(edge, v): left(edge, v) for edge in cage.creases for v in edge[:2]}
+    vertices = {v: s if s == INF else max(s - 1, Fraction(0)) for v, s in cage.corners.items()}
+    return halves, vertices
+
+
+def crease_share(cage, edge, halves):
+    """How much of the sharp mask is in an edge's point; the rest is the smooth one's."""
+    s = cage.creases[edge]
+    lasting = s > 0 and all(halves[edge, v] > 0 for v in edge[:2])
+    return Fraction(1) if s >= 1 or lasting else s
+
+
+def blended_vertex_point(cage, v, edges, halves, vertices, vertex_point):
+    """The point of v by its rules before and after the step.
+
+    ``vertex_point(v, rule, sharp)`` gives it by one of them, the crease running along the two edges
+    ``sharp``; ``edges`` are those at v.
+    """
+    before = [edge for edge in edges if cage.creases[edge] > 0]
+    after = [edge for edge in before if halves[edge, v] > 0]
+    sharpness = cage.corners[v]
+    parent, child = vertex_rule(sharpness, len(before)), vertex_rule(vertices[v], len(after))
+    point = vertex_point(v, parent, before)
+    if parent == child:
+        return point
+    vanished = [cage.creases[edge] for edge in before if edge not in after]
+    if sharpness > 0 and vertices[v] == 0:
+        vanished.append(sharpness)
+    w = min(sum(vanished) / len(vanished), 1)
+    return _blend(w, point, vertex_point(v, child, after))
+
+
+def vertex_rule(sharpness, n_sharp_edges):
+    """The rule of a vertex: [DKT], appendix A."""
+    if sharpness > 0 or n_sharp_edges > 2:
+        return "corner"
+    return ("smooth", "dart", "crease")[n_sharp_edges]
+
+
 # --- one step of the rules ------------------------------------------------------------------------
 
 
 def refine(cage):
     """One step: an explicit `Cage`, with vertices and faces in the order of `oracles.refine`."""
     cage = start(cage)
-    points, faces, creases, corners = cage.points, cage.faces, cage.creases, cage.corners
+    points, faces = cage.points, cage.faces
     edge_faces, vertex_edges, vertex_faces = _incidence(faces, cage.sides)
 
-    def child_sharpness(edge, v):
-        """Sharpness of the half of an edge at its end v."""
-        s = creases[edge]
-        if s == 0 or s == INF:
-            return s
-        if cage.creasing == "chaikin":
-            others = [creases[e] for e in vertex_edges[v] if e != edge and 0 < creases[e] < INF]
-            if others:
-                s = Fraction(3, 4) * s + Fraction(1, 4) * (sum(others) / len(others))
-        return max(s - 1, Fraction(0))
-
-    halves = {(edge, v): child_sharpness(edge, v) for edge in edge_faces for v in edge[:2]}
-    vertices = {v: s if s == INF else max(s - 1, Fraction(0)) for v, s in corners.items()}
-
+    halves, vertices = decayed(cage, vertex_edges)
     face_points = [_combine([(1, points[v]) for v in face], len(face)) for face in faces]
 
     def edge_point(edge):
-        s = creases[edge]
+        share = crease_share(cage, edge, halves)
         ends, sides = [points[v] for v in edge[:2]], edge_faces[edge]
         crease = _combine([(1, p) for p in ends], 2)
-        if s >= 1 or (s > 0 and all(halves[edge, v] > 0 for v in edge[:2])):
+        if share == 1:
             return crease
         # Two sides wherever this counts: an edge of another number is sharp, except on the rim of
         # a cut-out, where the point is not used.
@@ -217,7 +260,7 @@ def refine(cage):
             w = sum(heavy) / len(sides)
             terms = [(Fraction(1, 2) - w, p) for p in ends]
             smooth = _combine(terms + [(w, face_points[f]) for f in sides], 1)
-        return _blend(s, crease, smooth)
+        return _blend(share, crease, smooth)
 
     def vertex_point(v, rule, sharp):
         """The point of v by a rule, the crease running along the two edges ``sharp``."""
@@ -232,20 +275,10 @@ def refine(cage):
         R = _combine([(1, m) for m in midpoints], len(edges))
         return _combine([(1, Q), (2, R), (n - 3, S)], n)
 
-    def blended_vertex_point(v):
-        before = [edge for edge in vertex_edges[v] if creases[edge] > 0]
-        after = [edge for edge in before if halves[edge, v] > 0]
-        parent, child = vertex_rule(corners[v], len(before)), vertex_rule(vertices[v], len(after))
-        point = vertex_point(v, parent, before)
-        if parent == child:
-            return point
-        vanished = [creases[edge] for edge in before if edge not in after]
-        if corners[v] > 0 and vertices[v] == 0:
-            vanished.append(corners[v])
-        w = min(sum(vanished) / len(vanished), 1)
-        return _blend(w, point, vertex_point(v, child, after))
-
-    vertex_points = [blended_vertex_point(v) for v in range(len(points))]
+    vertex_points = [
+        blended_vertex_point(cage, v, vertex_edges[v], halves, vertices, vertex_point)
+        for v in range(len(points))
+    ]
     edge_points = [edge_point(edge) for edge in edge_faces]
 
     edge_id = {edge: len(points) + e for e, edge in enumerate(edge_faces)}
@@ -284,13 +317,6 @@ def refine_times(cage, levels):
     for _ in range(levels):
         cage = refine(cage)
     return cage
-
-
-def vertex_rule(sharpness, n_sharp_edges):
-    """The rule of a vertex: [DKT], appendix A."""
-    if sharpness > 0 or n_sharp_edges > 2:
-        return "corner"
-    return ("smooth", "dart", "crease")[n_sharp_edges]
 
 
 def _other(edge, v):
