@@ -12,6 +12,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from limitsurf.bezier import (
+        BezierPatches as BezierPatches,
+    )
+    from limitsurf.bezier import (
+        BezierRest as BezierRest,
+    )
+    from limitsurf.bezier import (
+        bezier_patches as bezier_patches,
+    )
     from limitsurf.exact.scheme import Scheme as Scheme
     from limitsurf.mesh import Mesh as Mesh
     from limitsurf.mesh import MeshError as MeshError
@@ -82,6 +91,8 @@ __version__ = "0.1.0"
 
 # what is public, and the module that defines it; imported on first use
 _HOME = {
+    "BezierPatches": "bezier",
+    "BezierRest": "bezier",
     "Curvature": "surface",
     "Eigenbasis": "spectra",
     "ExactOperator": "refine",
@@ -92,6 +103,7 @@ _HOME = {
     "RefinedMesh": "refine",
     "Scheme": "exact.scheme",
     "Tessellation": "query",
+    "bezier_patches": "bezier",
     "eigenbasis": "spectra",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",

@@ -394,6 +394,44 @@ class RingValues:
         points = self._relative(self._outer[row], self._rings.ring[row])
         return kernels.scale_by_two(points, -state.exponent[which][:, None, None])
 
+    # ------------------------------------------------------------------ whole rings
+
+    def limits(self, row: Array) -> Array:
+        """Limits of the corners of patches, relative to their vertices, (A, d)."""
+        found = self._first.limit(self._masks)
+        found = kernels.scale_by_two(found, self._first.exponent[:, None])
+        return np.asarray(found[self._rings.ring[row]])
+
+    def refined(self, row: Array, level: Array) -> Array:
+        """5 x 5 refined points of patches, relative to the limit of the corner, (A, 5, 5, d).
+
+        They are those after `level` + 1 steps, (A,), of which the three regular pieces consist.
+        """
+        fine, exponent, limit = self._refined(row, level)
+        return kernels.scale_by_two(
+            fine - limit[:, None, None], exponent[:, None, None, None]
+        )
+
+    def extent(self, row: Array, level: int) -> tuple[Array, Array]:
+        """Bounds (A, d) of all points that patches depend on after some steps, at least one.
+
+        Relative to the limit of the corner.
+        """
+        grid, exponent, limit = self._refined(row, np.full(len(row), level - 1))
+        rings, which = np.unique(self._rings.ring[row], return_inverse=True)
+        _, state = next(self._walk(self._kept_of(rings), level))
+        grid = grid[:, :4, :4].reshape(len(row), 16, -1)
+        points = [x.swapaxes(1, 2) for x in (state.edges, state.faces)]
+        bounds = (
+            [find(x, axis=1)[which] for x in points] + [find(grid, axis=1), 0 * limit]
+            for find in (np.min, np.max)
+        )
+        least, most = (
+            kernels.scale_by_two(find(found, axis=0) - limit, exponent[:, None])
+            for find, found in zip((np.min, np.max), bounds, strict=True)
+        )
+        return least, most
+
     # ------------------------------------------------------------------ queries
 
     def place(self, row: Array, s: Array, t: Array, turn: Array) -> Place:
@@ -423,8 +461,7 @@ class RingValues:
         """Derivatives (q, d) in (u, v) of the limit face, which is `depth` halvings above."""
         place, position = self.place(row, s, t, turn), self._rings.position[row]
         vertex = self._rings.points[self._rings.ring[row], 0]
-        start = self._first.limit(self._masks)
-        start = kernels.scale_by_two(start, self._first.exponent[:, None])[self._rings.ring[row]]
+        start = self.limits(row)
         result = []
         for nu in orders:
             turned, sign = basis.turned(nu)
@@ -544,6 +581,14 @@ class RingValues:
         return np.asarray(np.maximum(np.max(high, axis=0)[which], beyond) <= basis.NOISE * size)
 
 
+def is_convex(masks: RingMasks) -> bool:
+    """Whether all refined points are convex combinations."""
+    w = masks.weights
+    smooth = (w.own, w.edge, w.around) if masks.sector.kind in ("interior", "dart") else ()
+    others = w.corner, w.end, w.face, w.half, w.beside, 1 - 2 * w.beside
+    return bool(min(*others, *smooth) >= 0)
+
+
 def on_curve(masks: RingMasks, position: Array, s: Array, t: Array, nu: Order) -> Array:
     """Whether queries ask for a derivative along a sharp side of a sector that they are on, (n,).
 
@@ -598,8 +643,46 @@ def weights(masks: RingMasks, position: Array, s: Array, t: Array, turn: Array, 
         rows.edges[curve] = 0
         _set_curves(masks, (s, t)[int(nu[0] == 0)], nu, np.flatnonzero(curve), rows, outer)
     b = _weights(local, _sharp_pieces(masks, position, local), nu)
+    _descend(masks, position, level, local.piece, b, rows, outer)
+    if not order:
+        return _with_vertex(masks, rows, outer)
+    result = np.empty((len(position), 1 + edges + faces + len(OUTER)))
+    result[:, 1 : 1 + edges + faces : 2] = rows.edges
+    result[:, 2 : 1 + edges + faces : 2] = rows.faces
+    result[:, 1 + edges + faces :] = outer
+    exponent = np.where(away, order * (level + 1), 0)
+    result[:, 1:] = kernels.scale_by_two(result[:, 1:], exponent[:, None])
+    result[:, 0] = -result[:, 1:].sum(axis=1)
+    return result
+
+
+def piece_weights(
+    masks: RingMasks, position: Array, level: Array, piece: Array, combined: Array
+) -> Array:
+    """Weights (q, K), as those of `weights`, of combinations of a piece's 16 control points.
+
+    Of the regular pieces of faces after some halvings towards the corner, `combined` (q, 16).
+    """
+    edges, faces = masks.limit
+    shape = len(position), 1
+    rows = _Rows(np.tile(-edges, shape), np.tile(-faces, shape))
+    outer = np.zeros((len(position), len(OUTER)))
+    _descend(masks, position, level, piece, combined, rows, outer)
+    return _with_vertex(masks, rows, outer)
+
+
+def _descend(
+    masks: RingMasks,
+    position: Array,
+    level: Array,
+    piece: Array,
+    b: Array,
+    rows: _Rows,
+    outer: Array,
+) -> None:
+    """Add what the control points of pieces (q, 16) take from rings and outer points."""
     fine, number = np.zeros((len(position), 5, 5)), np.arange(16)
-    i, j = (_PIECES[local.piece, k][:, None] for k in (0, 1))
+    i, j = (_PIECES[piece, k][:, None] for k in (0, 1))
     fine[np.arange(len(b))[:, None], j + number // 4, i + number % 4] = b
     for step in range(int(level.max(initial=-1)), -1, -1):
         here = np.flatnonzero(level >= step)
@@ -611,19 +694,17 @@ def weights(masks: RingMasks, position: Array, s: Array, t: Array, turn: Array, 
         else:
             outer[here] += some.gathered(masks, position[here], grid)
         rows.edges[here], rows.faces[here] = some.edges, some.faces
-    result = np.empty((len(position), 1 + edges + faces + len(OUTER)))
-    result[:, 1 : 1 + edges + faces : 2] = rows.edges
-    result[:, 2 : 1 + edges + faces : 2] = rows.faces
-    result[:, 1 + edges + faces :] = outer
-    if order:
-        exponent = np.where(away, order * (level + 1), 0)
-        result[:, 1:] = kernels.scale_by_two(result[:, 1:], exponent[:, None])
-        result[:, 0] = -result[:, 1:].sum(axis=1)
-    else:
-        limits = np.zeros(edges + faces)
-        limits[::2], limits[1::2] = masks.limit
-        result[:, 1 : 1 + edges + faces] += limits
-        result[:, 0] = 1 - result[:, 1:].sum(axis=1)
+
+
+def _with_vertex(masks: RingMasks, rows: _Rows, outer: Array) -> Array:
+    """Weights (q, K) in positions from those of points relative to the limit of the vertex."""
+    edges, faces = masks.limit
+    size = len(edges) + len(faces)
+    result = np.empty((len(outer), 1 + size + len(OUTER)))
+    result[:, 1 : 1 + size : 2] = rows.edges + edges
+    result[:, 2 : 1 + size : 2] = rows.faces + faces
+    result[:, 1 + size :] = outer
+    result[:, 0] = 1 - result[:, 1:].sum(axis=1)
     return result
 
 

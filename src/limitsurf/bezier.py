@@ -1,0 +1,127 @@
+"""Limit faces as Bezier patches: the public call of the room `pieces`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from limitsurf.checks import checked_integer
+from limitsurf.pieces.cells import BezierPatches as BezierPatches
+from limitsurf.pieces.cells import BezierRest as BezierRest
+from limitsurf.pieces.cells import cut
+from limitsurf.surface import LimitSurface
+
+_DEPTH = 8
+_DEEPEST = 52  # beyond it, float64 cannot tell the cells at u = 1 apart
+
+
+def bezier_patches(
+    surface: LimitSurface,
+    *,
+    face: ArrayLike | None = None,
+    depth: int | None = None,
+    weights: bool = False,
+    channel: str | None = None,
+) -> BezierPatches:
+    """Limit faces as Bezier patches: polynomial pieces that are the surface itself.
+
+    A limit face amid regular vertices is one patch. Others are cut where pieces meet: into the
+    squares of n-gons and of crowded extraordinary vertices, into strips along semi-sharp creases,
+    and towards each special corner into rings of three squares, each half the size of the one
+    before. There the pieces go on for ever: what is beyond the last ring is named, with bounds.
+
+    Parameters
+    ----------
+    surface : LimitSurface
+    face : array_like of int, optional
+        Limit faces, any number of them in any order; all by default. Those without a limit (holes)
+        have no patches.
+    depth : int, optional
+        How many rings there are around each special corner of a quad, 0 to 52; 8 by default. They
+        are counted from the edges of the cage: on a limit face of an n-gon, whose sides are half
+        edges, there is one less, and as many less as a face is split, so that what remains at a
+        vertex is of one size on all of its faces.
+    weights : bool
+        Whether to give the coefficients also as sparse rows over the vertices of the cage.
+    channel : str, optional
+        A face-varying channel of the mesh, to give the patches of instead of the points.
+
+    Returns
+    -------
+    BezierPatches
+        Arrays with a row to each patch, in the order of `face`, those of a limit face together;
+        float64, or Fractions if the points are exact. ``rest`` has what remains.
+
+    Raises
+    ------
+    IndexError
+        For a face out of range.
+    TypeError
+        For faces that are not integers.
+    ValueError
+        For a depth out of range, or a channel that the mesh does not have.
+    MemoryError
+        At once, for more patches than there is memory for.
+
+    Notes
+    -----
+    At a place in a patch its polynomial is ``surface.evaluate`` at that (u, v): exactly for
+    Fractions; for float64 within 1e-14 of the size of the cage around it and some last digits. So
+    neighbours meet, and what is inside the convex hull of a patch's points holds the patch.
+
+    Around a special corner the pieces are those of Stam, "Exact evaluation of Catmull-Clark
+    subdivision surfaces at arbitrary parameter values", SIGGRAPH 1998. The change of basis, and
+    the bound of what remains, are derived in ``derivations/pieces.py``.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> points = [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    >>> quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    >>> cube = ls.LimitSurface(ls.Mesh(points, quads))
+    >>> patches = ls.bezier_patches(cube, face=0, depth=5)
+    >>> len(patches), patches.points.shape  # the face is split, and each corner is special
+    (48, (48, 4, 4, 3))
+    >>> patches.rest
+    BezierRest(4 squares)
+    >>> patches.rest.size.max()
+    0.03125
+    """
+    if not isinstance(surface, LimitSurface):
+        raise TypeError(f"bezier_patches needs a LimitSurface, got {type(surface).__name__}")
+    depth = _DEPTH if depth is None else checked_integer("depth", depth, 0)
+    if depth > _DEEPEST:
+        raise ValueError(
+            f"depth must be 0 to {_DEEPEST}, got {depth}: beyond it float64 cannot tell "
+            "the u and v of patches apart"
+        )
+    faces, found = _faces(surface, face), surface.of_channel(channel)
+    exact = found.points.dtype == object
+    # the sides of limit faces of n-gons are half edges
+    rings: Any = depth - (surface.limit_faces.corner[faces] >= 0)
+    patches = found._groups_of(exact).patches
+    points = found._flat.reshape(found.points.shape)
+    return cut(patches, found._rules.scheme, points, faces, rings, weights)
+
+
+def _faces(surface: LimitSurface, face: ArrayLike | None) -> np.ndarray[Any, Any]:
+    """The limit faces asked for, (F,), checked."""
+    n = len(surface.limit_faces)
+    if face is None:
+        return np.arange(n)
+    faces = np.atleast_1d(np.asarray(face))
+    if faces.size == 0 and faces.dtype == float:
+        faces = faces.astype(np.int64)
+    if faces.dtype.kind not in "iu":
+        raise TypeError(f"faces must be integers, got {faces.dtype}")
+    faces = faces.ravel()
+    bad = np.flatnonzero((faces < 0) | (faces >= n))
+    if len(bad):
+        more = f" ({len(bad) - 1} more like it)" if len(bad) > 1 else ""
+        raise IndexError(
+            f"limit face {faces[bad[0]]} at index {bad[0]}{more} is out of range: there are {n}, "
+            f"0 to {n - 1}"
+        )
+    return faces.astype(np.int64)

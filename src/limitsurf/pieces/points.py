@@ -1,0 +1,188 @@
+"""Bernstein coefficients of cells and hulls of what remains, from control points."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf import rings, tables
+from limitsurf._kernels import reference as kernels
+from limitsurf.caching import cached_property
+from limitsurf.patches import REGULAR, STRIP, PatchTable
+from limitsurf.pieces import bernstein, weights
+from limitsurf.pieces.bernstein import PIECES, SIZE
+from limitsurf.pieces.cover import Group
+
+Array = NDArray[Any]
+
+_EPS = np.finfo(float).eps
+
+
+class FloatPoints:
+    """Coefficients from float64 points (n_vertices, d) of the cage.
+
+    Differences from a control point are formed first, so that no digits are lost far from the
+    origin. Points are multiplied by a power of two where their sums might overflow.
+    """
+
+    dtype = np.dtype(float)
+
+    def __init__(self, local: weights.LocalWeights, points: Array) -> None:
+        self._local, self._patches = local, local.patches
+        self._balance = kernels.balance(points)
+        self._high, self._low = control_points(self._patches, np.ldexp(points, self._balance))
+        self._around: dict[int, rings.RingValues] = {}
+
+    def coefficients(self, group: Group, part: slice) -> Array:
+        """Coefficients (p, c, 16, d) of some patches of a group, in their parameters."""
+        kind, rows = group.kind, group.rows[part]
+        if kind in self._patches.rings:
+            found = self._on_rings(kind, rows, range(group.count))
+            found += self._corner(kind, rows)[1][:, None, None]
+            found += self._corner(kind, rows)[0][:, None, None]
+        elif kind in (REGULAR, STRIP):
+            ((_, ids, local),) = self._local.of(group, part)
+            high, low, points = self._differences(ids, bernstein.NEAR)
+            found = np.matmul(local, points[:, None])
+            if low.any():
+                found += low[:, None, None]
+            found += high[:, None, None]
+        else:
+            sector = self._patches.sectors[kind]
+            assert sector is not None
+            table = tables.eigen_table(self._local.scheme, sector)
+            high, low, points = self._differences(self._patches.controls[kind][rows], 0)
+            modes = table.coefficients(points)
+            found = np.matmul(weights.ring_functions(table, group.count), modes[:, 1:])
+            for step in (modes[:, 0], low, high):
+                found += step[:, None]
+            found = found.reshape(len(rows), -1, SIZE, found.shape[2])
+        return np.ldexp(found, -self._balance) if self._balance else np.asarray(found)
+
+    def hull(self, group: Group) -> tuple[Array, Array]:
+        """Bounds (P, d) of what is beyond the rings of special patches, -inf and inf if unknown."""
+        kind, rows = group.kind, group.rows
+        ids = self._patches.control_points(kind, rows)
+        high, low, points = self._differences(ids, 0)
+        size = np.abs(points).max(axis=1)
+        # sums of K products at each step, of numbers that sum to one; and what made the points
+        terms = (group.count + weights.AHEAD + 4) * (ids.shape[1] + 2)
+        error = terms * _EPS * size + kernels.NOISE * self._errors[ids].max(axis=1)
+        least, most = np.full((2, *size.shape), [[[-np.inf]], [[np.inf]]])
+        if kind in self._patches.rings:
+            if rings.is_convex(self._local.masks(kind)):
+                least, most = self._beyond(kind, rows, group.count)
+                high, low = self._corner(kind, rows)
+        else:
+            ((*_, table),) = self._local.sectors(kind, rows)
+            hull = weights.hull_weights(table, group.count, False)
+            if hull is not None:
+                found = np.matmul(hull, points)
+                least, most = found.min(axis=1), found.max(axis=1)
+        with np.errstate(invalid="ignore"):
+            least = np.nextafter(high + (low + least - error), -np.inf)
+            most = np.nextafter(high + (low + most + error), np.inf)
+        return np.ldexp(least, -self._balance), np.ldexp(most, -self._balance)
+
+    @cached_property
+    def _errors(self) -> Array:
+        """Bounds (n_points, d) of what rounding did to control points, in units of `NOISE`."""
+        return kernels.errors(self._patches.extras, self._high, self._low)
+
+    def _differences(self, ids: Array, base: int) -> tuple[Array, Array, Array]:
+        """A control point of each patch, high and low (P, d), and all relative to it (P, K, d)."""
+        high, low, first = self._high, self._low, ids[:, base]
+        points = high[ids]
+        points -= high[first, None]
+        extra = (ids >= self._patches.n_vertices).any(axis=1)
+        if extra.any():
+            points[extra] += low[ids[extra]] - low[first[extra], None]
+        return high[first], low[first], points
+
+    # ------------------------------------------------------------------ shared rings
+
+    def _values(self, kind: int) -> rings.RingValues:
+        """Values around the shared rings of a kind."""
+        if kind not in self._around:
+            known = self._patches.rings[kind], self._patches.controls[kind], self._high, self._low
+            self._around[kind] = rings.RingValues(self._local.masks(kind), *known)
+        return self._around[kind]
+
+    def _corner(self, kind: int, rows: Array) -> tuple[Array, Array]:
+        """Limits of the special corners of patches, high and low, (P, d) each."""
+        shared = self._patches.rings[kind]
+        vertex = shared.points[shared.ring[rows], 0]
+        return self._high[vertex], self._low[vertex] + self._values(kind).limits(rows)
+
+    def _on_rings(self, kind: int, rows: Array, levels: range) -> Array:
+        """Coefficients (P, 3 levels, 16, d) on some rings, relative to the limit of the corner."""
+        level = np.tile(np.array(levels, dtype=np.int64), len(rows))
+        fine = self._values(kind).refined(np.repeat(rows, len(levels)), level)
+        i, j = PIECES[:, :, None].swapaxes(0, 1)
+        side = bernstein.SHAPE[0]
+        place = np.arange(SIZE)
+        points = fine[:, j + place // side, i + place % side]  # (., 3, 16, d)
+        found = np.matmul(self._local.bernstein.from_controls, points)
+        return found.reshape(len(rows), -1, SIZE, found.shape[3])
+
+    def _beyond(self, kind: int, rows: Array, count: int) -> tuple[Array, Array]:
+        """Bounds (P, d) of what is beyond some rings, relative to the limit of the corner."""
+        last = count + weights.AHEAD
+        found = self._on_rings(kind, rows, range(count, last))
+        points = found.reshape(len(rows), -1, found.shape[3])
+        least, most = self._values(kind).extent(rows, last)
+        return np.minimum(points.min(axis=1), least), np.maximum(points.max(axis=1), most)
+
+
+class ExactPoints:
+    """The same from Fractions (n_vertices, d)."""
+
+    dtype = np.dtype(object)
+
+    def __init__(self, local: weights.LocalWeights, points: Array) -> None:
+        self._local = local
+        for operator in local.patches.extras:
+            points = np.concatenate([points, operator @ points])
+        self._points = points
+
+    def coefficients(self, group: Group, part: slice) -> Array:
+        """Coefficients (p, c, 16, d) of some patches of a group, in their parameters."""
+        shape = len(group.rows[part]), len(group.origin), SIZE, self._points.shape[1]
+        found = np.empty(shape, dtype=object)
+        begin = part.indices(len(group.rows))[0]
+        for here, ids, local in self._local.of(group, part):
+            found[here - begin] = weights.products(local, self._points[ids][:, None])
+        return found
+
+    def hull(self, group: Group) -> tuple[Array, Array]:
+        """Bounds (P, d) of what is beyond the rings of special patches, -inf and inf if unknown."""
+        ids = self._local.patches.control_points(group.kind, group.rows)
+        least, most = np.full((2, len(ids), self._points.shape[1]), np.inf, dtype=object)
+        least[:] = -np.inf
+        for here, columns, table in self._local.sectors(group.kind, group.rows):
+            hull = weights.hull_weights(table, group.count, True)
+            if hull is not None:
+                found = weights.products(hull, self._points[ids[here][:, columns]])
+                least[here], most[here] = found.min(axis=1), found.max(axis=1)
+        return least, most
+
+
+def control_points(patches: PatchTable, points: Array) -> tuple[Array, Array]:
+    """All control points as unevaluated sums high + low, both (n_points, d), from those of the cage.
+
+    Those of deep patches are close to each other, and their differences have all digits.
+    """
+    done = len(points)
+    high, low = np.zeros((2, patches.n_points, points.shape[1]))
+    high[:done] = points
+    for operator in patches.extras:
+        first = operator.indices[operator.indptr[:-1]]
+        rows = operator.indptr, operator.indices, operator.data
+        step = kernels.differences(*rows, high, low, first)
+        new = slice(done, done + operator.shape[0])
+        high[new], error = kernels.two_sum(high[first], step)
+        low[new] = low[first] + error
+        done = new.stop
+    return high, low
