@@ -33,6 +33,7 @@ import math
 import numbers
 import operator
 import random
+from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
@@ -119,12 +120,29 @@ def tangent_masks(N):
 
 
 def _combine(terms, divisor):
-    """sum(weight * point) / divisor over (integer weight, point) pairs, channel by channel."""
-    total = None
-    for weight, point in terms:
-        scaled = [weight * x for x in point]
-        total = scaled if total is None else [a + b for a, b in zip(total, scaled, strict=True)]
-    return tuple(x / divisor for x in total)
+    """sum(weight * point) / divisor over (weight, point) pairs, channel by channel.
+
+    Weights are integers or Fractions. Sums of Fractions are reduced once, at their end.
+    """
+    weights, points = zip(*terms, strict=True)
+    totals = []
+    for xs in zip(*points, strict=True):
+        if all(type(x) is Fraction for x in xs):
+            numerators, D = _over_one_denominator(xs)
+            total = sum(map(operator.mul, weights, numerators))
+            totals.append(Fraction(total, D * divisor))
+        elif type(xs[0]) is Stencil:
+            totals.append(Stencil.sum(weights, xs, divisor))
+        else:
+            scaled = map(operator.mul, weights, xs)
+            totals.append(functools.reduce(operator.add, scaled) / divisor)
+    return tuple(totals)
+
+
+def _over_one_denominator(fractions):
+    """Integers, and what all of them are to be divided by."""
+    D = math.lcm(*(x.denominator for x in fractions))
+    return [x.numerator * (D // x.denominator) for x in fractions], D
 
 
 def _edge(a, b):
@@ -286,20 +304,52 @@ def refined_parameters(faces, levels):
 CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))  # (u, v) of a quad's corners
 
 
-class Stencil(dict):
-    """A linear form {vertex: Fraction}: the number type that turns `refine` into its own matrix."""
+class Stencil(Mapping):
+    """A linear form {vertex: Fraction}: the number type that turns `refine` into its own matrix.
+
+    It holds integers over a common denominator.
+    """
+
+    def __init__(self, weights=()):
+        weights = dict(weights)
+        numerators, self.denominator = _over_one_denominator(weights.values())
+        self.numerators = dict(zip(weights, numerators, strict=True))
+
+    @classmethod
+    def over(cls, numerators, denominator):
+        self = cls.__new__(cls)
+        self.numerators, self.denominator = numerators, denominator
+        return self
+
+    @classmethod
+    def sum(cls, weights, stencils, divisor=1):
+        """sum(weight * stencil) / divisor, for integers and Fractions as weights."""
+        weights, D = _over_one_denominator(weights)
+        common = math.lcm(*(x.denominator for x in stencils))
+        total = {}
+        for weight, x in zip(weights, stencils, strict=True):
+            scale = weight * (common // x.denominator)
+            for v, w in x.numerators.items():
+                total[v] = total.get(v, 0) + scale * w
+        return cls.over(total, common * D * divisor)
+
+    def __getitem__(self, v):
+        return Fraction(self.numerators[v], self.denominator)
+
+    def __iter__(self):
+        return iter(self.numerators)
+
+    def __len__(self):
+        return len(self.numerators)
 
     def __add__(self, other):
-        total = Stencil(self)
-        for v, w in other.items():
-            total[v] = total.get(v, 0) + w
-        return total
+        return Stencil.sum((1, 1), (self, other))
 
     def __rmul__(self, factor):
-        return Stencil({v: factor * w for v, w in self.items()})
+        return Stencil.sum((factor,), (self,))
 
     def __truediv__(self, divisor):
-        return Stencil({v: Fraction(w) / divisor for v, w in self.items()})
+        return Stencil.over(self.numerators, self.denominator * divisor)
 
 
 def _fan(faces, around, v, start):
@@ -350,12 +400,12 @@ def _neighbourhood(faces, vertex_faces, target):
 
 def _integer_rows(stencils):
     """Linear forms as [(pick these, times these integers)], and their common denominator."""
-    D = math.lcm(*(Fraction(w).denominator for row in stencils for w in row.values()))
+    shared = [math.gcd(row.denominator, *row.numerators.values()) for row in stencils]
+    D = math.lcm(*(row.denominator // g for row, g in zip(stencils, shared, strict=True)))
     rows = []
-    for row in stencils:
-        picked = tuple(row)
-        weights = [int(row[i] * D) for i in picked]
-        rows.append((picked, weights))
+    for row, g in zip(stencils, shared, strict=True):
+        scale = D // (row.denominator // g)
+        rows.append((tuple(row), [w // g * scale for w in row.numerators.values()]))
     return rows, D
 
 
@@ -457,15 +507,36 @@ def _control_grid(local, mode):
     return grid
 
 
+CUBICS = ((1, -3, 3, -1), (4, 0, -6, 3), (1, 3, 3, -3), (0, 0, 0, 1))  # of 1, t, t^2, t^3, times 6
+
+
 def cubic_weights(t, order=0):
     """The four uniform cubic B-splines on [0, 1], or their derivatives, exactly."""
-    weights = []
-    for row in ((1, -3, 3, -1), (4, 0, -6, 3), (1, 3, 3, -3), (0, 0, 0, 1)):  # 1, t, t^2, t^3
-        powers = [
-            math.perm(k, order) * c * t ** (k - order) for k, c in enumerate(row) if k >= order
-        ]
-        weights.append(sum(powers) * Fraction(1, 6))
-    return weights
+    numerators, D = _cubics(Fraction(t), order)
+    return [Fraction(x, D) for x in numerators]
+
+
+def _cubics(t, order):
+    """`cubic_weights` as integers over a common denominator."""
+    p, q = t.numerator, t.denominator
+    powers = [
+        math.perm(k, order) * p ** (k - order) * q ** (3 - k) if k >= order else 0 for k in range(4)
+    ]
+    return [sum(map(operator.mul, row, powers)) for row in CUBICS], 6 * q ** max(3 - order, 0)
+
+
+def spline_form(grid, s, t, nu, level=0):
+    """A derivative at (s, t) of the patch of a control grid, seen from ``level`` halvings above."""
+    (wu, du), (wv, dv) = _cubics(s, nu[0]), _cubics(t, nu[1])
+    scale = 2 ** (level * sum(nu))
+    weights = [scale * wu[a + 1] * wv[b + 1] for a, b in grid]
+    return Stencil.sum(weights, grid.values(), du * dv)
+
+
+def _square(p, q, level):
+    """Which of 2^level parts of [0, 1] holds p / q, the first of two, and q times where in it."""
+    a = max(0, -((-p << level) // q) - 1)
+    return a, (p << level) - a * q
 
 
 def rational(x):
@@ -554,9 +625,10 @@ class ExactSurface:
         u, v = rational(u), rational(v)
         if not (0 <= u <= 1 and 0 <= v <= 1):
             raise ValueError(f"got (u, v) = ({u}, {v}), need both in [0, 1]")
+        (pu, qu), (pv, qv) = u.as_integer_ratio(), v.as_integer_ratio()
 
         def square(level):
-            return level, *(max(0, math.ceil(x * 2**level) - 1) for x in (u, v))
+            return level, _square(pu, qu, level)[0], _square(pv, qv, level)[0]
 
         visited = self._visited.setdefault(limit_face, {})
         if not visited:
@@ -564,31 +636,24 @@ class ExactSurface:
         deepest = max(key for key in visited if key == square(key[0]))
         net, level = visited[deepest], deepest[0]
         while True:
-            _, a, b = square(level)
-            s, t = u * 2**level - a, v * 2**level - b
+            (a, s), (b, t) = _square(pu, qu, level), _square(pv, qv, level)
             if _control_grid(net.local, self.mode) is not None:
-                return net, level, s, t, None
-            visited[square(level)] = net
-            if (s, t) in CORNERS:
-                r = CORNERS.index((s, t))
+                return net, level, Fraction(s, qu), Fraction(t, qv), None
+            visited[level, a, b] = net
+            if s in (0, qu) and t in (0, qv):
+                r = CORNERS.index((s // qu, t // qv))
                 corner = _corners(net.local)[r]
                 if corner.quads and not corner.regular(self.mode):
-                    return net, level, s, t, r
+                    return net, level, Fraction(s, qu), Fraction(t, qv), r
             if level - 1 > deepest[0]:
                 del visited[square(level - 1)]
-            net = net.child(CORNERS.index((int(2 * s > 1), int(2 * t > 1))), self.mode)
+            net = net.child(CORNERS.index((int(2 * s > qu), int(2 * t > qv))), self.mode)
             level += 1
 
     def _stencil(self, net, level, s, t, r, nu):
         """The derivative ``nu`` as a linear form on the net's points; None stands for NaN."""
         if r is None:
-            grid = _control_grid(net.local, self.mode)
-            wu, wv = cubic_weights(s, nu[0]), cubic_weights(t, nu[1])
-            scale = 2 ** (level * sum(nu))
-            total = Stencil()
-            for (a, b), point in grid.items():
-                total = total + (scale * wu[a + 1] * wv[b + 1]) * point
-            return total
+            return spline_form(_control_grid(net.local, self.mode), s, t, nu, level)
         corner = _corners(net.local)[r]
         if any(nu):
             # First derivatives scale as (2 lambda)^n; lambda = 1/4 and 0.41 at valences 2 and 3.

@@ -26,6 +26,7 @@ References
 """
 
 import math
+import operator
 from collections import Counter
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -433,11 +434,19 @@ def _exact(s):
 
 def _blend(*terms):
     """Weighted mean of points, for weights of any sum."""
-    total = Fraction(sum(w for w, _ in terms))
-    return tuple(
-        sum((w * x for (w, _), x in zip(terms, xs, strict=True)), Fraction(0)) / total
-        for xs in zip(*(p for _, p in terms), strict=True)
-    )
+    weights = _integers(w for w, _ in terms)[0]
+    blended = []
+    for xs in zip(*(p for _, p in terms), strict=True):
+        numerators, D = _integers(xs)
+        blended.append(Fraction(sum(map(operator.mul, weights, numerators)), D * sum(weights)))
+    return tuple(blended)
+
+
+def _integers(fractions):
+    """Integers, and the common denominator of which they are the numerators."""
+    fractions = list(fractions)
+    D = math.lcm(*(x.denominator for x in fractions))
+    return [x.numerator * (D // x.denominator) for x in fractions], D
 
 
 def _mean(points):

@@ -25,6 +25,7 @@ import itertools
 import math
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
 from typing import NamedTuple
@@ -40,11 +41,12 @@ from oracles import (
     _exact_integers,
     _integer_rows,
     _sides,
+    _square,
     _unit,
-    cubic_weights,
     limit_faces,
     limit_mask,
     rational,
+    spline_form,
 )
 from oracles import _Net as _PlainNet
 
@@ -332,8 +334,12 @@ def _blend(w, p, q):
 # --- neighbourhoods -------------------------------------------------------------------------------
 
 
-class _Local(NamedTuple):
-    """A face, the target, with the faces and the sharpness around it, in local numbers."""
+@dataclass(frozen=True, eq=False)
+class _Local:
+    """A face, the target, with the faces and the sharpness around it, in local numbers.
+
+    Equal ones are the same object, as `_local` makes them, which is quickly found in a cache.
+    """
 
     faces: tuple  # the target first, begun where it is to begin
     sides: tuple  # the edges of the faces
@@ -348,6 +354,9 @@ class _Local(NamedTuple):
         return Cage(
             points, self.faces, creases, corners, frozenset(), "", creasing, triangles, self.sides
         )
+
+
+_local = functools.lru_cache(maxsize=4096)(_Local)
 
 
 def _cut_out(cage, vertex_faces, f, turn=0):
@@ -383,7 +392,7 @@ def _cut_out(cage, vertex_faces, f, turn=0):
     edges = dict.fromkeys(edge for g, _ in taken for edge in cage.sides[g])
     creases = tuple((local_edge(edge), cage.creases[edge]) for edge in edges)
     corners = tuple(cage.corners[v] for v in ids)
-    return _Local(faces, sides, creases, corners, (cage.creasing, cage.triangles)), list(ids)
+    return _local(faces, sides, creases, corners, (cage.creasing, cage.triangles)), list(ids)
 
 
 @functools.lru_cache(maxsize=4096)
@@ -598,36 +607,33 @@ class TaggedSurface:
         u, v = rational(u), rational(v)
         if not (0 <= u <= 1 and 0 <= v <= 1):
             raise ValueError(f"got (u, v) = ({u}, {v}), need both in [0, 1]")
+        (pu, qu), (pv, qv) = u.as_integer_ratio(), v.as_integer_ratio()
         if limit_face not in self._paths:
             self._paths[limit_face] = [((0, 0), self._start(limit_face))]
         path = self._paths[limit_face]
         for level in itertools.count():
-            a, b = square = tuple(max(0, math.ceil(x * 2**level) - 1) for x in (u, v))
+            (a, s), (b, t) = _square(pu, qu, level), _square(pv, qv, level)
+            square = a, b
             if level < len(path) and path[level][0] != square:
                 del path[level:]
             if level == len(path):
                 path.append((square, path[-1][1].child(CORNERS.index((a % 2, b % 2)))))
             net = path[level][1]
-            s, t = u * 2**level - a, v * 2**level - b
             if _control_grid(net.local) is not None:
-                return net, level, s, t, None
-            if (s, t) in CORNERS:
-                r = CORNERS.index((s, t))
+                return net, level, Fraction(s, qu), Fraction(t, qv), None
+            if s in (0, qu) and t in (0, qv):
+                r = CORNERS.index((s // qu, t // qv))
                 corner = _corners(net.local)[r]
                 known = corner.settled and (corner.quads or corner.rule in ("crease", "corner"))
                 if known and not corner.regular:
-                    return net, level, s, t, r
+                    return net, level, Fraction(s, qu), Fraction(t, qv), r
 
     def _stencil(self, limit_face, u, v, nu):
         """(net, the derivative ``nu`` as a linear form on its points, or None if not known)."""
         net, level, s, t, r = self._descend(limit_face, u, v)
         if r is not None:
             return net, None if any(nu) else _vertex_limit(net.local, r)
-        wu, wv = cubic_weights(s, nu[0]), cubic_weights(t, nu[1])
-        form = Stencil()
-        for (a, b), point in _control_grid(net.local).items():
-            form = form + (2 ** (level * sum(nu)) * wu[a + 1] * wv[b + 1]) * point
-        return net, form
+        return net, spline_form(_control_grid(net.local), s, t, nu, level)
 
     def evaluate(self, limit_face, u, v, nu=(0, 0)):
         """Position or derivative: Fractions, or NaN.

@@ -74,7 +74,7 @@ def test_oracle_imports_nothing_of_the_library():
     tree = ast.parse(Path(oracles_channels.__file__).read_text(encoding="utf-8"))
     names = {a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names}
     names |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    assert names == {"math", "collections", "dataclasses", "fractions"}
+    assert names == {"math", "operator", "collections", "dataclasses", "fractions"}
 
 
 # --- seams ----------------------------------------------------------------------------------------
