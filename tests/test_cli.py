@@ -1,5 +1,6 @@
 """The command line: what it prints, what it writes, and how it fails."""
 
+import inspect
 import io
 import json
 import os
@@ -73,6 +74,29 @@ def test_every_command_has_help_with_examples_that_work(command, cage, tmp_path,
     assert examples
     for example in examples:
         pipeline(example)
+
+
+@pytest.mark.parametrize(
+    ("command", "call", "names"),
+    [
+        ("tessellate", ls.tessellate, {"n": "n"}),
+        ("refine", ls.refined, {"levels": "levels"}),
+        ("validate", ls.validate, {"levels": "levels"}),
+        ("validate", ls.plot_convergence, {"levels": "levels"}),
+        ("basis", ls.eigenbasis, {"scheme": "scheme", "position": "position"}),
+        ("basis", ls.plot_characteristic_map, {"scheme": "scheme"}),
+        ("basis", ls.plot_eigenfunctions, {"scheme": "scheme"}),
+        ("info", ls.LimitSurface, {name: name for name in ("scheme", "boundary", "creasing")}),
+        ("plot", ls.plot, {"quads": "n", "wires": "cage", "size": "window_size"}),
+    ],
+)
+def test_defaults_are_those_of_the_library(command, call, names):
+    parameters = inspect.signature(call).parameters
+    options = {option.name: option.default for option in main.commands[command].params}
+    # click has a sign of its own for an option without a default
+    given = {name: None if "UNSET" in repr(x) else x for name, x in options.items()}
+    for option, argument in names.items():
+        assert given[option] == parameters[argument].default
 
 
 def test_options_say_what_they_are_for():

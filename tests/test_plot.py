@@ -1,3 +1,5 @@
+import inspect
+
 """Pictures: both painters, odd cages, files."""
 
 import re
@@ -779,6 +781,13 @@ def test_bad_calls_of_the_spectrum():
         ls.plot_eigenfunctions(valence=5, which=31, off_screen=True)
     with pytest.raises(ValueError, match="unknown scheme"):
         ls.plot_eigenfunctions("no such scheme", valence=5, off_screen=True)
+
+
+def test_the_file_is_the_second_argument_or_a_keyword():
+    for name in (name for name in ls.__all__ if name.startswith("plot")):
+        parameters = list(inspect.signature(getattr(ls, name)).parameters.values())
+        assert (parameters[1].name, parameters[1].default) == ("file", None)
+        assert {p.kind for p in parameters[2:]} == {inspect.Parameter.KEYWORD_ONLY}
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])

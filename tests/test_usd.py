@@ -473,8 +473,8 @@ def test_meshes_of_several_schemes(read, tmp_path):
     assert "--prim PATH" in told.stderr
     assert re.search(r"scheme of /World/ground +none\nscheme of /World/box +catmull", told.stdout)
     found = {"/World/ground": "none", "/World/box": "catmull-clark"}
-    for given in ([path], ["-", "--from", "usda"]):
-        said = CliRunner().invoke(main, ["info", *given, "--json"], input=Path(path).read_bytes())
+    for cage in ([path], ["-", "--from", "usda"]):
+        said = CliRunner().invoke(main, ["info", *cage, "--json"], input=Path(path).read_bytes())
         assert json.loads(said.stdout)["schemes"] == found
     only = CliRunner().invoke(main, ["info", path, "--json", "--prim", "/World/box"])
     assert json.loads(only.stdout)["schemes"] is None

@@ -8,7 +8,7 @@ from typing import Any, Generic, Self, TypeVar, overload
 T = TypeVar("T")
 
 
-class cached_property(Generic[T]):
+class cached_property(Generic[T]):  # noqa: N801  (like that of functools)
     """What ``functools.cached_property`` is from Python 3.12 on: without a lock.
 
     Before, one lock serves all instances of a class: threads wait for one another's surfaces, and

@@ -38,6 +38,7 @@ class MeshError(ValueError):
 
 
 def count(n: int, noun: str) -> str:
+    """So many things by name, such as "1 face" and "2 vertices"."""
     return f"{n} {noun if n == 1 else noun.replace('vertex', 'vertice') + 's'}"
 
 
@@ -52,6 +53,7 @@ def check(broken: ArrayLike, describe: Callable[[int], tuple[Any, ...]]) -> None
 
 
 def choice(value: T, name: str, allowed: tuple[T, ...]) -> T:
+    """The value of an argument, which must be one of those allowed."""
     if value not in allowed:
         raise ValueError(f"{name}: got {value!r}, need one of {', '.join(map(repr, allowed))}")
     return value

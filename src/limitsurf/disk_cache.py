@@ -74,7 +74,7 @@ def read(name: str, most: int, top: str | None = None) -> bytes | None:
                 return None
             _check_one(path, found)
             return file.read(most)
-    except _Untrusted as reason:
+    except _UntrustedError as reason:
         _warn_once(f"{what} is not used: {reason}")
     except OSError:  # not there, or not ours to read
         pass
@@ -95,7 +95,7 @@ def write(name: str, content: bytes, top: str | None = None) -> None:
         _make(path.parent, stat.S_IMODE(os.stat(directory).st_mode) & 0o755)
         _check_place(path.parent, directory)
         replace(path, content)
-    except _Untrusted as reason:
+    except _UntrustedError as reason:
         _warn_once(f"{what} is not used: {reason}")
     except OSError as error:
         _warn_once(f"nothing can be kept in {what} ({error.strerror or error})")
@@ -131,20 +131,21 @@ def _make(directory: Path, mode: int) -> None:
 # --- trust ----------------------------------------------------------------------------------------
 
 
-class _Untrusted(Exception):
+class _UntrustedError(Exception):
     """Says which file or directory others could have changed, and what to do about it."""
 
 
 def _check_place(directory: Path, top: Path) -> None:
-    """Raise `_Untrusted` if others could change what is in a directory of the cache `top`."""
+    """Raise `_UntrustedError` if others could change what is in a directory of the cache `top`."""
     os.stat(directory)  # links in a circle end here
     _check(directory.absolute(), 1 + len(directory.parts) - len(top.parts))
 
 
 def _check(path: Path, inside: int) -> None:
-    """The same for a directory, by all steps on the way to it; so many of the last are the cache.
+    """Refuse a directory that others could change, by all steps on the way to it.
 
-    From the root down, so that nobody can change what has been checked.
+    So many of the last are the cache. Steps are taken from the root down, so that nobody can change
+    what has been checked.
     """
     if path != path.parent:
         _check(path.parent, inside - 1)
@@ -155,7 +156,7 @@ def _check(path: Path, inside: int) -> None:
 
 
 def _check_one(path: Path, found: os.stat_result, shared: bool = False) -> None:
-    """Raise `_Untrusted` if anybody who is not trusted owns a file or directory, or may write it.
+    """Raise `_UntrustedError` if one who is not trusted owns a file or directory, or may write it.
 
     If `shared`, all may write a directory such as ``/tmp``, where each has what is theirs.
     """
@@ -165,7 +166,7 @@ def _check_one(path: Path, found: os.stat_result, shared: bool = False) -> None:
     if shared and _is_unmapped():
         trusted.add(_UNMAPPED)
     if found.st_uid not in trusted:
-        raise _Untrusted(
+        raise _UntrustedError(
             f"{path} belongs to user {found.st_uid}, who is neither you ({os.geteuid()}), nor root,"
             " nor the owner of the installed package"
         )
@@ -173,7 +174,7 @@ def _check_one(path: Path, found: os.stat_result, shared: bool = False) -> None:
     sticky = shared and mode & stat.S_ISVTX
     if mode & _OTHERS and not sticky and not stat.S_ISLNK(found.st_mode):
         who = "everybody" if mode & stat.S_IWOTH else "the group"
-        raise _Untrusted(
+        raise _UntrustedError(
             f"{who} may write {path} (mode {mode:04o}, owner {found.st_uid}); "
             f"'chmod go-w {path}' takes that away"
         )

@@ -644,6 +644,21 @@ class Mesh:
         self.__dict__.update(read_only(state))
 
 
+def valid_mesh(
+    points: NDArray[Any],
+    sizes: IntArray,
+    indices: IntArray,
+    like: Mesh | None = None,
+    **tags: Any,
+) -> Mesh:
+    """A mesh of arrays known to be valid, taken without a copy; tags are as in ``Mesh``.
+
+    With one `like` it, of the same faces, it shares what is known of these.
+    """
+    known = None if like is None else like._connectivity
+    return Mesh._from_valid(points, sizes, indices, known, **tags)
+
+
 def read_only(value: T) -> T:
     """The same with every array in it, also in tuples, lists and dicts, as a read-only view."""
     found: Any = value

@@ -24,7 +24,7 @@ Array: TypeAlias = NDArray[Any]
 POLYGON = 200  # bytes that one of a tessellation takes, at least
 
 
-def validate(surface: LimitSurface, levels: int) -> NDArray[Any]:
+def validate(surface: LimitSurface, levels: int = 4) -> NDArray[Any]:
     """Compare the closed form with recursive refinement, level by level.
 
     Every refined vertex has a parent (limit face, u, v). The refined points themselves approach
@@ -335,7 +335,7 @@ class Tessellation(Polygons):
 
 def tessellate(
     surface: LimitSurface,
-    n: int,
+    n: int = 8,
     *,
     normals: bool = True,
     channels: Iterable[str] = (),

@@ -100,7 +100,7 @@ class Eigenbasis:
 
 
 def eigenbasis(
-    scheme: str | Scheme,
+    scheme: str | Scheme = "catmull-clark",
     valence: int | None = None,
     *,
     kind: str = "interior",

@@ -89,16 +89,11 @@ def orderly() -> Iterator[None]:
     fills and a full disk cannot hold, concern nobody.
     """
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
-    for standard in range(3):
-        try:
-            os.fstat(standard)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
-
+    _occupy_descriptors()
     if reconfigure := getattr(sys.stdout, "reconfigure", None):
         reconfigure(errors="backslashreplace")
-
     noticed = threading.Event()
+    handlers = _usual_handlers()
 
     def end(number: int, frame: FrameType | None) -> None:
         while frame is not None and os.name == "posix":
@@ -111,7 +106,9 @@ def orderly() -> Iterator[None]:
         raise SystemExit(128 + number)
 
     def notice(lost: Any) -> None:
-        number = signal.SIGINT if issubclass(lost.exc_type, KeyboardInterrupt) else None
+        number: int | None = None
+        if issubclass(lost.exc_type, KeyboardInterrupt):
+            number = signal.SIGINT
         if issubclass(lost.exc_type, SystemExit) and isinstance(lost.exc_value.code, int):
             number = next((n for n in handlers if lost.exc_value.code == 128 + n), None)
         if number is not None and hasattr(signal, "pthread_kill"):
@@ -121,14 +118,6 @@ def orderly() -> Iterator[None]:
             before(lost)
 
     before, sys.unraisablehook = sys.unraisablehook, notice
-    names = (
-        ("SIGTERM", "SIGHUP", "SIGINT")
-        if threading.current_thread() is threading.main_thread()
-        else ()
-    )
-    caught = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    usual = (signal.SIG_DFL, signal.default_int_handler)
-    handlers = {n: signal.getsignal(n) for n in caught if signal.getsignal(n) in usual}
     for number in handlers:
         signal.signal(number, end)
     try:
@@ -138,6 +127,28 @@ def orderly() -> Iterator[None]:
         sys.unraisablehook = before
         for number, handler in handlers.items():
             signal.signal(number, handler)
+
+
+def _occupy_descriptors() -> None:
+    """Open those of descriptors 0 to 2 that are closed, on nothing."""
+    for standard in range(3):
+        try:
+            os.fstat(standard)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
+
+
+def _usual_handlers() -> dict[int, Any]:
+    """The handlers of signals that end a process, of those that nobody has changed.
+
+    There are none outside of the main thread, where they cannot be set.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    names = ("SIGTERM", "SIGHUP", "SIGINT")
+    caught = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    usual = (signal.SIG_DFL, signal.default_int_handler)
+    return {n: signal.getsignal(n) for n in caught if signal.getsignal(n) in usual}
 
 
 @contextmanager
@@ -207,7 +218,7 @@ def say_json(value: Any) -> None:
 
 
 def say_json_lines(values: Iterable[Any]) -> None:
-    """The same of several, one in each line."""
+    """Several values as JSON on the standard output, one in each line."""
     lines = [json.dumps(_plain(value), allow_nan=False) + "\n" for value in values]
     say("".join(lines), nl=False)
 
@@ -240,8 +251,10 @@ def _console() -> Console | None:
 
 @contextmanager
 def counting(text: str, total: int | None, quiet: bool = False) -> Iterator[Callable[[int], None]]:
-    """A progress bar on stderr, unless it is to be quiet; the function takes how many more are
-    done. Without a total it shows how many are.
+    """A progress bar on stderr, unless it is to be quiet.
+
+    The function that it gives takes how many more are done. Without a total the bar shows how many
+    there are.
     """
     console = None if quiet else _console()
     if console is None:
@@ -327,6 +340,6 @@ def histogram(values: NDArray[np.int64]) -> str:
 
 
 def times(counts: Mapping[Any, int]) -> str:
-    """The same from how often there is what."""
+    """How often there is what, such as "3 (8 times), 4 (20)"."""
     first, *others = (f"{kind} ({count})" for kind, count in counts.items())
     return ", ".join([first.replace(")", " times)"), *others])

@@ -139,6 +139,7 @@ def info(cage: Cage, as_json: bool) -> None:
 )
 @json_option
 def evaluate(
+    *,
     cage: Cage,
     queries: str | None,
     grid: int | None,
@@ -248,6 +249,7 @@ def evaluate(
 )
 @json_option
 def tessellate(
+    *,
     cage: Cage,
     n: int,
     output: str,
@@ -421,6 +423,7 @@ def validate(context: click.Context, cage: Cage, levels: int, as_json: bool) -> 
 @click.option("--latex", is_flag=True, help="LaTeX arrays, for math mode.")
 @json_option
 def basis(
+    *,
     valence: int | None,
     kind: str | None,
     faces: int | None,
@@ -533,6 +536,7 @@ def basis(
 )
 @json_option
 def plot(
+    *,
     cage: Cage,
     output: str | None,
     quads: int | None,

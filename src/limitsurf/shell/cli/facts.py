@@ -161,6 +161,11 @@ def told(facts: Facts) -> Iterator[tuple[str, str]]:
         yield "units", f"{facts['units']:g} m"
     if facts["up"] is not None:
         yield "up axis", facts["up"]
+    yield from _told_surface(facts)
+
+
+def _told_surface(facts: Facts) -> Iterator[tuple[str, str]]:
+    """The facts of a limit surface as lines of a table."""
     if facts["no_surface"] is not None:
         if facts["scheme"] is not None:
             yield "scheme", str(facts["scheme"])

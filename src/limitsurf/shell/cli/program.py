@@ -37,6 +37,7 @@ class Program(click.Group):
     """Errors in one line with exit code 2; 130 after Ctrl-C, 1 when the reader goes away."""
 
     def main(self, *args: Any, **extra: Any) -> Any:
+        """Run a command, and end the process with its exit code."""
         options = {**extra, "prog_name": "limitsurf", "standalone_mode": False}
         try:
             with terminal.orderly(), terminal.warnings_in_one_line():
@@ -51,17 +52,20 @@ class Program(click.Group):
         raise SystemExit(code)
 
     def invoke(self, context: click.Context) -> Any:
+        """Run a command, which Ctrl-C ends quietly."""
         try:
             return super().invoke(context)
         except KeyboardInterrupt:
-            raise click.Abort from None  # quietly, where click would start a line
+            raise click.Abort from None  # where click would start a line
 
     def list_commands(self, context: click.Context) -> list[str]:
-        return list(self.commands)  # not by the alphabet, but as one meets them
+        """Names of commands, not by the alphabet, but as one meets them."""
+        return list(self.commands)
 
     def resolve_command(
         self, context: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command of the first argument; if there is none, advice on what may be meant."""
         name = args[0]
         if name not in self.commands and not name.startswith("-"):
             from difflib import get_close_matches
@@ -95,6 +99,7 @@ class Cage:
     asked: Mapping[str, Any]  # what else `ls.read` takes: prim, time, strict
 
     def read(self) -> Mesh:
+        """The cage."""
         with terminal.working("reading the cage"), warnings.catch_warnings():
             for rule in (rule for rule, value in self.rules.items() if value is not None):
                 # the choice is made: nothing is left to differ in
@@ -144,6 +149,7 @@ class Cage:
         )
 
     def surface(self, channels: Sequence[str] = ()) -> LimitSurface:
+        """The surface of the cage, which must have these channels."""
         mesh = self.read()
         for name in channels:
             if name not in mesh.channels:
@@ -210,6 +216,7 @@ def reads_cage(command: Command) -> Command:
 
     @wraps(command)
     def with_cage(
+        *,
         cage: str,
         from_: str | None,
         prim: str | None,

@@ -34,11 +34,9 @@ LINES = 1 << 14  # of CSV written at a time
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of every query, derivatives up to an order, normals, channels, and how many
-    threads are to answer.
+    """What is asked of every query: derivatives up to an order, normals, channels.
 
-    Called with a surface and (face, u, v), it returns arrays by name: position, du, dv, duu, ...,
-    normal, and those of a face-varying channel under the channel's name: uv, uv_du, ...
+    `workers` is how many threads are to answer.
     """
 
     order: int = 0
@@ -47,6 +45,7 @@ class Question:
     workers: int = 1
 
     def __call__(self, surface: LimitSurface, face: Any, u: Any, v: Any) -> Answers:
+        """Arrays by name: position, du, dv, duu, ..., normal; of channels uv, uv_du, ..."""
         jet = surface.jet(face, u, v, order=self.order, workers=self.workers)
         found = {_name(nu): values for nu, values in jet.items()}
         if self.normals:
@@ -132,7 +131,7 @@ def _is_replaceable(name: str, suffix: str) -> bool:
         return False
     inside = os.listdir(name)
     if suffix == ".parquet":
-        return all(part.endswith(suffix) for part in inside)
+        return all(name.endswith(suffix) for name in inside)
     return not {"zarr.json", ".zgroup", ".zarray"}.isdisjoint(inside)
 
 
@@ -151,6 +150,7 @@ class _NPY:
         self.append(table)
 
     def append(self, values: NDArray[Any]) -> None:
+        """Write rows behind those that there are."""
         if not self.head:
             head = io.BytesIO()
             np.lib.format.write_array(head, values[:0], allow_pickle=False)
@@ -161,6 +161,7 @@ class _NPY:
         self.rows += len(values)
 
     def finish(self) -> None:
+        """Write the number of rows, once it is known."""
         if self.rows != self.promised:
             self.file.seek(0)
             self.file.write(self._header(self.rows))
@@ -184,11 +185,12 @@ class _NPZ:
     def __call__(self, answers: Answers) -> None:
         for name, values in answers.items():
             if name not in self.arrays:
-                part = tempfile.TemporaryFile(dir=self.folder)  # noqa: SIM115
-                self.arrays[name] = _NPY(self.stack.enter_context(part), self.total)
+                file = tempfile.TemporaryFile(dir=self.folder)  # noqa: SIM115
+                self.arrays[name] = _NPY(self.stack.enter_context(file), self.total)
             self.arrays[name].append(values)
 
     def finish(self) -> None:
+        """Write the archive of all arrays."""
         with zipfile.ZipFile(self.file, "w") as archive:
             for name, array in self.arrays.items():
                 array.finish()
@@ -206,6 +208,7 @@ class Zarr:
         self.total, self.rows = total or 0, 0
 
     def __call__(self, answers: Answers) -> None:
+        """Write a batch."""
         if self.rows == 0:
             self.make(answers)
         self.put(answers, self.rows)
@@ -237,6 +240,7 @@ class Parquet:
         self.writer: Any = None
 
     def __call__(self, answers: Answers) -> None:
+        """Write a batch."""
         arrow, parquet = (needed(name, "Parquet") for name in ("pyarrow", "pyarrow.parquet"))
         table = arrow.table({k: np.ascontiguousarray(x) for k, x in _columns(answers).items()})
         if self.writer is None:
@@ -267,10 +271,10 @@ class _CSV:
         # a call a line
         kinds = [(name, values.dtype) for name, values in columns.items()]
         for start in range(0, len(answers["face"]), LINES):
-            part = slice(start, start + LINES)
-            table = np.empty(len(answers["face"][part]), dtype=kinds)
+            rows = slice(start, start + LINES)
+            table = np.empty(len(answers["face"][rows]), dtype=kinds)
             for name, values in columns.items():
-                table[name] = values[part]
+                table[name] = values[rows]
             self.write(repr(table.tolist())[2:-2].replace("), (", "\n").replace(", ", ",") + "\n")
 
 

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.mesh import Channel, IntArray, Mesh, MeshError
+from limitsurf.mesh import Channel, IntArray, Mesh, MeshError, valid_mesh
 
 Array: TypeAlias = NDArray[Any]
 LISTED = 3  # places that a warning names, beside the first one
@@ -162,9 +162,7 @@ def tagged(
         need = f" is out of range, need 0 to {mesh.n_faces - 1}"
         outside = (faces < 0) | (faces >= mesh.n_faces)
         tags["holes"] = faces[kept("hole", faces, np.zeros(len(faces)), outside, need)]
-    return Mesh._from_valid(
-        mesh.points, mesh.sizes, mesh.indices, mesh._connectivity, **tags, **others
-    )
+    return valid_mesh(mesh.points, mesh.sizes, mesh.indices, mesh, **tags, **others)
 
 
 def first_of(names: IntArray) -> tuple[str, str]:

@@ -189,6 +189,7 @@ class Statements:
         return f"line {self.line(statement)}"
 
     def fail(self, statement: int, message: str) -> NoReturn:
+        """Refuse the file, for a statement."""
         raise MeshError(f"{self.name}, {self.place(statement)}: {message}")
 
     def numbers(

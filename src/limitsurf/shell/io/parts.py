@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.mesh import Channel, IntArray, Mesh, MeshError
+from limitsurf.mesh import Channel, IntArray, Mesh, MeshError, valid_mesh
 from limitsurf.shell.io.losses import Losses, joined_channels, listed
 
 Array: TypeAlias = NDArray[Any]
@@ -134,7 +134,7 @@ def merged(parts: Sequence[Part], losses: Losses, **others: Any) -> Mesh:
 
     holes = [tag["holes"] + first for tag, first in zip(tags, first_face, strict=False)]
     indices = [part.indices + first for part, first in zip(parts, first_vertex, strict=False)]
-    return Mesh._from_valid(
+    return valid_mesh(
         np.concatenate([part.points for part in parts]),
         np.concatenate([part.sizes for part in parts]),
         np.concatenate(indices),

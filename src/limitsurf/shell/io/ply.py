@@ -156,6 +156,7 @@ class Elements:
             self._read(element, count, properties)
 
     def fail(self, message: str) -> NoReturn:
+        """Refuse the file."""
         raise MeshError(f"{self.name}: {message}")
 
     def _take(self, kind: str, at: IntArray) -> NDArray[Any]:

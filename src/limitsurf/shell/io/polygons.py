@@ -221,11 +221,7 @@ def mesh_of(
             points, indices = points[first], number[indices]
     if len(sizes) and not (sizes.min() >= 0 and sizes.sum() == len(indices)):
         return Mesh(points, (sizes, indices))  # which says what is wrong
-    corner = indices
-    if rows is not indices:  # corners of different texture coordinates are different ones
-        folded = np.repeat((sizes == 3) & merge, sizes)  # but for triangles
-        corner = indices * (int(rows.max(initial=0)) + 2) + np.where(folded, 0, rows + 1)
-    faces, kept = sound_faces(sizes, corner, losses, place)
+    faces, kept = sound_faces(sizes, _corners(sizes, indices, rows, merge), losses, place)
     if len(faces) and not faces.any():
         text = "need a face of 3 corners or more that differ, got none"
         raise MeshError(f"{losses.name}: {text}, the first is {place(0)}")
@@ -252,6 +248,14 @@ def mesh_of(
     if lost_tags is None:
         return Mesh(points, (sizes, indices), **tags)
     return tagged(Mesh(points, (sizes, indices)), lost_tags, **tags)
+
+
+def _corners(sizes: IntArray, indices: IntArray, rows: IntArray, merge: bool) -> IntArray:
+    """Numbers (C,) of corners, different for different vertices or texture coordinates."""
+    if rows is indices:
+        return indices
+    folded = np.repeat((sizes == 3) & merge, sizes)  # triangles have one corner at a vertex
+    return indices * (int(rows.max(initial=0)) + 2) + np.where(folded, 0, rows + 1)
 
 
 def _in_range(indices: IntArray, points: NDArray[Any]) -> bool:

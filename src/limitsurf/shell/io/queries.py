@@ -85,13 +85,19 @@ class Queries:
 
 
 class Column(Protocol):
-    """Part of what an array has. Slices are taken in order."""
+    """What an array has that is used of it. Slices are taken in order."""
 
     @property
-    def shape(self) -> tuple[int, ...]: ...
+    def shape(self) -> tuple[int, ...]:
+        """As that of an array."""
+        ...
+
     @property
-    def dtype(self) -> Any: ...
-    def __getitem__(self, part: slice, /) -> Any: ...
+    def dtype(self) -> Any:
+        """As that of an array."""
+        ...
+
+    def __getitem__(self, rows: slice, /) -> Any: ...
 
 
 Columns: TypeAlias = Mapping[str, Column]
@@ -376,8 +382,8 @@ class _Nth:
         self.whole, self.k = whole, k
         self.shape, self.dtype = whole.shape[:1], whole.dtype
 
-    def __getitem__(self, part: slice) -> Any:
-        return self.whole[part, self.k]
+    def __getitem__(self, rows: slice) -> Any:
+        return self.whole[rows, self.k]
 
 
 class _Member:
@@ -394,8 +400,8 @@ class _Member:
             raise ValueError(f"{name}: {key} is of version {version}, need (1, 0) or (2, 0)")
         self.shape, _, self.dtype = header(self.file)
 
-    def __getitem__(self, part: slice) -> Any:
-        size = (part.stop - part.start) * self.dtype.itemsize
+    def __getitem__(self, rows: slice) -> Any:
+        size = (rows.stop - rows.start) * self.dtype.itemsize
         content = self.file.read(size)
         if len(content) != size:
             raise EOFError("it ends early")
@@ -434,15 +440,15 @@ def _from_parquet(name: str) -> Queries:
         first = 0
         for path in paths:
             with opened(path) as file:
-                parts = parquet.ParquetFile(file).iter_batches(BATCH, columns=list(NAMES))
+                tables = parquet.ParquetFile(file).iter_batches(BATCH, columns=list(NAMES))
                 while True:
                     with _understood(path, "whole Parquet"):
-                        part = next(parts, None)
-                    if part is None:
+                        table = next(tables, None)
+                    if table is None:
                         break
-                    found = (part[key].to_numpy(zero_copy_only=False) for key in NAMES)
+                    found = (table[key].to_numpy(zero_copy_only=False) for key in NAMES)
                     yield _converted(name, first, *found)
-                    first += part.num_rows
+                    first += table.num_rows
         if first == 0:
             yield NOTHING
 
@@ -484,7 +490,7 @@ def _parquet_paths(name: str) -> list[str]:
     if not paths:
         raise FileNotFoundError(errno.ENOENT, "There are no Parquet files", name)
     # text and numbers in turn, so that part.2 comes before part.10
-    parts = {path: re.split(r"(\d+)", path) for path in filter(os.path.isfile, paths)}
+    words = {path: re.split(r"(\d+)", path) for path in filter(os.path.isfile, paths)}
     return sorted(
-        parts, key=lambda path: [int(x) if k % 2 else x for k, x in enumerate(parts[path])]
+        words, key=lambda path: [int(x) if k % 2 else x for k, x in enumerate(words[path])]
     )

@@ -92,9 +92,11 @@ class Reader:
         self.left_out: list[str] = []  # sound primvars and the like, of which a cage has none
 
     def fail(self, message: str) -> NoReturn:
+        """Refuse the mesh, or what `kept` looks for."""
         raise MeshError(message)
 
     def lost(self, kind: str, message: str, done: str = "left out") -> None:
+        """Note damage of this prim, as `Losses.add` does."""
         self.losses.add(kind, self.path, message, done)
 
     def array(self, attribute: str, kind: str, shape: tuple[int, ...] = ()) -> NDArray[Any]:

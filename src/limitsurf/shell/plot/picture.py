@@ -74,6 +74,7 @@ class Picture:
 
     @property
     def image(self) -> Image:
+        """The pixels, (height, width, 3) uint8, drawn on first use."""
         if self._image is None:
             self._image = self._drawing.pixels()
         return self._image
@@ -211,8 +212,10 @@ def in_notebook() -> bool:
 
 
 def check_target(file: Path | None, off_screen: bool | None, known: tuple[str, ...]) -> None:
-    """Complain, before any work, of another suffix, of a file that cannot be written, or of a
-    window without a display."""
+    """Complain, before any work, of a target that could not be served.
+
+    That is a file of another suffix, one that cannot be written, or a window without a display.
+    """
     if file is not None:
         _suffix(file, known)
         files.check_target(file)
