@@ -598,3 +598,74 @@ assert across_mask(2)[0] == Matrix([[-1, 0, 1, 0]])
 assert (across_mask(3)[0] * 4 / sqrt(3)).applyfunc(simplify) == Matrix([[-2, -1, 2, 2, -1]])
 bend = Matrix([[-2, 1, 1]])
 assert bend * ring_matrix("crease", 1) == bend / 4
+
+# %% [markdown]
+# ## 9. Darts
+#
+# The two functions that lead are an even one and sine 1, $f = 1$ of the odd part; they make the
+# normal, which exists if their Jacobian keeps its sign. In floating point, for $N = 3, \dots, 9$: a
+# dart's faces are those of a sector of $N$ faces whose $e_0$ and $e_N$ are one point.
+
+# %%
+for n in range(3, 10):
+    weight = (5 / 8 - (3 / 8 + float_cos(2 * PI / n) / 4) ** 2) / n
+    half = n // 2
+    size = half + 2  # the even part, by v, e_0, ..., e_half
+    M = [[0.0] * size for _ in range(size)]
+    M[0][0] = 1 - n * weight
+    M[1][0] = M[1][1] = 0.5
+    for j in range(n):
+        M[0][1 + min(j, n - j)] += weight
+    for j in range(1, half + 1):
+        M[1 + j][0] += 3 / 8
+        M[1 + j][1 + j] += 3 / 8
+        for other in (j - 1, j + 1):
+            M[1 + j][1 + min(other, n - other)] += 1 / 8
+    # 1 is the largest, of constants: powers of what is left without the limit find the next
+    even = [0.0, *(float_cos(PI * j / half) for j in range(half + 1))]
+    for _ in range(400):
+        even = [sum(m * c for m, c in zip(row, even, strict=True)) for row in M]
+        limit = even
+        for _ in range(60):
+            limit = [sum(m * c for m, c in zip(row, limit, strict=True)) for row in M]
+        even = [c - limit[0] for c in even]
+        value = even[1]
+        even = [c / value for c in even]
+    step = [sum(m * c for m, c in zip(row, even, strict=True)) for row in M]
+    value = step[1]
+    assert max(abs(a - value * b) for a, b in zip(step, even, strict=True)) < 1e-9
+    even_ring = [even[0], *(even[1 + min(j, n - j)] for j in range(n + 1))]
+    assert even_ring[1] == even_ring[-1]
+    one = 3 / 8 + float_cos(2 * PI / n) / 4
+    two = 3 / 8 + float_cos(4 * PI / n) / 4
+    assert value > two + 1e-2
+    odd = continued([0, *(float_sin(2 * PI * j / n) for j in range(n)), 0], one)
+    found = jacobians(pieces(continued(even_ring, value), value), pieces(odd, one))
+    assert min(found) > 0.01
+
+# %% [markdown]
+# ## 10. Pendants and flaps
+#
+# What a crease carries that does not bound it ([sectors](sectors.py), section 9): a whole ring
+# without a sharp edge, or a sector that begins and ends at one edge, whose vertex moves by
+# $v' = (3 v + m) / 4$, with $m$ halfway between its neighbours on the crease, $m' = (v + m) / 2$.
+# The spectrum is that of the cone or corner, and one $\frac14$. Its eigenvector has $v = -1$,
+# $m = 2$, and beside a sharp edge $e = 2$. In a flap it is the vector of a crease of $k$ faces, in
+# a pendant constant on the $e_j$: there is one for every $k$, and *no Jordan block at* $\frac14$.
+
+
+# %%
+def carried_matrix(still, k):
+    A = ring_matrix(still, k)
+    A = Matrix.vstack(Matrix.hstack(A, Matrix.zeros(A.rows, 1)), Matrix.zeros(1, A.rows + 1))
+    A[0, 0], A[0, A.rows - 1] = 3 * FOURTH, FOURTH
+    A[A.rows - 1, 0] = A[A.rows - 1, A.rows - 1] = HALF
+    return A
+
+
+for k in range(1, 14):
+    flap = carried_matrix("corner", k)
+    assert [defect(flap, value) for value in (1, HALF, FOURTH)] == [0, k % 3 == 0, 0]
+    if k > 2:
+        pendant = carried_matrix("cone", k)
+        assert not any(defect(pendant, value) for value in (1, HALF, FOURTH, Rational(5, 8)))
