@@ -104,7 +104,7 @@ def test_scheme_cases_to_the_last_bit(number, given):
     )
     surface = LoopSurface(cage, warren_weight if given["warren"] else loop_weight)
     with np.load(SCHEMES / "loop.npz") as data:
-        rows = {name: data[name][data["case"] == number][::3].tolist() for name in data}
+        rows = {name: data[name][data["case"] == number][::4].tolist() for name in data}
     for i, (face, u, v) in enumerate(zip(rows["face"], rows["u"], rows["v"], strict=True)):
         for nu, expected in zip(ORDERS, [rows["P"][i], *rows["D"][i]], strict=True):
             assert floats(surface.evaluate(face, u, v, nu)) == expected
@@ -312,3 +312,35 @@ def test_derivatives_close_to_a_vertex():
     surface = LoopSurface(of_zoo("disc_3", corners={4: INF}), bits=2400)
     steps = [surface.evaluate(0, F(1, 3 * 2**n), F(1, 5 * 2**n), (1, 0))[2] for n in (299, 300)]
     assert abs(steps[1] / steps[0] - F(1, 2)) < F(1, 10**80)
+
+
+# --- the zoo --------------------------------------------------------------------------------------
+
+
+def valences(faces):
+    return Counter(itertools.chain(*faces))
+
+
+@pytest.mark.parametrize("name", zoo_triangles.ZOO)
+def test_zoo_is_what_it_says(name):
+    points, faces = zoo_triangles.ZOO[name]()
+    assert zoo.is_manifold(faces)
+    assert all(len(face) == 3 for face in faces)
+    count, rim = valences(faces), zoo.boundary_vertices(faces)
+    assert sorted(count) == list(range(len(points)))
+    assert (name in zoo_triangles.BOUNDED) == bool(rim)
+    assert all(3 <= n <= 16 for v, n in count.items() if v not in rim)
+    assert (points * 4096 == np.rint(points * 4096)).all()
+
+
+def test_zoo_has_every_kind():
+    cages = {name: make()[1] for name, make in zoo_triangles.ZOO.items()}
+    inner, outer, crowds = set(), set(), set()
+    for faces in cages.values():
+        count, rim = valences(faces), zoo.boundary_vertices(faces)
+        inner |= {n for v, n in count.items() if v not in rim}
+        outer |= {n for v, n in count.items() if v in rim}
+        crowds |= {sum(v not in rim and count[v] != 6 for v in face) for face in faces}
+    assert inner >= set(range(3, 11)) | {12, 16}
+    assert outer == set(range(1, 9))
+    assert crowds == {0, 1, 2, 3}  # extraordinary corners of one face
