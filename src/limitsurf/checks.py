@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from numbers import Integral, Rational
@@ -35,6 +36,15 @@ class MeshError(ValueError):
     """
 
     culprits: tuple[tuple[str, Any], ...] = ()
+
+
+def users_level() -> int:
+    """The `stacklevel`, for a warning of the caller, of the first line outside of the package."""
+    level, frame = 1, sys._getframe(1)
+    package = __name__.partition(".")[0]
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == package:
+        level, frame = level + 1, frame.f_back
+    return level
 
 
 def count(n: int, noun: str) -> str:

@@ -525,7 +525,7 @@ class RingValues:
         if sector.kind in ("interior", "dart"):
             angle = 2 * np.pi * ((edge % faces) / faces)
             share = np.stack([np.cos(angle), np.sin(angle)], axis=1)[:, : len(waves)]
-        if sector.kind == "dart":
+        if sector.kind == "dart" and len(waves):
             # the odd wave is the slower one, and vanishes on the line of the sharp edge
             on = (2 * edge) % faces == 0
             share[:, 0] = np.where(on, np.sign(share[:, 0]), 0)

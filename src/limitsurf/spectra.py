@@ -73,15 +73,9 @@ class Eigenbasis:
             for value, count in self._distinct()[:6]
         )
         return (
-            f"<Eigenbasis of {self.scheme.name} at {self._place()}: "
+            f"<Eigenbasis of {self.scheme.name} at {self.sector.place}: "
             f"{self.float64.size} control points, eigenvalues {spectrum}, ...>"
         )
-
-    def _place(self) -> str:
-        kind, faces, position = self.sector.kind, self.sector.faces, self.sector.position
-        if kind == "interior":
-            return f"interior valence {faces}"
-        return f"a {kind} of {faces} faces" + (f", face {position}" if position else "")
 
     def _repr_latex_(self) -> str:
         import sympy
@@ -94,7 +88,7 @@ class Eigenbasis:
             for value, count in counts.items()
         ]
         return (
-            rf"$\displaystyle \text{{{self.scheme.name}, {self._place()}}}: \quad "
+            rf"$\displaystyle \text{{{self.scheme.name}, {self.sector.place}}}: \quad "
             rf"\lambda \in \left\{{ {', '.join(terms)} \right\}}$"
         )
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
+import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -36,6 +37,7 @@ from numpy.typing import NDArray
 from limitsurf import disk_cache
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
+from limitsurf.checks import users_level
 from limitsurf.disk_cache import Formats
 from limitsurf.exact.catmull_clark import CATMULL_CLARK
 from limitsurf.exact.creases import CHAIKIN, POWERS
@@ -276,6 +278,30 @@ class EigenTable:
         """
         return self.left_vectors(self.normal)
 
+    @property
+    def growth(self) -> dict[str, float | None]:
+        """By what things are multiplied in general as the distance from the vertex is halved.
+
+        First derivatives by 2 l1, with the eigenvalues l1, l2, l3 after 1; second ones by 4 l1, or
+        4 l3 if l1 is 1/2; curvature by ``l3 / l2^2``; the distance of normals from their limit by
+        ``l3 / l2``, None if they have none (``derivations/scaling.py``).
+        """
+        l1, l2, l3 = map(float, np.abs(self.rates[0, 1:4]))
+        return {
+            "first_derivatives": 2 * l1,
+            "second_derivatives": 4 * (l3 if l1 == 0.5 else l1),
+            "curvature": l3 / l2**2 if l2 else float("nan"),
+            "normals": l3 / l2 if len(self.normal) else None,
+        }
+
+    @property
+    def has_bounded_curvature(self) -> bool:
+        """Whether the curvature of general points stays bounded towards the vertex."""
+        slowest = np.setdiff1d(np.arange(1, self.size), self.chains - 1)[1:3]
+        l2, l3 = np.abs(self.rates[0, slowest])
+        grows = l3 > l2 * l2 or (l3 == l2 * l2 and slowest[1] in self.chains)
+        return bool(len(self.normal)) and not grows
+
     @cached_property
     def normal_pairs(self) -> Array:
         """Pairs of coefficients whose cross products point along the limit normal, (2 or 0, 2).
@@ -324,8 +350,28 @@ def eigen_table(scheme: Scheme, sector: Sector) -> EigenTable:
         if sector.kind not in _FOURIER:
             _memory.setdefault(_ring_text(scheme, sector), made.ring)
         _memory.setdefault(text, made)
+        if not made.normal.size:
+            _warn_once(scheme, sector)
     table: EigenTable = _memory[text]
     return table
+
+
+_warned: set[str] = set()  # rings that the user has been warned of
+
+
+def _warn_once(scheme: Scheme, sector: Sector) -> None:
+    """Say that a user's masks give no tangent plane, where they are what could give one."""
+    ring = _ring_text(scheme, sector)
+    own = sector.takes_vertex_mask and scheme not in SCHEMES.values()
+    if own and ring not in _warned:
+        _warned.add(ring)
+        warnings.warn(
+            f"scheme {scheme.name!r} converges at {sector.place}, but has no tangent plane there: "
+            f"its surfaces are not C1, and normals at these vertices are NaN; "
+            f"vertex({sector.faces}) decides (see limitsurf.Scheme)",
+            UserWarning,
+            stacklevel=users_level(),
+        )
 
 
 def _assembled(scheme: Scheme, sector: Sector, derived: bool = False) -> tuple[EigenTable, bool]:
@@ -354,7 +400,7 @@ def _ring_text(scheme: Scheme, sector: Sector) -> str:
 
 
 def _key(scheme: Scheme, sector: Sector) -> dict[str, Any]:
-    smooth = sector.faces if sector.kind in ("interior", "dart") else None
+    smooth = sector.faces if sector.takes_vertex_mask else None
     place = {"kind": sector.kind, "faces": sector.faces, "position": sector.position}
     return {"format": FORMAT, **place, **scheme.key(smooth)}
 
@@ -533,6 +579,7 @@ def _is_ordered(table: EigenTable) -> bool:
     paired = np.concatenate([table.pairs, table.pairs + 1])
     if (
         any(len(np.unique(x)) < len(x) for x in (table.order, chains, paired))
+        or high[1] >= 1
         or len(table.pairs) != len(table.angles)
         or (np.diff(high) > 0).any()
         or (low > np.spacing(high) / 2).any()
@@ -544,9 +591,15 @@ def _is_ordered(table: EigenTable) -> bool:
             return False
     if not normal.size:
         return True
-    # the two modes that fall most slowly, ends of chains apart, as a right-handed pair
-    slowest = np.setdiff1d(np.arange(1, table.size), chains - 1)[:2]
-    if normal.shape != (2,) or not np.array_equal(np.sort(normal), slowest):
+    # the two positive modes that fall most slowly, ends of chains apart, as a right-handed pair
+    slowest = np.setdiff1d(np.arange(1, table.size), chains - 1)[:3]
+    if normal.shape != (2,) or not np.array_equal(np.sort(normal), slowest[:2]):
+        return False
+    second, third = table.rates[:, slowest[1:]].T
+    tied = np.array_equal(second, np.abs(third)) and not (
+        slowest[1] in chains and slowest[2] not in chains
+    )
+    if tied or (table.rates[0, normal] <= 0).any() or np.isin(normal, paired).any():
         return False
     if (table.order[table.normal_pairs] >= table.sector.ring).any():
         return False
@@ -691,10 +744,15 @@ def vertex_weights(scheme: Scheme, valences: Array, dtype: Any) -> Array:
 
 
 def limit_mask(scheme: Scheme, kind: str, faces: int, dtype: Any) -> Array:
-    """Weights of the ring in the limit position of its vertex, (ring,)."""
+    """Weights of the ring in the limit position of its vertex, (ring,).
+
+    Raises a ValueError, `UnsupportedSpectrum`, for masks that do not converge there.
+    """
+    from limitsurf.exact.analysis import check_convergence
     from limitsurf.exact.sectors import limit_weights
     from limitsurf.exact.wide import rounded_dart_limit
 
+    check_convergence(scheme, kind, faces)
     if kind == "dart" and faces > MOST_FACES and dtype != object:
         edges, around = rounded_dart_limit(scheme, faces)
         own = 1 - edges.sum() - around.sum()
@@ -789,7 +847,10 @@ def ring_masks(scheme: Scheme, kind: str, faces: int) -> RingMasks:
     waves = slowest_waves(scheme, kind, faces)
     for array in (limit, *waves):
         array.flags.writeable = False
-    return RingMasks(Sector(kind, faces), weights, (limit[1::2], limit[2::2]), waves)
+    made = RingMasks(Sector(kind, faces), weights, (limit[1::2], limit[2::2]), waves)
+    if not made.has_normal:
+        _warn_once(scheme, made.sector)
+    return made
 
 
 def one(dtype: Any) -> Array:

@@ -27,6 +27,16 @@ class UnsupportedSpectrum(ValueError):
     """Masks that do not converge, complex eigenvalues, or Jordan blocks that are not handled."""
 
 
+def diverging(place: str, faces: int, eigenvalue: Any) -> UnsupportedSpectrum:
+    """The error that says where refinement has no limit, and of which eigenvalue."""
+    value = complex(eigenvalue)
+    text = f"{value.real:.10g}" + (f" {value.imag:+.10g}i" if value.imag else "")
+    return UnsupportedSpectrum(
+        f"the masks do not converge at {place}: an eigenvalue other than 1 has modulus >= 1, "
+        f"{text}; change the scheme's vertex({faces})"
+    )
+
+
 def null_space(matrix: list[list[Fraction]]) -> list[list[Fraction]]:
     """Basis of the null space of a rational matrix, in reduced echelon form."""
     columns = len(matrix[0])

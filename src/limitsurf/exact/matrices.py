@@ -97,6 +97,20 @@ class Sector:
         return self.kind in ("flap", "pendant")
 
     @property
+    def takes_vertex_mask(self) -> bool:
+        """Whether the vertex follows the scheme's mask of a smooth vertex of so many faces."""
+        return self.kind in ("interior", "dart")
+
+    @property
+    def place(self) -> str:
+        """What and where it is, in words."""
+        if self.kind == "interior":
+            return f"interior valence {self.faces}"
+        return f"a {self.kind} of {self.faces} faces" + (
+            f", face {self.position}" if self.position else ""
+        )
+
+    @property
     def still(self) -> Sector:
         """The cone or corner that a pendant or flap would be if its vertex stayed."""
         return Sector("corner" if self.open else "cone", self.faces, self.position)
@@ -185,7 +199,7 @@ def subdivision_matrix(scheme: Scheme, sector: Sector, number: Any = Fraction) -
     """
     # a scheme's masks are code: what is cached depends on their values
     own: tuple[Fraction, ...] = (Fraction(1), Fraction(0), Fraction(0))
-    if sector.kind in ("interior", "dart"):
+    if sector.takes_vertex_mask:
         own = scheme.vertex_mask(sector.faces)
     curve = (scheme.boundary_edge, *scheme.boundary_vertex)
     masks = scheme.face_mask(4), scheme.edge, scheme.vertex_mask(4), own, curve

@@ -21,6 +21,7 @@ from limitsurf.exact.fixed import (
     EQUAL,
     Fixed,
     UnsupportedSpectrum,
+    diverging,
     mp,
     null_space,
     to_fixed,
@@ -88,10 +89,9 @@ def _check_convergence(valence: int, block: list[list[Fraction]]) -> None:
     """
     total, product = centre_quadratic(block)
     if not (abs(product) < 1 and abs(total) < 1 + product):
-        raise UnsupportedSpectrum(
-            f"the masks of valence {valence} do not converge: an eigenvalue other than 1 has "
-            f"modulus >= 1 (sum {total} and product {product} of the two of frequency 0)"
-        )
+        root = mp.sqrt(to_mpf(total * total - 4 * product))
+        roots = [(to_mpf(total) + sign * root) / 2 for sign in (1, -1)]
+        raise diverging(f"interior valence {valence}", valence, max(roots, key=abs))
 
 
 def limit_mask(matrix: SubdivisionMatrix) -> tuple[Fraction, Fraction, Fraction]:

@@ -16,19 +16,22 @@ entry is 0 if the numerator vanishes too (smooth vertices of valence 4 m, eigenv
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from limitsurf.exact.analysis import check_convergence, leading_pair, orientation
 from limitsurf.exact.fixed import (
     BITS,
     EQUAL,
     Fixed,
     UnsupportedSpectrum,
     combine,
+    diverging,
     mp,
     null_space,
     product,
@@ -86,8 +89,9 @@ class Spectrum:
     normal: tuple[int, ...]
 
 
+@lru_cache(maxsize=64)
 def outer_eigenbasis(
-    block: list[list[Fraction]],
+    block: tuple[tuple[Fraction, ...], ...],
 ) -> tuple[list[Fraction], list[list[Fraction]], list[list[Fraction]]]:
     """Rational eigenvalues d, eigenvectors W (columns) and W^-1 of the outer block.
 
@@ -108,6 +112,16 @@ def outer_eigenbasis(
     W = [[columns[j][i] for j in range(size)] for i in range(size)]
     solved = reduced([row + [Fraction(i == j) for j in range(size)] for i, row in enumerate(W)])
     return values, W, [row[size:] for row in solved]
+
+
+def outer_part(
+    matrix: SubdivisionMatrix,
+) -> tuple[list[Fraction], list[list[Fraction]], list[list[Fraction]]]:
+    """Eigenvalues and eigenvectors of the outer points, as `outer_eigenbasis` has them."""
+    n, size = matrix.sector.ring, matrix.size
+    return outer_eigenbasis(
+        tuple(tuple(row.get(j, Fraction(0)) for j in range(n, size)) for row in matrix.rows[n:size])
+    )
 
 
 @lru_cache(maxsize=8)
@@ -135,13 +149,21 @@ def spectrum(scheme: Scheme, sector: Sector) -> Spectrum:
     UnsupportedSpectrum
         When the masks do not converge, or give eigenvalues or Jordan blocks that are not handled.
     """
-    matrix = subdivision_matrix(scheme, sector)
-    size, n = sector.size, sector.ring
+    check_convergence(scheme, sector.kind, sector.faces)
     ring = ring_basis(scheme, sector)
+    result = _joined(subdivision_matrix(scheme, sector), ring)
+    if abs(result.eigenvalues[1]) > 1 - EQUAL:
+        raise diverging(sector.place, sector.faces, result.eigenvalues[1])
+    normal = tuple(map(result.order.index, ring_normal(scheme, sector.kind, sector.faces)))
+    return replace(result, normal=normal)
+
+
+def _joined(matrix: SubdivisionMatrix, ring: Any) -> Spectrum:
+    """The modes of a ring, all or some, and the outer eigenvectors; `normal` is still to come."""
+    size, n = matrix.size, matrix.sector.ring
     ring_values = ring.values
-    values, outer, outer_inverse = outer_eigenbasis(
-        [[row.get(j, Fraction(0)) for j in range(n, size)] for row in matrix.rows[n:size]]
-    )
+    modes = len(ring_values)
+    values, outer, outer_inverse = outer_part(matrix)
     eigenvalues = ring_values + [to_mpf(d) for d in values]
     pairs = [k for k, x in enumerate(ring_values) if isinstance(x, mp.mpc) and x.imag > 0]
     # the few ring points that outer points and pieces depend on
@@ -150,12 +172,12 @@ def spectrum(scheme: Scheme, sector: Sector) -> Spectrum:
     touched = {c for row in sources for c in row if c < n} | {k for k in wanted if k < n}
     R = ring.right_rows(sorted(touched))
     # numerators of G, (outer, ring): sparse rational rows times R, then the small W^-1
-    coupling = np.stack([combine(row, R, n) for row in matrix.rows[n:size]])
+    coupling = np.stack([combine(row, R, modes) for row in matrix.rows[n:size]])
     gaps = [[value - to_mpf(d) for value in ring_values] for d in values]
     W, Winv, outer_heads = _chained(to_fixed(outer), to_fixed(outer_inverse), coupling, gaps)
     G = _links(product(Winv, coupling), gaps, ring.heads, pairs)
-    heads = {**ring.heads, **{n + m: k for m, k in outer_heads.items()}}
-    order = sorted(range(size), key=lambda k: _rank(eigenvalues, ring.labels, heads, k))
+    heads = {**ring.heads, **{modes + m: k for m, k in outer_heads.items()}}
+    order = sorted(range(len(eigenvalues)), key=lambda k: _rank(eigenvalues, ring.labels, heads, k))
     chains = sorted(order.index(k) for k in heads.values())
     pairs = sorted(order.index(k) for k in pairs)
     eigenvalues = [eigenvalues[k] for k in order]
@@ -175,11 +197,10 @@ def spectrum(scheme: Scheme, sector: Sector) -> Spectrum:
                 refined[k][i] -= rows[k][i + 1] * turn >> BITS
                 refined[k][i + 1] += rows[k][i] * turn >> BITS
         else:
-            refined[k] = combine(matrix.rows[k], rows, size)
+            refined[k] = combine(matrix.rows[k], rows, len(order))
     control = np.stack([np.stack([refined[k] for k in piece]) for piece in matrix.pieces])
     pieces = _polynomials(control)
-    normal = _normal(sector, eigenvalues, chains, pieces, [ring.labels, order])
-    return Spectrum(matrix, ring, G, W, Winv, order, eigenvalues, chains, pairs, pieces, normal)
+    return Spectrum(matrix, ring, G, W, Winv, order, eigenvalues, chains, pairs, pieces, ())
 
 
 def _links(
@@ -217,40 +238,63 @@ def _polynomials(control: Fixed) -> Fixed:
     return np.asarray(both.reshape(control.shape) // 36)
 
 
-def _normal(
-    sector: Sector, eigenvalues: list[Any], chains: list[int], pieces: Fixed, origin: list[Any]
-) -> tuple[int, ...]:
-    """Columns whose coefficients span the tangent plane at the vertex, if there is one.
-
-    Those whose contributions fall most slowly: that of column k as ``eigenvalue^n``, at the head
-    of a chain as n times that, with the function of its end.
-    """
-    labels, order = origin
-    if sector.kind == "interior":
-        # a positive double eigenvalue of frequency 1, larger than the modulus of all that follow
-        frequency = [labels[k][0] if k < len(labels) else None for k in order[1:3]]
-        double = eigenvalues[1] == eigenvalues[2]
-        largest = double and abs(eigenvalues[3]) < mp.re(eigenvalues[1]) - EQUAL
-        return (1, 2) if frequency == [1, 1] and largest else ()
-    # derivations/sectors.py: the Jacobian of the two keeps its sign on all faces of the sector
-    limits = {"crease": (1, 4), "corner": (1, 2), "dart": (3, sector.faces)}
-    least, most = limits.get(sector.kind, (1, 0))
-    if not least <= sector.faces <= most:
+@lru_cache(maxsize=256)
+def ring_normal(scheme: Scheme, kind: str, faces: int) -> tuple[int, ...]:
+    """Modes of the ring whose coefficients' cross product is along the limit normal, if any."""
+    sector = Sector(kind, faces)
+    count = 1 if sector.alike else faces
+    # all faces but the outermost see the same, moved along the ring
+    matrices = {
+        p: subdivision_matrix(scheme, Sector(kind, faces, p))
+        for p in {0, min(1, count - 1), count - 1}
+    }
+    ring = ring_basis(scheme, sector)
+    outer = {to_mpf(d) for matrix in matrices.values() for d in outer_part(matrix)[0]}
+    pair = leading_pair(ring.values, outer, ring.heads, _absent(sector, ring))
+    if not pair:
         return ()
-    falling = sorted(
-        range(1, len(order)),
-        key=lambda k: (-mp.nint(abs(eigenvalues[k]) / EQUAL), k not in chains),
-    )
-    first = falling[0]
-    second = next(k for k in falling[1:] if not (first in chains and k == first - 1))
-    shown = [k - 1 if k in chains else k for k in (first, second)]
-    # derivatives in S and T at the middle of the diagonal piece
-    powers = [0.5**k for k in range(4)]
-    slopes = [0.0, 1.0, 1.0, 0.75]
-    f = np.array([[float(mp.ldexp(mp.mpf(int(x)), -BITS)) for x in pieces[1, :, k]] for k in shown])
-    f = f.reshape(2, 4, 4)
-    ds, dt = np.einsum("kji,j,i->k", f, powers, slopes), np.einsum("kji,j,i->k", f, slopes, powers)
-    return (first, second) if ds[0] * dt[1] > ds[1] * dt[0] else (second, first)
+    ends = {head: end for end, head in ring.heads.items()}
+    shown = [ends.get(k, k) for k in pair]
+    which = sorted({*pair, *shown})
+    functions = []
+    for p in range(count):
+        near = p if p in matrices else 1
+        part = _joined(matrices[near], _PartOfRing(ring, which, p - near))
+        columns = [part.order.index(which.index(k)) for k in (*shown, *pair)]
+        functions.append(part.pieces[..., columns])
+    chained = pair != tuple(shown)
+    found = orientation(np.stack(functions), chained, not sector.open, faces // count)
+    return {1: pair, -1: pair[::-1]}.get(found, ())
+
+
+def _absent(sector: Sector, ring: Ring) -> set[int]:
+    """Modes that control points of a sector have not: both ends of a flap are one point."""
+    if sector.kind != "flap":
+        return set()
+    left, last = ring.left().copy(), 2 * sector.faces + 1
+    left[:, 1] += left[:, last]
+    left[:, last] = 0
+    size = [max(abs(x) for x in row) for row in left]
+    return {k for k, x in enumerate(size) if x >> (BITS // 2) == 0}
+
+
+class _PartOfRing:
+    """Some modes of a ring, which hold the ends of their chains, seen from so many faces on."""
+
+    def __init__(self, ring: Ring, which: list[int], turn: int) -> None:
+        self._ring, self._which, self._turn = ring, which, turn
+        self.values, self.labels = ([x[k] for k in which] for x in (ring.values, ring.labels))
+        inside = [(end, head) for end, head in ring.heads.items() if head in which]
+        self.heads = {which.index(end): which.index(head) for end, head in inside}
+
+    def right_rows(self, points: Sequence[int]) -> dict[int, Fixed]:
+        """Values of these eigenvectors at some points of the ring: {point: (modes,)}."""
+        around = len(self._ring.values) - 1
+        there = {
+            k: (k - 1 + 2 * self._turn) % around + 1 if k and self._turn else k for k in points
+        }
+        rows = self._ring.right_rows(sorted(set(there.values())))
+        return {k: rows[row][self._which] for k, row in there.items()}
 
 
 def dense_basis(spectrum: Spectrum) -> tuple[Fixed, Fixed]:

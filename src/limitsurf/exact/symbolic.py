@@ -28,7 +28,7 @@ from limitsurf.exact.matrices import Sector, SubdivisionMatrix, subdivision_matr
 from limitsurf.exact.ring import centre_block, centre_quadratic, ring_generators, ring_modes
 from limitsurf.exact.scheme import Scheme
 from limitsurf.exact.sectors import limit_weights
-from limitsurf.exact.spectrum import outer_eigenbasis, spectrum
+from limitsurf.exact.spectrum import outer_part, spectrum
 
 # polynomials in an eigenvalue l and in s; with l first, a polynomial that is monic in l and one in
 # s alone are a Groebner basis, so that remainders decide
@@ -90,9 +90,8 @@ class SymbolicBasis:
         self._numeric = spectrum(scheme, self.sector)
         ring, size = self.sector.ring, self.sector.size
         rows = self._matrix.rows[ring:size]
-        block = [[row.get(j, Fraction(0)) for j in range(ring, size)] for row in rows]
         self._coupling = [{c: w for c, w in row.items() if c < ring} for row in rows]
-        self._values, self._W, self._Winv = outer_eigenbasis(block)
+        self._values, self._W, self._Winv = outer_part(self._matrix)
         # the end of the Jordan chain of each ring vector that heads one
         order, chains = self._numeric.order, self._numeric.chains
         self._ends = {order[k]: order[k - 1] for k in chains}

@@ -25,6 +25,9 @@ from limitsurf.exact.scheme import Scheme
 
 Array = NDArray[Any]
 
+_SAMPLES = 24  # of angles from which waves are sought that are slower than one around
+_SAME = 1e-9  # of eigenvalues in float64, against differences that decide nothing
+
 
 @dataclass(frozen=True)
 class Weights:
@@ -125,8 +128,8 @@ def slowest_waves(scheme: Scheme, kind: str, faces: int) -> tuple[Array, Array]:
 
     Their scale is some positive number. At a smooth vertex the cosine and the sine that go around
     once, counted from edge 0; at a dart the even and the odd one; at a cone the one that is the
-    same all around, and in a sector the sine that vanishes at its ends. At a smooth vertex where
-    these are not the slowest ones there are none.
+    same all around, and in a sector the sine that vanishes at its ends. At a smooth vertex and a
+    dart where these are not the slowest ones there are none.
     """
     w = Weights.of(scheme, faces)
     if kind == "cone":
@@ -145,7 +148,10 @@ def slowest_waves(scheme: Scheme, kind: str, faces: int) -> tuple[Array, Array]:
             return np.zeros((0, faces)), np.zeros((0, faces))
         cosines = _cosines(4 * np.arange(faces), faces), face * _cosines(2 * _odd(faces), faces)
     else:
-        cosines = _slowest_even(w, faces)
+        even = _slowest_even(w, faces)
+        if even is None:
+            return np.zeros((0, faces)), np.zeros((0, faces))
+        cosines = even
     both = zip(cosines, sines, strict=True)
     edges, around = (np.stack(pair) for pair in both)
     return edges, around
@@ -204,8 +210,12 @@ def _largest(block: list[list[float]]) -> float:
     return float(np.sort(np.abs(np.delete(values, np.abs(values - 1).argmin())))[-1])
 
 
-def _slowest_even(w: Weights, faces: int) -> tuple[Array, Array]:
-    """The slowest left eigenvector of a dart that is even about its sharp edge: edges, faces."""
+def _slowest_even(w: Weights, faces: int) -> tuple[Array, Array] | None:
+    """The slowest left eigenvector of a dart that is even about its sharp edge: edges, faces.
+
+    None if it is not that wave alone that goes around about once: masks can add one that goes
+    around less, or eigenvalues of no wave that are as large as its own.
+    """
     from scipy.optimize import brentq
 
     offset = np.arange(faces + 1) - faces / 2
@@ -225,9 +235,66 @@ def _slowest_even(w: Weights, faces: int) -> tuple[Array, Array]:
         rest = w.corner * t.sum() + w.end * y[1:].sum() + w.half * y[0] + w.own * x
         return float(value * x - rest)
 
-    least, most = 2 * np.pi / faces, 3 * np.pi / faces
+    angles = np.linspace(0, 3 * np.pi / faces, _SAMPLES + 1)[1:]
+    signs = np.sign([residual(angle) for angle in angles])
+    changes = np.flatnonzero(signs[1:] != signs[:-1])
+    turn = int(changes[0] + 1) * 3 // _SAMPLES if len(changes) == 1 else 0  # in units of pi
+    if turn == 0:
+        return None
+    least, most = turn * np.pi / faces, (turn + 1) * np.pi / faces
     angle = brentq(residual, least, most, xtol=1e-300, rtol=8 * np.finfo(float).eps)
+    slowest = _wave(w, np.cos(max(angle / 2, np.pi / faces)))[0]
+    band, others = _wave(w, 1.0)[0], wide_dart_values(w, faces)
+    in_band = (np.abs(others.imag) < _SAME) & (others.real > 0) & (others.real < band + _SAME)
+    near_one = np.abs(others - 1) < _SAME
+    if (np.abs(others[~in_band & ~near_one]) > slowest - _SAME).any():
+        return None
     _, _, y, z = vector(angle)
     # positive for a flat ring with the sharp edge along x
     along = y @ _cosines(4 * np.arange(faces), faces) + z @ _cosines(2 * _odd(faces), faces)
     return y / along, z / along
+
+
+def dart_factor(w: Weights, faces: int, value: Any, root: Any) -> Any:
+    """``1 + r (l - B)^-1 1`` of a dart: r the weights of the ring in the vertex point, B the
+    matrix of the ring while the vertex stays. In whatever numbers, of which `root` is the root.
+    """
+    rest = value - w.corner
+    g = value * w.corner * w.face / rest
+    p = (value - w.end) / g - 2
+    # constant, but for what the sharp edge adds on either side
+    constant = (1 + 2 * w.corner * w.face / rest) / (g * (p - 2))
+    fall = _fall(p, root)
+    spread = (1 + fall) / (1 - fall) * (1 - fall**faces) / (1 + fall**faces)
+    edges = faces * constant + (1 / (value - w.half) - constant) * spread
+    around = (faces + 2 * w.corner * edges) / rest
+    return 1 + (w.edge + 2 * w.around * w.corner) * edges + w.around * w.corner * around
+
+
+def wide_dart_values(w: Weights, faces: int) -> Array:
+    """Zeros of `dart_factor`, in float64, as if the sides of the sharp edge were far apart.
+
+    Away from the eigenvalues of waves, where what one side adds has vanished on the other; there
+    the factor is X + Y root(p + 2) / root(p - 2), with rational X and Y.
+    """
+    x = np.polynomial.Polynomial([0, 1])
+    c, b, m = float(w.corner), float(w.face), float(w.around)
+    rest = x - c
+    low = (x - float(w.end)) * rest - 4 * c * b * x  # (p - 2) l b c
+    seen = (float(w.edge) + 2 * m * c) * rest + 2 * m * c * c
+    raised = rest + 2 * b * c
+    even = rest * low + faces * (seen * raised + m * c * low)
+    jump = seen * (low - (x - float(w.half)) * raised)
+    both = even**2 * (x - float(w.half)) ** 2 * low - jump**2 * (x - float(w.end)) * rest
+    found: Any = both.roots().astype(complex)
+    # squaring adds the zeros of X - Y root(p + 2) / root(p - 2)
+    fall = _fall((found - float(w.end)) * rest(found) / (c * b * found) - 2, np.sqrt)
+    left = even(found) * (found - float(w.half))
+    right = jump(found) * (1 + fall) / (1 - fall)
+    return np.asarray(found[np.abs(left + right) < np.abs(left - right)])
+
+
+def _fall(p: Any, root: Any) -> Any:
+    """The solution of modulus below 1 of ``x + 1 / x = p``."""
+    one = (p - root(p * p - 4)) / 2
+    return np.where(np.abs(one) < 1, one, 1 / one)[()]

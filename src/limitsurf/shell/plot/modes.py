@@ -72,6 +72,7 @@ class Fan:
     def __init__(self, scheme: str | Scheme, kind: str, faces: int) -> None:
         self.scheme, self.kind, self.faces = scheme, kind, faces
         self.basis = eigenbasis(scheme, kind=kind, faces=faces)  # checks all three
+        self.place = self.basis.sector.place
         is_open = kind in ("crease", "corner")
         axes = faces + is_open
         s = np.arange(faces)
@@ -130,7 +131,7 @@ class Fan:
             they can be of a scheme of your own.
         """
         if self.kind != "interior":
-            raise ValueError(f"modes are those of a smooth vertex, not of {self.basis._place()}")
+            raise ValueError(f"modes are those of a smooth vertex, not of {self.place}")
         N, step, found = self.faces, self.operator(), []
         sectors = self.number[:, 1:].reshape(N, 6)  # all but the vertex
         for f in range(N // 2 + 1):  # sectors are alike: each wave has a block of its own
@@ -192,14 +193,12 @@ class Fan:
         """
         table = self.basis.float64
         if not len(table.normal):
-            raise ValueError(
-                f"there is no tangent plane at {self.basis._place()}, so no characteristic map"
-            )
+            raise ValueError(f"there is no tangent plane at {self.place}, so no characteristic map")
         step = self.operator()
         first, second = table.rates[0, table.normal].tolist()
         if abs(first - second) > _SAME and np.isin(table.normal, table.chains).any():
             raise ValueError(
-                f"the tangent plane at {self.basis._place()} comes from a Jordan chain, not from "
+                f"the tangent plane at {self.place} comes from a Jordan chain, not from "
                 "two eigenfunctions: there is no characteristic map"
             )
         if abs(first - second) < _SAME:
@@ -226,7 +225,7 @@ class Fan:
         eigenvalues = np.linalg.eigvals(matrix)
         if len(matrix) and np.abs(eigenvalues.imag).max() > _SAME:
             raise ValueError(
-                f"{self.basis.scheme.name} has complex eigenvalues at {self.basis._place()}, or "
+                f"{self.basis.scheme.name} has complex eigenvalues at {self.place}, or "
                 "too few eigenvectors; eigenfunctions need real ones, and all of them"
             )
         ordered = np.sort(eigenvalues.real)
@@ -238,7 +237,7 @@ class Fan:
             found += [(float(group.mean()), vectors[k]) for k in some]
         if len(found) < len(matrix):
             raise ValueError(
-                f"{self.basis.scheme.name} has no basis of eigenvectors at {self.basis._place()}: "
+                f"{self.basis.scheme.name} has no basis of eigenvectors at {self.place}: "
                 f"in one block {len(found)} of {len(matrix)}"
             )
         return found
@@ -249,7 +248,7 @@ class Fan:
         if not sizes[-count] < _SAME:
             raise ValueError(
                 f"{self.basis.scheme.name} has fewer than {count} eigenfunctions of eigenvalue "
-                f"{eigenvalue:.6g} at {self.basis._place()}: there is no characteristic map"
+                f"{eigenvalue:.6g} at {self.place}: there is no characteristic map"
             )
         return np.asarray(vectors[-count:])
 

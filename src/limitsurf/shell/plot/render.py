@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.checks import users_level
 from limitsurf.shell.io.vtk import imported_pyvista
 from limitsurf.shell.plot import paint
 from limitsurf.shell.plot import scene as scenes
@@ -34,7 +35,7 @@ def pixels(scene: Scene, width: int, height: int) -> Image:
     """The scene, (height, width, 3), without legends; drawn off screen."""
     if not opengl():
         text = "no OpenGL here: painted by Matplotlib, and plainer"
-        warnings.warn(text, stacklevel=_users_level())
+        warnings.warn(text, stacklevel=users_level())
         return paint.painted(scene, width, height)
     # Drawn larger and averaged, which smooths lines and dots as well.
     scale = SUPERSAMPLING
@@ -43,15 +44,6 @@ def pixels(scene: Scene, width: int, height: int) -> Image:
     tiles = image.reshape(height, scale, width, scale, 3)
     picture: Image = np.rint(tiles.mean(axis=(1, 3))).astype(np.uint8)
     return picture
-
-
-def _users_level() -> int:
-    """The `stacklevel`, for a warning of the caller, of the first line outside of the package."""
-    level, frame = 1, sys._getframe(1)
-    package = __name__.partition(".")[0]
-    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == package:
-        level, frame = level + 1, frame.f_back
-    return level
 
 
 def window(scene: Scene, width: int, height: int) -> Image:
