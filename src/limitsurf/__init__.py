@@ -12,7 +12,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from limitsurf.exact.scheme import Scheme as Scheme
     from limitsurf.mesh import Mesh as Mesh
     from limitsurf.mesh import MeshError as MeshError
     from limitsurf.query import (
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from limitsurf.refine import (
         refined as refined,
     )
+    from limitsurf.scheme.scheme import Scheme as Scheme
     from limitsurf.shell.io import (
         from_pyvista as from_pyvista,
     )
@@ -90,7 +90,7 @@ _HOME = {
     "MeshError": "mesh",
     "Picture": "shell.plot",
     "RefinedMesh": "refine",
-    "Scheme": "exact.scheme",
+    "Scheme": "scheme.scheme",
     "Tessellation": "query",
     "eigenbasis": "spectra",
     "from_pyvista": "shell.io",

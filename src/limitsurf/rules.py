@@ -18,7 +18,7 @@ from limitsurf.mesh import Fans, Mesh
 from limitsurf.topology import MeshPart
 
 if TYPE_CHECKING:
-    from limitsurf.exact.scheme import Scheme
+    from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
 Rationals: TypeAlias = Digits | Objects
