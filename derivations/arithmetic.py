@@ -50,10 +50,11 @@ from mpmath import mp, mpf
 from sympy import I, Matrix, Rational, Symbol, cos, diag, exp, expand, simplify, sin, symbols
 
 from limitsurf._kernels import reference as kernels
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
 from limitsurf.exact.fixed import BITS, product
-from limitsurf.exact.matrices import Sector, subdivision_matrix
+from limitsurf.exact.matrices import subdivision_matrix
 from limitsurf.exact.ring import fourier_ring
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.sector import Sector
 from limitsurf.tables import eigen_table
 
 EPS = Fraction(1, 2**53)

@@ -51,8 +51,9 @@ from sympy import QQ, Poly, Rational, expand, factor_list, symbols
 from sympy.polys.fields import field
 from sympy.polys.matrices import DomainMatrix
 
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
-from limitsurf.exact.matrices import Sector, grid_index, subdivision_matrix
+from limitsurf.exact.matrices import grid_index, subdivision_matrix
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.sector import Sector
 
 # %% [markdown]
 # ## 1. Regular places

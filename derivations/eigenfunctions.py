@@ -51,8 +51,10 @@ from sympy import QQ, Matrix, Rational, expand, sqrt, symbols
 from sympy.polys.matrices import DomainMatrix
 
 import limitsurf as ls
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
-from limitsurf.exact.matrices import PIECES, Sector, grid_index, subdivision_matrix
+from limitsurf.exact.matrices import grid_index, subdivision_matrix
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.lattice import QUADS
+from limitsurf.scheme.sector import Sector
 
 S, T, t = symbols("S T t")
 
@@ -112,6 +114,7 @@ def rational(matrix):
     return DomainMatrix.from_Matrix(matrix).convert_to(QQ)
 
 
+PIECES = tuple(piece.origin for piece in QUADS.pieces)
 assert PIECES == ((1, 0), (1, 1), (0, 1))
 for faces in (3, 4, 5, 12):
     corner = Corner("interior", faces)

@@ -57,8 +57,9 @@ from sympy import (
 )
 from sympy.polys.matrices import DomainMatrix
 
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
-from limitsurf.exact.matrices import Sector, subdivision_matrix
+from limitsurf.exact.matrices import subdivision_matrix
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.sector import Sector
 
 N, s = symbols("N s", positive=True)
 lam, mu = symbols("lambda mu")

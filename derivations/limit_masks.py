@@ -49,9 +49,10 @@ from sympy import (
     symbols,
 )
 
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
-from limitsurf.exact.matrices import Sector, subdivision_matrix
+from limitsurf.exact.matrices import subdivision_matrix
 from limitsurf.exact.ring import limit_mask
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.sector import Sector
 
 N, s = symbols("N s", positive=True)
 

@@ -40,7 +40,7 @@ from itertools import product
 from sympy import Matrix, Rational, Symbol, binomial, expand, symbols
 
 from limitsurf._kernels.reference import cubic_weights, exact
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 
 # %% [markdown]
 # ## 1. One variable: the two-scale relation

@@ -47,7 +47,7 @@ import numpy as np
 from sympy import Rational, Symbol, cos, expand, pi, simplify, symbols
 
 import limitsurf as ls
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 
 n = Symbol("n", positive=True)
 

@@ -58,8 +58,9 @@ from sympy import (
 )
 from sympy.polys.matrices import DomainMatrix
 
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
-from limitsurf.exact.matrices import Sector, subdivision_matrix
+from limitsurf.exact.matrices import subdivision_matrix
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.sector import Sector
 
 HALF, FOURTH, EIGHTH, SIXTEENTH = (Rational(1, 2**n) for n in (1, 2, 3, 4))
 lam = Symbol("lambda")

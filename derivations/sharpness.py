@@ -52,9 +52,9 @@ import numpy as np
 from sympy import Matrix, Rational, binomial, expand, symbols
 
 import limitsurf as ls
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
 from limitsurf.exact.creases import CHAIKIN, strip_pieces
 from limitsurf.patches import STRIP
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 
 HALF, EIGHTH = Rational(1, 2), Rational(1, 8)
 t, w = symbols("t w")

@@ -53,8 +53,9 @@ from sympy import (
     together,
 )
 
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
-from limitsurf.exact.matrices import Sector, subdivision_matrix
+from limitsurf.exact.matrices import subdivision_matrix
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.sector import Sector
 
 # %% [markdown]
 # ## 1. The ring

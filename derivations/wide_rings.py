@@ -36,10 +36,11 @@ from fractions import Fraction
 import numpy as np
 from sympy import Matrix, Rational, cos, expand, sqrt, symbols
 
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
-from limitsurf.exact.matrices import Sector, grid_index, subdivision_matrix
-from limitsurf.exact.sectors import folded, limit_weights, orbits
+from limitsurf.exact.matrices import grid_index, subdivision_matrix
+from limitsurf.exact.sectors import folded, limit_weights, mirrored
 from limitsurf.exact.wide import Weights, dart_limit, rounded_dart_limit, slowest_waves
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.sector import Sector
 
 # %% [markdown]
 # ## 1. A patch that follows its ring
@@ -286,7 +287,7 @@ for faces in range(2, 12):
 # %%
 for faces in (9, 20, 66, 120):
     matrix = subdivision_matrix(CATMULL_CLARK, Sector("dart", faces))
-    block = np.array(folded(matrix, orbits(faces)), dtype=float)
+    block = np.array(folded(matrix, mirrored(matrix.sector)), dtype=float)
     values = np.sort(np.linalg.eigvals(block).real)[::-1]
     edges, around = slowest_waves(CATMULL_CLARK, "dart", faces)
     w = Weights.of(CATMULL_CLARK, faces)

@@ -53,7 +53,8 @@ WICKED: dict[str, dict[str, Any]] = {
 
 def _wrong_chaikin() -> None:
     """Its two shares the other way round."""
-    tables.chaikin_weights = lambda dtype: tables._numbers([Fraction(1, 4), Fraction(3, 4)], dtype)
+    shares = [Fraction(1, 4), Fraction(3, 4)]
+    tables.chaikin_weights = lambda dtype: tables.masks.numbers(shares, dtype)
 
 
 def _wrong_edge_blend() -> None:

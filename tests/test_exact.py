@@ -20,9 +20,10 @@ import limitsurf as ls
 from limitsurf import tables
 from limitsurf.exact import spectrum
 from limitsurf.exact.fixed import BITS, UnsupportedSpectrum
-from limitsurf.exact.matrices import Sector, subdivision_matrix
+from limitsurf.exact.matrices import subdivision_matrix
 from limitsurf.exact.ring import limit_mask, ring_generators
 from limitsurf.exact.symbolic import SymbolicBasis
+from limitsurf.scheme.sector import Sector
 
 CATMULL_CLARK = tables.SCHEMES["catmull-clark"]
 ONE = 1 << BITS

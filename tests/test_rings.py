@@ -101,7 +101,8 @@ def test_against_eigenbases(kind, monkeypatch):
     face, u, v = face[shallow], u[shallow], v[shallow]
     answers = []
     for most in (tables.MOST_FACES, 8):
-        monkeypatch.setattr(tables, "MOST_FACES", most)
+        for module in (tables, tables.masks):
+            monkeypatch.setattr(module, "MOST_FACES", most)
         surface = ls.LimitSurface(mesh)
         assert bool(surface.patches.rings) == (most == 8)
         curvature = surface.curvature(face, u, v)

@@ -28,10 +28,11 @@ from sympy.polys.matrices import DomainMatrix
 import limitsurf as ls
 from limitsurf import tables
 from limitsurf.exact.fixed import BITS, UnsupportedSpectrum
-from limitsurf.exact.matrices import KINDS, Sector, subdivision_matrix
+from limitsurf.exact.matrices import subdivision_matrix
 from limitsurf.exact.sectors import limit_weights
 from limitsurf.exact.spectrum import dense_basis, spectrum
 from limitsurf.exact.symbolic_sectors import SectorBasis
+from limitsurf.scheme.sector import KINDS, Sector
 
 CATMULL_CLARK = tables.SCHEMES["catmull-clark"]
 ONE = 1 << BITS
@@ -1103,8 +1104,8 @@ def test_symbolic_basis_of_a_dart_refuses_a_double_eigenvalue():
 def cache(tmp_path, monkeypatch):
     directory = tmp_path / "cache"
     monkeypatch.setenv("LIMITSURF_CACHE_DIR", str(directory))
-    monkeypatch.setattr(tables, "_memory", {})
-    monkeypatch.setattr(tables, "SHIPPED", tmp_path / "nothing")
+    monkeypatch.setattr(tables.cache, "_memory", {})
+    monkeypatch.setattr(tables.cache, "SHIPPED", tmp_path / "nothing")
     return directory
 
 
@@ -1126,9 +1127,9 @@ def test_files_are_read_back(cache, monkeypatch, sector):
     table = tables.eigen_table(CATMULL_CLARK, sector)
     written = files(cache)
     assert len(written) == (1 if sector.kind == "cone" else 2)
-    monkeypatch.setattr(tables, "_memory", {})
-    monkeypatch.setattr(tables, "_derive", None)
-    monkeypatch.setattr(tables, "_derive_ring", None)
+    monkeypatch.setattr(tables.cache, "_memory", {})
+    monkeypatch.setattr(tables.cache, "_derive", None)
+    monkeypatch.setattr(tables.cache, "_derive_ring", None)
     again = tables.eigen_table(CATMULL_CLARK, sector)
     assert content(again) == content(table)
     assert again.provenance == table.provenance
@@ -1151,7 +1152,7 @@ def test_positions_share_their_ring(cache, monkeypatch):
     first, second = (tables.eigen_table(CATMULL_CLARK, Sector("crease", 3, p)) for p in (0, 2))
     assert first.ring is second.ring
     assert len(files(cache)) == 3
-    monkeypatch.setattr(tables, "_memory", {})
+    monkeypatch.setattr(tables.cache, "_memory", {})
     assert content(tables.eigen_table(CATMULL_CLARK, Sector("crease", 3, 2))) == content(second)
 
 
@@ -1183,7 +1184,7 @@ def test_wrong_files_are_replaced(cache, monkeypatch, sector):
         others = foreign + [content for key, content in right.items() if key != name]
         for bytes_ in wrong(right[name], others):
             (cache / name).write_bytes(bytes_)
-            monkeypatch.setattr(tables, "_memory", {})
+            monkeypatch.setattr(tables.cache, "_memory", {})
             assert content(tables.eigen_table(CATMULL_CLARK, sector)) == content(table)
             assert files(cache) == right
 

@@ -22,8 +22,8 @@ import pytest
 import limitsurf as ls
 from limitsurf import disk_cache, tables
 from limitsurf.exact.fixed import BITS
-from limitsurf.exact.matrices import Sector
 from limitsurf.exact.spectrum import dense_basis, spectrum
+from limitsurf.scheme.sector import Sector
 
 CATMULL_CLARK = tables.SCHEMES["catmull-clark"]
 ARRAYS = [field.name for field in dataclasses.fields(tables.EigenTable) if field.type == "Array"]
@@ -32,7 +32,7 @@ RINGS = {
     kind: [field.name for field in dataclasses.fields(kind)]
     for kind in (tables.FourierRing, tables.DenseRing)
 }
-PACKAGE = Path(tables.__file__).parent
+PACKAGE = Path(tables.__file__).parents[1]
 
 
 def lazy_vertex(valence):
@@ -63,7 +63,7 @@ def cache(tmp_path, monkeypatch):
 
 def forget(monkeypatch):
     """Be as a new process."""
-    monkeypatch.setattr(tables, "_memory", {})
+    monkeypatch.setattr(tables.cache, "_memory", {})
 
 
 def start(code, *arguments, **environment):
@@ -292,7 +292,7 @@ def test_shipped_tables_need_neither_symbols_nor_digits_nor_a_cache(cache):
 
 
 def test_shipped_table_that_is_damaged_is_not_believed(cache, tmp_path, monkeypatch):
-    monkeypatch.setattr(tables, "SHIPPED", tmp_path)
+    monkeypatch.setattr(tables.cache, "SHIPPED", tmp_path)
     for name, content in files(PACKAGE / "_data" / "tables").items():
         damaged = bytearray(content)
         damaged[len(content) // 2] ^= 1
@@ -547,14 +547,14 @@ def test_a_flipped_bit_anywhere_is_noticed(cache, good, monkeypatch):
     cache.mkdir()
     arrays = {stored: getattr(table, name) for stored, name in zip(STORED, ARRAYS, strict=True)}
     arrays |= {name: getattr(table.ring, name) for name in RINGS[tables.FourierRing]}
-    monkeypatch.setattr(tables, "_derive", lambda *_: dict(arrays))
+    monkeypatch.setattr(tables.cache, "_derive", lambda *_: dict(arrays))
     wrong = {}
     for region, offset in regions(right).items():
         for bit in (0, 3, 6):
             content = bytearray(right)
             content[offset] ^= 1 << bit
             (cache / name).write_bytes(content)
-            tables._memory.clear()
+            tables.cache._memory.clear()
             try:
                 assert same(eigen_table(LAZY, 3), table)
                 if files(cache) != {name: right}:
@@ -718,7 +718,7 @@ def test_any_wrong_file_of_a_sector_is_replaced(cache, monkeypatch, sector):
     right = tables.eigen_table(CATMULL_CLARK, sector)
     content = files(cache)
     random = np.random.default_rng(0)
-    monkeypatch.setattr(tables, "_derive", derived := counted(tables._derive))
+    monkeypatch.setattr(tables.cache, "_derive", derived := counted(tables.cache._derive))
     for name, good in content.items():
         for array in sorted(set(unzipped(good)) - {"key.json"}):
             wrong = np.lib.format.read_array(io.BytesIO(unzipped(good)[array]))

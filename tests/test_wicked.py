@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import limitsurf as ls
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 
 TESTS = Path(__file__).parent
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from limitsurf.bezier import (
         bezier_patches as bezier_patches,
     )
-    from limitsurf.exact.scheme import Scheme as Scheme
     from limitsurf.mesh import Mesh as Mesh
     from limitsurf.mesh import MeshError as MeshError
     from limitsurf.query import (
@@ -42,6 +41,7 @@ if TYPE_CHECKING:
     from limitsurf.refine import (
         refined as refined,
     )
+    from limitsurf.scheme.scheme import Scheme as Scheme
     from limitsurf.shell.io.by_suffix import (
         read as read,
     )
@@ -101,7 +101,7 @@ _HOME = {
     "MeshError": "mesh",
     "Picture": "shell.plot.plots",
     "RefinedMesh": "refine",
-    "Scheme": "exact.scheme",
+    "Scheme": "scheme.scheme",
     "Tessellation": "query",
     "bezier_patches": "bezier",
     "eigenbasis": "spectra",

@@ -22,7 +22,7 @@ from limitsurf.caching import cached_property
 from limitsurf.patches import OUTER, REGULAR, STRIP, PatchTable
 
 if TYPE_CHECKING:
-    from limitsurf.exact.scheme import Scheme
+    from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
 Order: TypeAlias = tuple[int, int]

@@ -22,7 +22,7 @@ from limitsurf.patches import REGULAR, STRIP, PatchTable
 
 if TYPE_CHECKING:
     from limitsurf._kernels import evaluation, grids, rows
-    from limitsurf.exact.scheme import Scheme
+    from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
 

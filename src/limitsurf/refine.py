@@ -30,7 +30,7 @@ from limitsurf.topology import (
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from limitsurf.exact.scheme import Scheme
+    from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
 

@@ -19,7 +19,7 @@ from limitsurf.numbers import NumberType
 from limitsurf.topology import MeshPart
 
 if TYPE_CHECKING:
-    from limitsurf.exact.scheme import Scheme
+    from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
 Rationals: TypeAlias = Digits | Objects

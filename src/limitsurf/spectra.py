@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from limitsurf.caching import cached_property
-from limitsurf.exact.matrices import Sector
-from limitsurf.exact.scheme import Scheme
+from limitsurf.scheme.scheme import Scheme
+from limitsurf.scheme.sector import Sector
 from limitsurf.tables import eigen_table, find_scheme
 
 if TYPE_CHECKING:
@@ -164,4 +164,5 @@ def eigenbasis(
         if not isinstance(value, (int, np.integer)) or isinstance(value, bool):
             raise ValueError(f"the {name} is an integer, got {value!r}")
     assert number is not None
-    return Eigenbasis(find_scheme(scheme), Sector(kind, int(number), int(position)))
+    scheme = find_scheme(scheme)
+    return Eigenbasis(scheme, scheme.sector(kind, int(number), int(position)))

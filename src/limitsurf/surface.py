@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from limitsurf._kernels.evaluation import Points
-    from limitsurf.exact.scheme import Scheme
+    from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
 Numbers: TypeAlias = ArrayLike | Fraction | Sequence[Fraction]

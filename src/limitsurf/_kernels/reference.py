@@ -134,42 +134,43 @@ def scale_by_two(x: Array, n: Array) -> Array:
 def ring_coefficients(
     ring: Array, frequency: Array, parity: Array, left: Array, half_turn: Array
 ) -> Array:
-    """Coefficients (P, modes, d) of ring points (P, 2 N + 1, d) in a Fourier eigenbasis.
+    """Coefficients (P, modes, d) of ring points (P, ring, d) in a Fourier eigenbasis.
 
-    Point 0 is the vertex, then come edge neighbour j at angle (j - 1/2) theta and face corner j at
-    j theta, theta = 2 pi frequency / N. A mode has `left` weights (modes, 3) for vertex, edges and
-    faces, times the cosine (parity 0) or sine. `half_turn` (2, N // 2 + 1) holds the cosine and
-    sine of theta / 2 by frequency.
+    Point 0 is the vertex, then come edge neighbour j at angle (j - 1/2) theta and, if there are
+    any, face corner j at j theta, theta = 2 pi frequency / N. A mode has `left` weights
+    (modes, 3 or 2) for vertex, edges and faces, times the cosine (parity 0) or sine. `half_turn`
+    (2, N // 2 + 1) holds the cosine and sine of theta / 2 by frequency.
     """
     turn = (half_turn[0] + 1j * half_turn[1])[:, None]
-    edges = np.fft.rfft(ring[:, 1::2], axis=1) * turn
-    faces = np.fft.rfft(ring[:, 2::2], axis=1)
+    stride = left.shape[1] - 1
     sine = (parity == 1)[:, None]
     result = np.zeros((len(ring), len(left), ring.shape[2]))
-    for waves, weights in ((edges, left[:, 1]), (faces, left[:, 2])):
-        waves = waves[:, frequency]
-        result += np.where(sine, -waves.imag, waves.real) * weights[:, None]
+    for k in range(1, 1 + stride):
+        waves = np.fft.rfft(ring[:, k::stride], axis=1)
+        waves = (waves * turn if k == 1 else waves)[:, frequency]
+        result += np.where(sine, -waves.imag, waves.real) * left[:, k, None]
     return np.asarray(result + ring[:, :1] * left[:, :1])
 
 
 def ring_weights(
     rows: Array, frequency: Array, parity: Array, left: Array, half_turn: Array, valence: int
 ) -> Array:
-    """Weights (Q, 2 N + 1) of ring points from weights (Q, modes) of their coefficients.
+    """Weights (Q, ring) of ring points from weights (Q, modes) of their coefficients.
 
     The transpose of `ring_coefficients`.
     """
-    result = np.empty((len(rows), 2 * valence + 1))
+    stride = left.shape[1] - 1
+    result = np.empty((len(rows), stride * valence + 1))
     result[:, 0] = rows @ left[:, 0]
     # conjugate amplitudes by frequency; a real transform counts those between 0 and N / 2 twice
     last = valence // 2
     factor = np.where(parity == 1, -1j, 1) * valence
     factor = np.where((frequency == 0) | (2 * frequency == valence), factor, factor / 2)
     turn = half_turn[0] - 1j * half_turn[1]
-    for k, phase in ((1, turn), (2, np.ones(last + 1))):
+    for k, phase in ((1, turn), (2, np.ones(last + 1)))[:stride]:
         amplitude = np.zeros((last + 1, len(rows)), dtype=complex)
         np.add.at(amplitude, frequency, (rows * (left[:, k] * factor)).T)
-        result[:, k::2] = np.fft.irfft(amplitude.T * phase, n=valence, axis=1)
+        result[:, k::stride] = np.fft.irfft(amplitude.T * phase, n=valence, axis=1)
     return result
 
 

@@ -25,11 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.exact.fixed import EQUAL, diverging, mp, to_mpf
-from limitsurf.exact.matrices import Sector, subdivision_matrix
+from limitsurf.exact.matrices import subdivision_matrix
 from limitsurf.exact.ring import centre_mask
-from limitsurf.exact.scheme import Scheme
 from limitsurf.exact.sectors import folded, orbits
 from limitsurf.exact.wide import Weights, dart_factor, wide_dart_values
+from limitsurf.scheme.scheme import Scheme
+from limitsurf.scheme.sector import Sector
 
 Array = NDArray[Any]
 

@@ -38,18 +38,12 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from limitsurf.exact.scheme import Scheme
+from limitsurf.scheme.scheme import Scheme
 
 INFINITE = 10
 CHAIKIN = (Fraction(3, 4), Fraction(1, 4))
 
 Matrix = tuple[tuple[Fraction, ...], ...]
-
-# power basis of the uniform cubic B-spline: coefficients of t^k by control point
-POWERS = tuple(
-    tuple(Fraction(x, 6) for x in row)
-    for row in ((1, 4, 1, 0), (-3, 0, 3, 0), (3, -6, 3, 0), (-1, 3, -3, 1))
-)
 
 
 def strip_pieces(scheme: Scheme, depth: int, share: Fraction) -> tuple[Matrix, ...]:
@@ -89,9 +83,9 @@ def strip_pieces(scheme: Scheme, depth: int, share: Fraction) -> tuple[Matrix, .
             (zero, zero, half, half),
         )
         refined = _product(step, rows)
-        pieces.append(_product(POWERS, refined[1:]))
+        pieces.append(_product(scheme.spline.curve, refined[1:]))
         rows = refined[:4]
-    return (*pieces, _product(POWERS, rows))
+    return (*pieces, _product(scheme.spline.curve, rows))
 
 
 def _product(left: Matrix, right: Matrix) -> Matrix:

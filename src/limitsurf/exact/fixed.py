@@ -70,8 +70,11 @@ def reduced(matrix: list[list[Fraction]]) -> list[list[Fraction]]:
     return rows
 
 
-def to_mpf(x: Fraction) -> Any:
-    return mp.mpf(x.numerator) / x.denominator
+def to_mpf(x: Any) -> Any:
+    """A Fraction, or an algebraic number of sympy, to all digits of `mp`."""
+    if isinstance(x, Fraction):
+        return mp.mpf(x.numerator) / x.denominator
+    return mp.mpf(x.evalf(mp.dps + 10)._mpf_)
 
 
 def to_fixed(values: Any) -> Fixed:

@@ -1,16 +1,7 @@
-"""Subdivision matrices around special corners, built from the masks.
+r"""Subdivision matrices around special corners, built from the masks.
 
-A `Sector` is what the faces at a vertex form between infinitely sharp edges. The control points
-that determine the limit on one of its quads (Stam 1998, section 3) are numbered
-
-* 0: the vertex; ``1 + 2 j`` and ``2 + 2 j``: its edge neighbour ``e_j`` and the opposite corner
-  ``f_j`` of its face ``j``, counter-clockwise, in open sectors then ``e_k``, and where the vertex
-  is carried by a crease beside the sector last ``m``, halfway between its neighbours on that
-  crease: the ring;
-* then the outer points at the grid positions `Sector.outer`.
-
-Grid positions ``(i, j)`` count points along u and v; the quad, face p of the sector, lies between
-(1, 1), the vertex, and (2, 2)::
+Control points are those of a `Sector`. The face that is looked at, number p, has the vertex at the
+place (1, 1) of the lattice. In quads::
 
     j=3   (0,3)---(1,3)---(2,3)---(3,3)
             |       |       |       |
@@ -20,10 +11,20 @@ Grid positions ``(i, j)`` count points along u and v; the quad, face p of the se
             :       |       |       |
             :    e_p-1 -- f_p-1 --(3,0)
 
+and in triangles::
+
+    j=3   (0,3)---(1,3)
+            |   \   |   \
+    j=2  e_p+2 -- e_p+1 --(2,2)
+            :   \   |face\   |   \
+    j=1     :.......0 ---- e_p ---(3,1)
+                    :   \   |   \   |
+                    :.... e_p-1 --(3,0)
+
 Where the edge along u (or v) is sharp, what lies beyond it has no influence, and the points with
 j = 0 (i = 0) are left out. One step of refinement gives the same configuration at half the size,
-and more points beyond it (`Sector.beyond`), from which the three regular pieces of the quad take
-their 16 control points; those beyond a sharp edge are reflections at it.
+and more points beyond it (`Sector.beyond`), from which the regular pieces of the face take their
+control points; those beyond a sharp edge are reflections at it.
 """
 
 from __future__ import annotations
@@ -33,117 +34,12 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-from limitsurf.caching import cached_property
-from limitsurf.exact.scheme import Scheme
+from limitsurf.scheme.lattice import Place
+from limitsurf.scheme.scheme import Scheme
+from limitsurf.scheme.sector import Sector
 
-KINDS = ("cone", "corner", "crease", "dart", "interior", "flap", "pendant")
-_OUTER = ((3, 0), (3, 1), (3, 2), (3, 3), (2, 3), (1, 3), (0, 3))
-_BEYOND = ((4, 0), (4, 1), (4, 2), (4, 3), (4, 4), (3, 4), (2, 4), (1, 4), (0, 4))
-# lower left grid position of the 4 x 4 control points of each piece: (s > 1/2, t < 1/2), both
-# above, (s < 1/2, t > 1/2)
-PIECES = ((1, 0), (1, 1), (0, 1))
-
-Row = dict[int, Fraction]
-Place = tuple[int, int]
-
-
-@dataclass(frozen=True)
-class Sector:
-    """A special corner: what surrounds a vertex, and which of its faces is looked at.
-
-    Attributes
-    ----------
-    kind : str
-        "interior", a smooth vertex; "cone", a sharp one amid smooth faces; "dart", the end of one
-        sharp edge, which is ``e_0``; "crease" and "corner", the faces between two sharp edges
-        ``e_0`` and ``e_k`` at a vertex that follows the curve through them, or stays; "pendant" and
-        "flap", a cone and a corner whose vertex, instead of staying, is carried by a crease that
-        does not bound them: of a flap ``e_0`` and ``e_k`` are one edge of that crease.
-    faces : int
-        Their number, N or k.
-    position : int
-        The face looked at, 0 to ``faces - 1``; 0 for interior vertices, cones and pendants, whose
-        faces are all alike.
-    """
-
-    kind: str
-    faces: int
-    position: int = 0
-
-    def __post_init__(self) -> None:
-        least = 1 if self.open else 2
-        if self.kind not in KINDS:
-            raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
-        if self.faces < least:
-            what = "the valence of an interior vertex" if least == 2 else "the number of faces"
-            raise ValueError(f"{what} is at least {least}, got {self.faces}")
-        last = 0 if self.alike else self.faces - 1
-        if not 0 <= self.position <= last:
-            raise ValueError(f"position must be 0 to {last}, got {self.position}")
-
-    @property
-    def open(self) -> bool:
-        """Whether the ring has two ends."""
-        return self.kind in ("crease", "corner", "flap")
-
-    @property
-    def alike(self) -> bool:
-        """Whether all faces see the same."""
-        return self.kind in ("interior", "cone", "pendant")
-
-    @property
-    def carried(self) -> bool:
-        """Whether the vertex follows a crease that does not bound the sector."""
-        return self.kind in ("flap", "pendant")
-
-    @property
-    def takes_vertex_mask(self) -> bool:
-        """Whether the vertex follows the scheme's mask of a smooth vertex of so many faces."""
-        return self.kind in ("interior", "dart")
-
-    @property
-    def place(self) -> str:
-        """What and where it is, in words."""
-        if self.kind == "interior":
-            return f"interior valence {self.faces}"
-        return f"a {self.kind} of {self.faces} faces" + (
-            f", face {self.position}" if self.position else ""
-        )
-
-    @property
-    def still(self) -> Sector:
-        """The cone or corner that a pendant or flap would be if its vertex stayed."""
-        return Sector("corner" if self.open else "cone", self.faces, self.position)
-
-    @property
-    def sharp_sides(self) -> tuple[bool, bool]:
-        """Whether the edges along u and along v are sharp."""
-        ends = self.open or self.kind == "dart"
-        return ends and self.position == 0, ends and self.position == self.faces - 1
-
-    @property
-    def ring(self) -> int:
-        """Number of points of the ring."""
-        return 2 * self.faces + 1 + self.open + self.carried
-
-    def _kept(self, places: tuple[Place, ...]) -> tuple[Place, ...]:
-        along_u, along_v = self.sharp_sides
-        return tuple((i, j) for i, j in places if (j or not along_u) and (i or not along_v))
-
-    @cached_property
-    def outer(self) -> tuple[Place, ...]:
-        """Grid positions of the outer control points."""
-        return self._kept(_OUTER)
-
-    @cached_property
-    def beyond(self) -> tuple[Place, ...]:
-        """Grid positions of the refined points that are no refined control points."""
-        return self._kept(_BEYOND)
-
-    @property
-    def size(self) -> int:
-        """Number K of control points."""
-        return self.ring + len(self.outer)
+# weights by point: Fractions, in the row of the vertex perhaps algebraic numbers of sympy
+Row = dict[int, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +53,8 @@ class SubdivisionMatrix:
         Rows over K columns: the refined configuration, then the points beyond it, then their
         reflections. The first K rows are the square subdivision matrix A.
     pieces : tuple of tuple of int
-        (3, 16): the rows that are the control points of each regular piece, index ``4 j + i`` for
-        the ``i``-th along u and ``j``-th along v.
+        (pieces, points): the rows that are the control points of each regular piece, in the order
+        of the lattice's `pieces` and `template`.
     """
 
     sector: Sector
@@ -172,154 +68,186 @@ class SubdivisionMatrix:
 
 
 def grid_index(sector: Sector) -> dict[Place, int]:
-    """Map grid position to control point, those beyond included; (0, 0) has none at valence 4."""
-    p, n = sector.position, sector.faces
-
-    def e(j: int) -> int:
-        return 1 + 2 * (j if sector.open else j % n)
-
-    def f(j: int) -> int:
-        return 2 + 2 * (j % n)
-
-    ring = {(1, 1): 0, (2, 1): e(p), (2, 2): f(p), (1, 2): e(p + 1)}
-    along_u, along_v = sector.sharp_sides
-    if not along_u:
-        ring |= {(1, 0): e(p - 1), (2, 0): f(p - 1)}
-    if not along_v:
-        ring |= {(0, 2): f(p + 1), (0, 1): e(p + 2)}
+    """Map places to control points, those beyond included; the ring's on three faces at most."""
+    lattice, (along_u, along_v) = sector.lattice, sector.sharp_sides
+    stride, at = len(lattice.orbits), {(1, 1): 0}
+    for step, place in lattice.ring:
+        if (step >= 0 or not along_u) and (step <= stride or not along_v):
+            turn = stride * sector.position + step
+            at[place] = 1 + (turn if sector.open else turn % (stride * sector.faces))
     places = sector.outer + sector.beyond
-    return ring | {place: sector.ring + k for k, place in enumerate(places)}
+    return at | {place: sector.ring + k for k, place in enumerate(places)}
 
 
 def subdivision_matrix(scheme: Scheme, sector: Sector, number: Any = Fraction) -> SubdivisionMatrix:
-    """Build the matrix of one refinement step around a special corner, in Fractions or floats.
+    """Build the matrix of one refinement step around a special corner, exactly or in floats.
 
     The local cage is refined by the scheme's own rules; nothing but its connectivity is typed.
     See ``derivations/subdivision_matrix.py`` and ``derivations/sectors.py``.
     """
+    if sector.lattice is not scheme.lattice:
+        raise ValueError(
+            f"scheme {scheme.name!r} is of {scheme.lattice.name}, not of {sector.lattice.name}"
+        )
     # a scheme's masks are code: what is cached depends on their values
-    own: tuple[Fraction, ...] = (Fraction(1), Fraction(0), Fraction(0))
-    if sector.takes_vertex_mask:
-        own = scheme.vertex_mask(sector.faces)
-    curve = (scheme.boundary_edge, *scheme.boundary_vertex)
-    masks = scheme.face_mask(4), scheme.edge, scheme.vertex_mask(4), own, curve
-    return _built(sector, number, *(tuple(map(number, mask)) for mask in masks))
+    regular, smooth = scheme.lattice.valence, sector.takes_vertex_mask
+    masks = {
+        "face": scheme.face_mask(scheme.lattice.face_size),
+        "edge": scheme.edge_mask(regular, regular),
+        # of edges at the vertex, from it
+        "spoke": scheme.edge_mask(sector.faces if smooth else regular, regular),
+        "regular": scheme.vertex_mask(regular),
+        "own": scheme.vertex_mask(sector.faces) if smooth else (),
+        "curve": (scheme.boundary_edge, *scheme.boundary_vertex),
+    }
+    exact = number is Fraction
+    values = tuple(tuple(w if exact else number(w) for w in mask) for mask in masks.values())
+    return _built(sector, number, values)
 
 
 @lru_cache(maxsize=256)
-def _built(
-    sector: Sector,
-    number: Any,
-    corner_weights: tuple[Fraction, ...],
-    edge: tuple[Fraction, ...],
-    regular: tuple[Fraction, ...],
-    special: tuple[Fraction, ...],
-    curve: tuple[Fraction, ...],
-) -> SubdivisionMatrix:
-    at = grid_index(sector)
-    n = sector.faces
-    along_u, along_v = sector.sharp_sides
-    zero = number(0)
+def _built(sector: Sector, number: Any, values: tuple[tuple[Any, ...], ...]) -> SubdivisionMatrix:
+    lattice, cage = sector.lattice, _LocalCage(sector, number, *values)
+    rows = cage.ring_points()
+    rows += [cage.point(place) for place in sector.outer + sector.beyond]
+    # beyond a sharp edge along u, and, with i and j exchanged, along v
+    taken = [[piece.place(near) for near in lattice.template] for piece in lattice.pieces]
+    at = cage.at
+    for swap, sharp in enumerate(sector.sharp_sides):
+        lost = {_exchanged(place, swap) for places in taken for place in places if sharp}
+        for i, j in sorted(place for place in lost if place[1] == 0):
+            near = [_exchanged((i + x, j + y), swap) for _, (x, y) in lattice.reflection]
+            terms = [(w, rows[at[p]]) for (w, _), p in zip(lattice.reflection, near, strict=True)]
+            at[_exchanged((i, j), swap)] = len(rows)
+            rows.append(cage.combined(terms))
+    pieces = tuple(tuple(at[place] for place in places) for places in taken)
+    return SubdivisionMatrix(sector, tuple(rows), pieces)
 
-    def quad(i: int, j: int) -> tuple[int, ...]:
-        return at[i, j], at[i + 1, j], at[i + 1, j + 1], at[i, j + 1]
 
-    last = n + 1 if sector.open else n
-    ring_faces = [(0, 1 + 2 * j, 2 + 2 * j, 1 + 2 * ((j + 1) % last)) for j in range(n)]
-    beside_u = () if along_u else ((2, 0),)
-    beside_v = () if along_v else ((0, 2),)
-    outer_faces = {place: quad(*place) for place in (*beside_u, (2, 1), (2, 2), (1, 2), *beside_v)}
-    faces = ring_faces + list(outer_faces.values())
-    face_of_edge: dict[frozenset[int], list[int]] = {}
-    faces_of_vertex: dict[int, list[int]] = {}
-    for k, face in enumerate(faces):
-        for corner, after in zip(face, face[1:] + face[:1], strict=True):
-            face_of_edge.setdefault(frozenset((corner, after)), []).append(k)
-            faces_of_vertex.setdefault(corner, []).append(k)
-    # sharp edges: both ends of an open ring, that of a dart, and what continues them
-    sharp = {frozenset((0, 1)), frozenset((0, 1 + 2 * n))} if sector.open else set()
-    if sector.kind == "dart":
-        sharp = {frozenset((0, 1))}
-    sharp |= {frozenset((at[2, 1], at[3, 1]))} if along_u else set()
-    sharp |= {frozenset((at[1, 2], at[1, 3]))} if along_v else set()
+def _exchanged(place: Place, swap: int) -> Place:
+    """The place, or with swap that across the diagonal."""
+    return place[::-1] if swap else place
 
-    def combine(*terms: tuple[Fraction, Row]) -> Row:
+
+class _LocalCage:
+    """The points that a step makes around a special corner, as rows over the control points.
+
+    Those of the ring are named by their numbers, the others by places: where few faces surround the
+    vertex one point can have several.
+    """
+
+    def __init__(self, sector: Sector, number: Any, *masks: tuple[Any, ...]) -> None:
+        self.sector, self.lattice, self.number = sector, sector.lattice, number
+        self.face, self.edge, self.spoke, self.regular, self.own, self.curve = masks
+        self.at = grid_index(sector)
+
+    def combined(self, terms: list[tuple[Any, Row]]) -> Row:
+        """A sum of rows."""
         total: Row = {}
         for weight, row in terms:
             for column, value in row.items():
-                total[column] = total.get(column, zero) + weight * value
+                total[column] = total.get(column, self.number(0)) + weight * value
         return {column: value for column, value in sorted(total.items()) if value}
 
-    one = [{k: number(1)} for k in range(sector.size)]
-    face_points = [
-        combine(*((w, one[v]) for w, v in zip(corner_weights, face, strict=True))) for face in faces
-    ]
+    def sum_of(self, weights: tuple[Any, ...], points: list[int]) -> Row:
+        """A sum of control points."""
+        one = self.number(1)
+        return self.combined([(w, {k: one}) for w, k in zip(weights, points, strict=True)])
 
-    def edge_point(a: int, b: int) -> Row:
-        if frozenset((a, b)) in sharp:
-            return combine((curve[0], one[a]), (curve[0], one[b]))
-        ends, across = edge
-        p, q = face_of_edge[frozenset((a, b))]
-        return combine(
-            (ends, one[a]), (ends, one[b]), (across, face_points[p]), (across, face_points[q])
-        )
+    # ---------------------------------------------------------------- the ring
 
-    def on_curve(v: int) -> Row:
-        neighbours = sorted({k for ends in sharp if v in ends for k in ends} - {v})
-        return combine((curve[1], one[v]), *((curve[2], one[k]) for k in neighbours))
+    def ring_points(self) -> list[Row]:
+        """The vertex, then the points of its edges and faces, then of the crease beside it."""
+        sector, half = self.sector, self.curve[0]
+        rows = [self._own_point()]
+        for j in range(sector.faces + sector.open):
+            edge = self._ring_face(j)[1] if j < sector.faces else self._ring_face(j - 1)[-1]
+            first = j == 0 and (sector.open or sector.kind == "dart")
+            if first or j == sector.faces:
+                rows.append(self.sum_of((half, half), [0, edge]))
+            else:
+                first_end, second_end, across = self.spoke
+                rows.append(
+                    self.combined(
+                        [
+                            (self.number(1), self.sum_of((first_end, second_end), [0, edge])),
+                            (across, self._across_spoke(j - 1, 1)),
+                            (across, self._across_spoke(j, -1)),
+                        ]
+                    )
+                )
+            if self.face and j < sector.faces:
+                rows.append(self.sum_of(self.face, self._ring_face(j)))
+        if sector.carried:
+            rows.append(self.sum_of((half, half), [0, sector.ring - 1]))
+        return rows
 
-    def vertex_point(v: int, mask: tuple[Fraction, ...]) -> Row:
-        own, neighbour, around = mask
-        neighbours = sorted({k for ends in face_of_edge if v in ends for k in ends} - {v})
-        return combine(
-            (own, one[v]),
-            *((neighbour, one[k]) for k in neighbours),
-            *((around, face_points[k]) for k in faces_of_vertex[v]),
-        )
+    def _ring_face(self, j: int) -> list[int]:
+        """Corners of face j of the ring."""
+        stride = len(self.lattice.orbits)
+        around = stride * self.sector.faces + self.sector.open
+        return [0, *(1 + (stride * j + k) % around for k in range(stride + 1))]
 
-    # refined points by refined grid position: vertex points at the corners of the quad, edge
-    # points between grid neighbours, face points in the quads between
-    e, f = at[2, 1], at[1, 2]
-    refined = {
-        (3, 1): on_curve(e) if along_u else vertex_point(e, regular),
-        (3, 3): vertex_point(at[2, 2], regular),
-        (1, 3): on_curve(f) if along_v else vertex_point(f, regular),
-    }
-    for place, (near, far) in {
-        (3, 0): ((2, 0), (2, 1)),
-        (3, 2): ((2, 1), (2, 2)),
-        (2, 3): ((1, 2), (2, 2)),
-        (0, 3): ((0, 2), (1, 2)),
-        (4, 1): ((2, 1), (3, 1)),
-        (4, 3): ((2, 2), (3, 2)),
-        (3, 4): ((2, 2), (2, 3)),
-        (1, 4): ((1, 2), (1, 3)),
-    }.items():
-        if near in at:
-            refined[place] = edge_point(at[near], at[far])
-    for (i, j), face in outer_faces.items():
-        refined[2 * i, 2 * j] = face_points[faces.index(face)]
+    def _across_spoke(self, j: int, corner: int) -> Row:
+        """What face j has across an edge at the vertex: its face point, or a corner."""
+        corners = self._ring_face(j)
+        return self.sum_of(self.face, corners) if self.face else {corners[corner]: self.number(1)}
 
-    middle = sector.ring - 1
-    if sector.carried:
-        rows = [combine((curve[1], one[0]), (2 * curve[2], one[middle]))]
-    else:
-        rows = [on_curve(0) if sector.kind == "crease" else vertex_point(0, special)]
-    for j in range(n):
-        rows += [edge_point(0, 1 + 2 * j), face_points[j]]
-    if sector.open:
-        rows.append(edge_point(0, 1 + 2 * n))
-    if sector.carried:
-        rows.append(combine((curve[0], one[0]), (curve[0], one[middle])))
-    rows += [refined[place] for place in sector.outer + sector.beyond]
-    for side, places in (
-        (along_u, [((i, 0), (i, 1), (i, 2)) for i in range(1, 5)]),
-        (along_v, [((0, j), (1, j), (2, j)) for j in range(1, 5)]),
-    ):
-        for place, on, inner in places if side else ():
-            at[place] = len(rows)
-            rows.append(combine((number(2), rows[at[on]]), (number(-1), rows[at[inner]])))
-    pieces = tuple(
-        tuple(at[i + di, j + dj] for dj in range(4) for di in range(4)) for i, j in PIECES
-    )
-    return SubdivisionMatrix(sector, tuple(rows), pieces)
+    def _own_point(self) -> Row:
+        """The point of the vertex."""
+        sector, (_, kept, beside) = self.sector, self.curve
+        if sector.carried:
+            return self.sum_of((kept, 2 * beside), [0, sector.ring - 1])
+        if sector.kind == "crease":
+            return self.sum_of((kept, beside, beside), [0, 1, sector.ring - 1])
+        if sector.kind in ("corner", "cone"):
+            return {0: self.number(1)}
+        faces = [self._ring_face(j) for j in range(sector.faces)]
+        return self._vertex_point(self.own, 0, [corners[1] for corners in faces], faces)
+
+    # ---------------------------------------------------------------- elsewhere
+
+    def point(self, place: Place) -> Row:
+        """The point of the element at a refined place."""
+        element = self.lattice.parents(place)
+        points = [self.at[corner] for corner in element]
+        for swap, sharp in enumerate(self.sector.sharp_sides):
+            if sharp and all(_exchanged(corner, swap)[1] == 1 for corner in element):
+                (i, j), (half, kept, beside) = _exchanged(element[0], swap), self.curve
+                if len(element) == 2:
+                    return self.sum_of((half, half), points)
+                ends = [self.at[_exchanged((k, j), swap)] for k in (i - 1, i + 1)]
+                return self.sum_of((kept, beside, beside), [*points, *ends])
+        if len(element) > 2:
+            return self.sum_of(self.face, points)
+        faces = self._faces(element)
+        if len(element) == 1:
+            star = self.lattice.star[:: len(self.lattice.orbits)]
+            ((i, j),) = element
+            near = [self.at[i + x, j + y] for x, y in star]
+            return self._vertex_point(self.regular, points[0], near, faces)
+        first, second, across = self.edge
+        terms = [(self.number(1), self.sum_of((first, second), points))]
+        for corners in faces:
+            mask = self.face or (self.number(1),)
+            far = corners if self.face else [k for k in corners if k not in points]
+            terms.append((across, self.sum_of(mask, far)))
+        return self.combined(terms)
+
+    def _faces(self, element: tuple[Place, ...]) -> list[list[int]]:
+        """Corners of the faces that have all corners of an element."""
+        i, j = element[0]
+        return [
+            [self.at[place] for place in places]
+            for cell in self.lattice.cells
+            for x, y in cell
+            if {*element} <= {*(places := [(i - x + a, j - y + b) for a, b in cell])}
+        ]
+
+    def _vertex_point(
+        self, mask: tuple[Any, ...], v: int, neighbours: list[int], faces: list[list[int]]
+    ) -> Row:
+        own, neighbour, *around = mask
+        row = self.sum_of((own, *(neighbour for _ in neighbours)), [v, *neighbours])
+        points = [self.sum_of(self.face, corners) for corners in faces if around]
+        return self.combined([(self.number(1), row), *((around[0], point) for point in points)])

@@ -1,10 +1,11 @@
 """The ring around a smooth or a conical vertex: its eigenbasis by Fourier modes.
 
-The ring part of the subdivision matrix is block circulant. With angles measured from the diagonal
-of face 0, edge neighbour ``j`` at ``(j - 1/2) theta`` and face corner ``j`` at ``j theta``, where
-``theta = 2 pi f / N``, the cosine and the sine mode of frequency ``f`` are each mapped by the same
-real 2 x 2 block; frequency 0 has a 3 x 3 block with the vertex itself. Derived in
-``derivations/eigenstructure.py``.
+The ring part of the subdivision matrix is block circulant. Its points lie on one or two orbits of
+the rotations, the edge neighbours and in quads the face corners (`Lattice.orbits`). With angles
+measured from the middle of face 0, edge neighbour ``j`` at ``(j - 1/2) theta`` and face corner
+``j`` at ``j theta``, where ``theta = 2 pi f / N``, the cosine and the sine mode of frequency ``f``
+are each mapped by the same real block, which is as large as there are orbits; that of frequency 0
+has one more row, for the vertex itself. Derived in ``derivations/eigenstructure.py``.
 """
 
 from __future__ import annotations
@@ -28,61 +29,66 @@ from limitsurf.exact.fixed import (
     to_mpf,
 )
 from limitsurf.exact.matrices import SubdivisionMatrix
-from limitsurf.exact.scheme import Scheme
+from limitsurf.scheme.scheme import Scheme
+
+Block = list[list[Any]]
+# coefficients by shift along the ring, of (row, column) orbits
+Generators = dict[tuple[int, int], dict[int, Fraction]]
 
 
 @dataclass(frozen=True)
 class Mode:
     """One eigenvector of the ring: its Fourier frequency, parity, eigenvalue and two profiles.
 
-    ``right`` and ``left`` are the values at (the vertex, the edge neighbours, the face corners)
-    before the cosine (``parity`` 0) or sine (``parity`` 1) factor; ``left`` includes the norm.
+    ``right`` and ``left`` are the values at (the vertex, the edge neighbours, the face corners),
+    or the first two of these, before the cosine (``parity`` 0) or sine (``parity`` 1) factor;
+    ``left`` includes the norm.
     """
 
     frequency: int
     parity: int
     eigenvalue: Any
-    right: tuple[Any, Any, Any]
-    left: tuple[Any, Any, Any]
+    right: tuple[Any, ...]
+    left: tuple[Any, ...]
 
 
-def ring_generators(matrix: SubdivisionMatrix) -> dict[str, dict[int, Fraction]]:
-    """Coefficients of the edge row and the face row by their shift j along the ring.
+def ring_generators(matrix: SubdivisionMatrix) -> Generators:
+    """Coefficients of the rows of the first face by their shift along the ring.
 
-    ``ee[j]``: of ``e_j`` in the new ``e_0``; ``ef``: of ``f_j`` in it; ``fe``, ``ff``: in the new
-    ``f_0``; ``centre``: the 3 x 3 block of frequency 0 by (row, column).
+    ``[a, b][j]`` is that of point ``j`` of orbit b in the new point 0 of orbit a.
     """
-    n = matrix.sector.faces
-    generators: dict[str, dict[int, Fraction]] = {"ee": {}, "ef": {}, "fe": {}, "ff": {}}
-    for row, name in ((1, "e"), (2, "f")):
-        for column, weight in matrix.rows[row].items():
-            if 0 < column <= 2 * n:
-                shift, kind = divmod(column - 1, 2)
+    n, stride = matrix.sector.faces, len(matrix.sector.lattice.orbits)
+    generators: Generators = {(a, b): {} for a in range(stride) for b in range(stride)}
+    for a in range(stride):
+        for column, weight in matrix.rows[1 + a].items():
+            if 0 < column <= stride * n:
+                shift, b = divmod(column - 1, stride)
                 shift = (shift + n // 2) % n - n // 2
-                generators[name + "ef"[kind]][shift] = weight
+                generators[a, b][shift] = weight
     for j in range(1, n):
-        for row in (1, 2):
+        for row in range(1, 1 + stride):
             turned = {
-                c if c == 0 else (c - 1 + 2 * j) % (2 * n) + 1: w
+                c if c == 0 else (c - 1 + stride * j) % (stride * n) + 1: w
                 for c, w in matrix.rows[row].items()
             }
-            if turned != matrix.rows[row + 2 * j]:
+            if turned != matrix.rows[row + stride * j]:
                 raise UnsupportedSpectrum("the masks do not have the symmetry of the ring")
     return generators
 
 
-def centre_block(matrix: SubdivisionMatrix) -> list[list[Fraction]]:
-    """The 3 x 3 block of frequency 0 on (vertex, edge neighbours, face corners)."""
+def centre_block(matrix: SubdivisionMatrix) -> Block:
+    """The block of frequency 0 on (vertex, edge neighbours, face corners)."""
+    stride = len(matrix.sector.lattice.orbits)
     block = []
-    for row in matrix.rows[:3]:
-        sums = [Fraction(0)] * 3
+    for row in matrix.rows[: 1 + stride]:
+        sums: list[Any] = [Fraction(0)] * (1 + stride)
         for column, weight in row.items():
-            sums[0 if column == 0 else 2 - column % 2] += weight
+            sums[0 if column == 0 else 1 + (column - 1) % stride] += weight
         block.append(sums)
     return block
 
 
-def _check_convergence(valence: int, block: list[list[Fraction]]) -> None:
+def _check_convergence(valence: int, block: Block) -> None:
     """Both eigenvalues of frequency 0 other than 1 must lie inside the unit circle (Jury 1964).
 
     The others are those of regular masks: smaller than 1.
@@ -94,112 +100,122 @@ def _check_convergence(valence: int, block: list[list[Fraction]]) -> None:
         raise diverging(f"interior valence {valence}", valence, max(roots, key=abs))
 
 
-def limit_mask(matrix: SubdivisionMatrix) -> tuple[Fraction, Fraction, Fraction]:
+def limit_mask(matrix: SubdivisionMatrix) -> tuple[Any, ...]:
     """Weights of the vertex, of each edge neighbour and face corner in the limit position.
 
-    The left eigenvector of eigenvalue 1, an exact rational (Halstead, Kass and DeRose 1993,
+    The left eigenvector of eigenvalue 1, as exact as the masks (Halstead, Kass and DeRose 1993,
     appendix A; derivations/limit_masks.py).
     """
     return centre_mask(matrix.sector.faces, centre_block(matrix))
 
 
-def centre_mask(faces: int, block: list[list[Fraction]]) -> tuple[Fraction, Fraction, Fraction]:
+def centre_mask(faces: int, block: Block) -> tuple[Any, ...]:
     """The same from the block of frequency 0 of so many faces."""
     _check_convergence(faces, block)
-    transposed = [[block[j][i] - (i == j) for j in range(3)] for i in range(3)]
-    (mask,) = null_space(transposed)
-    total = sum(mask)
-    return mask[0] / total, mask[1] / total / faces, mask[2] / total / faces
+    size = len(block)
+    shifted = [[x - int(i == j) for j, x in enumerate(row)] for i, row in enumerate(block)]
+    # rows of the adjugate of a matrix of rank one less are left null vectors
+    mask = [cofactor(shifted, j, 0) for j in range(size)]
+    total = mask[0] + sum(mask[1:])
+    weights = mask[0] / total, *(x / total / faces for x in mask[1:])
+    return tuple(x if isinstance(x, Fraction) else x.radsimp() for x in weights)
 
 
 def ring_modes(matrix: SubdivisionMatrix) -> list[Mode]:
-    """All ``2 N + 1`` eigenvectors of the ring."""
-    return _centre_modes(matrix) + wave_modes(ring_generators(matrix), matrix.sector.faces)
+    """All eigenvectors of the ring."""
+    sector = matrix.sector
+    return _centre_modes(matrix) + wave_modes(
+        ring_generators(matrix), sector.faces, sector.lattice.orbits
+    )
 
 
-def wave_modes(generators: dict[str, dict[int, Fraction]], n: int) -> list[Mode]:
+def wave_modes(generators: Generators, n: int, orbits: tuple[int, ...]) -> list[Mode]:
     """The eigenvectors of positive frequency of a ring of n faces, by frequency."""
     modes = []
     for frequency in range(1, n // 2 + 1):
         angle = mp.mpf(2 * frequency) / n  # in units of pi
 
-        def entry(name: str, offset: Fraction, angle: Any = angle) -> Any:
+        def entry(a: int, b: int, angle: Any = angle) -> Any:
+            offset = Fraction(orbits[b] - orbits[a], 2)
             return mp.fsum(
                 to_mpf(w) * mp.cospi(angle * to_mpf(shift + offset))
-                for shift, w in generators[name].items()
+                for shift, w in generators[a, b].items()
             )
 
-        half = Fraction(1, 2)
-        ee, ff = entry("ee", Fraction(0)), entry("ff", Fraction(0))
-        ef, fe = entry("ef", half), entry("fe", -half)
+        block = [[entry(a, b) for b in range(len(orbits))] for a in range(len(orbits))]
         if 2 * frequency == n:
             # every face corner lies on a node of the sine, every edge neighbour of the cosine
             norm = mp.mpf(1) / n
-            modes.append(Mode(frequency, 0, ff, (0, 0, 1), (0, 0, norm)))
-            modes.append(Mode(frequency, 1, ee, (0, 1, 0), (0, norm, 0)))
+            for parity, orbit in ((0, 1), (1, 0)):
+                if orbit < len(orbits):
+                    profile = [int(k == 1 + orbit) for k in range(1 + len(orbits))]
+                    left = tuple(norm * x if x else 0 for x in profile)
+                    mode = Mode(frequency, parity, block[orbit][orbit], tuple(profile), left)
+                    modes.append(mode)
             continue
-        square = (ee - ff) ** 2 + 4 * ef * fe
-        root = mp.sqrt(square)
-        high, low = (ee + ff + root) / 2, (ee + ff - root) / 2
-        right = [((x - ff) / fe, mp.mpf(1)) for x in (high, low)]
-        determinant = right[0][0] * right[1][1] - right[1][0] * right[0][1]
-        norm = 2 / (n * determinant)
-        left = (
-            (norm * right[1][1], -norm * right[1][0]),
-            (-norm * right[0][1], norm * right[0][0]),
-        )
-        for eigenvalue, (e, f), (p, q) in zip((high, low), right, left, strict=True):
-            modes += [
-                Mode(frequency, parity, eigenvalue, (0, e, f), (0, p, q)) for parity in (0, 1)
-            ]
+        for eigenvalue, right, left in _block_basis(block, mp.mpf(2) / n):
+            modes += [Mode(frequency, parity, eigenvalue, right, left) for parity in (0, 1)]
     return modes
 
 
+def _block_basis(block: Block, norm: Any) -> list[tuple[Any, tuple[Any, ...], tuple[Any, ...]]]:
+    """Eigenvalues of a block of positive frequency, right and left profiles."""
+    if len(block) == 1:
+        return [(block[0][0], (0, mp.mpf(1)), (0, norm))]
+    (ee, ef), (fe, ff) = block
+    square = (ee - ff) ** 2 + 4 * ef * fe
+    root = mp.sqrt(square)
+    high, low = (ee + ff + root) / 2, (ee + ff - root) / 2
+    right = [((x - ff) / fe, mp.mpf(1)) for x in (high, low)]
+    determinant = right[0][0] * right[1][1] - right[1][0] * right[0][1]
+    norm = norm / determinant
+    left = (
+        (norm * right[1][1], -norm * right[1][0]),
+        (-norm * right[0][1], norm * right[0][0]),
+    )
+    return [
+        (value, (0, e, f), (0, p, q))
+        for value, (e, f), (p, q) in zip((high, low), right, left, strict=True)
+    ]
+
+
 def _centre_modes(matrix: SubdivisionMatrix) -> list[Mode]:
-    """The three eigenvectors of frequency 0: eigenvalue 1 and the roots of a rational quadratic."""
-    block = centre_block(matrix)
-    _check_convergence(matrix.sector.faces, block)
+    """The eigenvectors of frequency 0: eigenvalue 1 and the roots of an exact polynomial."""
+    block, n = centre_block(matrix), matrix.sector.faces
+    _check_convergence(n, block)
+    size = len(block)
     trace, determinant = centre_quadratic(block)
     square = trace * trace - 4 * determinant
-    if square <= 0:
-        valence = matrix.sector.faces
-        raise UnsupportedSpectrum(f"frequency 0 of valence {valence} has no real eigenbasis")
+    if size == 3 and square <= 0:
+        raise UnsupportedSpectrum(f"frequency 0 of valence {n} has no real eigenbasis")
     root = mp.sqrt(to_mpf(square))
     # the larger root first, the other through the product: exactly zero where it is zero
     large = (to_mpf(trace) + (root if trace >= 0 else -root)) / 2
-    values = [mp.mpf(1), *sorted((large, to_mpf(determinant) / large), reverse=True)]
-    right = mp.matrix(3, 3)
-    for k, value in enumerate(values):
-        (a, b, c), (d, e, f) = (
-            [to_mpf(x) - value * (i == j) for j, x in enumerate(block[i])] for i in (1, 2)
-        )
-        vector = [b * f - c * e, c * d - a * f, a * e - b * d]
-        scale = vector[2] if abs(vector[2]) > EQUAL else max(vector, key=abs)
-        for i in range(3):
-            right[i, k] = vector[i] / scale
-    left = _inverse(right)
-    n = matrix.sector.faces
+    values = [large] if size == 2 else [large, to_mpf(determinant) / large]
+    values = [mp.mpf(1), *sorted(values, reverse=True)]
+    rounded = [[to_mpf(x) for x in row] for row in block]
+    columns = []
+    for value in values:
+        # the row of the vertex depends on the others
+        rows = [[x - value * (i == j) for j, x in enumerate(r)] for i, r in enumerate(rounded)]
+        vector = [cofactor(rows, 0, j) for j in range(size)]
+        scale = vector[-1] if abs(vector[-1]) > EQUAL else max(vector, key=abs)
+        columns.append([x / scale for x in vector])
+    right = [list(row) for row in zip(*columns, strict=True)]
+    whole = sum(right[0][j] * cofactor(right, 0, j) for j in range(size))
+    left = [[cofactor(right, j, k) / whole for j in range(size)] for k in range(size)]
     return [
-        Mode(
-            0,
-            0,
-            value,
-            (right[0, k], right[1, k], right[2, k]),
-            (left[k, 0], left[k, 1] / n, left[k, 2] / n),
-        )
+        Mode(0, 0, value, tuple(columns[k]), (left[k][0], *(x / n for x in left[k][1:])))
         for k, value in enumerate(values)
     ]
 
 
-def _inverse(matrix: Any) -> Any:
-    """Inverse of a 3 x 3 matrix by cofactors; mpmath's own changes the precision it works in."""
-    cofactors = mp.matrix(3, 3)
-    for i in range(3):
-        for j in range(3):
-            a, b, c, d = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
-            cofactors[j, i] = matrix[a, c] * matrix[b, d] - matrix[a, d] * matrix[b, c]
-    determinant = sum(matrix[0, k] * cofactors[k, 0] for k in range(3))
-    return cofactors / determinant
+def cofactor(matrix: Block, row: int, column: int) -> Any:
+    """Cofactor of an entry of a 2 x 2 or 3 x 3 matrix."""
+    if len(matrix) == 2:
+        return (-1) ** (row + column) * matrix[1 - row][1 - column]
+    a, b, c, d = (row + 1) % 3, (row + 2) % 3, (column + 1) % 3, (column + 2) % 3
+    return matrix[a][c] * matrix[b][d] - matrix[a][d] * matrix[b][c]
 
 
 def boundary_limit_mask(scheme: Scheme) -> tuple[Fraction, Fraction]:
@@ -212,13 +228,21 @@ def boundary_limit_mask(scheme: Scheme) -> tuple[Fraction, Fraction]:
     return mask[0] / total, mask[1] / total / 2
 
 
-def centre_quadratic(block: list[list[Fraction]]) -> tuple[Fraction, Fraction]:
-    """Sum and product of the two eigenvalues other than 1 of the block of frequency 0."""
-    (a, b, c), (d, e, f), (g, h, i) = block
-    return a + e + i - 1, a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+def centre_quadratic(block: Block) -> tuple[Any, Any]:
+    """Sum and product of the two eigenvalues other than 1 of the block of frequency 0.
+
+    Of a block with one orbit, which has one such eigenvalue, that and 0.
+    """
+    total = block[0][0] + block[1][1] - 1
+    if len(block) == 2:
+        return (total.expand() if hasattr(total, "expand") else total), Fraction(0)
+    determinant = sum(x * cofactor(block, 0, j) for j, x in enumerate(block[0]))
+    return total + block[2][2], determinant
 
 
-def ring_rows(modes: list[Mode], n: int, profile: str, rows: Sequence[int]) -> dict[int, Fixed]:
+def ring_rows(
+    modes: list[Mode], n: int, orbits: tuple[int, ...], profile: str, rows: Sequence[int]
+) -> dict[int, Fixed]:
     """Values of all modes at some points of the ring: {point: (modes,)}."""
     frequency = np.array([mode.frequency for mode in modes])
     parity = np.array([mode.parity for mode in modes], dtype=bool)
@@ -227,10 +251,11 @@ def ring_rows(modes: list[Mode], n: int, profile: str, rows: Sequence[int]) -> d
     profiles = to_fixed([getattr(mode, profile) for mode in modes])
     result = {}
     for row in rows:
-        # angle in units of pi / N per frequency: the vertex 0, edges 2 j - 1, faces 2 j
-        turns = (row - 2 if row else 0) * frequency % (2 * n)
+        # angle in units of pi / N per frequency
+        face, orbit = divmod(row - 1, len(orbits)) if row else (0, -1)
+        turns = (2 * face + orbits[orbit] if row else 0) * frequency % (2 * n)
         wave = np.where(parity, sine[turns], cosine[turns])
-        result[row] = wave * profiles[:, (2 - row % 2 if row else 0)] >> BITS
+        result[row] = wave * profiles[:, 1 + orbit] >> BITS
     return result
 
 
@@ -240,6 +265,7 @@ class FourierRing:
 
     modes: list[Mode]
     faces: int
+    orbits: tuple[int, ...]
 
     @property
     def values(self) -> list[Any]:
@@ -255,15 +281,15 @@ class FourierRing:
 
     def right_rows(self, points: Sequence[int]) -> dict[int, Fixed]:
         """Values of all eigenvectors at some points of the ring: {point: (modes,)}."""
-        return ring_rows(self.modes, self.faces, "right", points)
+        return ring_rows(self.modes, self.faces, self.orbits, "right", points)
 
     def left(self) -> Fixed:
         """Left eigenvectors as rows, (ring, ring)."""
-        every = range(2 * self.faces + 1)
-        rows = ring_rows(self.modes, self.faces, "left", every)
+        every = range(len(self.orbits) * self.faces + 1)
+        rows = ring_rows(self.modes, self.faces, self.orbits, "left", every)
         return np.stack([rows[k] for k in every], axis=1)
 
 
 def fourier_ring(matrix: SubdivisionMatrix) -> FourierRing:
     """The ring of a matrix of kind "interior" or "cone"."""
-    return FourierRing(ring_modes(matrix), matrix.sector.faces)
+    return FourierRing(ring_modes(matrix), matrix.sector.faces, matrix.sector.lattice.orbits)

@@ -38,10 +38,17 @@ from limitsurf.exact.fixed import (
     to_fixed,
     to_mpf,
 )
-from limitsurf.exact.matrices import Sector, SubdivisionMatrix, subdivision_matrix
-from limitsurf.exact.ring import boundary_limit_mask, centre_mask, ring_generators, wave_modes
-from limitsurf.exact.scheme import Scheme
-from limitsurf.exact.wide import Weights, dart_limit
+from limitsurf.exact.matrices import SubdivisionMatrix, subdivision_matrix
+from limitsurf.exact.ring import (
+    boundary_limit_mask,
+    centre_block,
+    centre_mask,
+    ring_generators,
+    wave_modes,
+)
+from limitsurf.exact.wide import dart_limit
+from limitsurf.scheme.scheme import Scheme
+from limitsurf.scheme.sector import Sector
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +140,7 @@ def dart_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseRing:
     """The ring of a dart."""
     size, faces = matrix.sector.ring, matrix.sector.faces
     frequencies, waves, right, left = _sines(scheme, faces, size)
-    alike = orbits(faces)
+    alike = mirrored(matrix.sector)
     values, even, dual = _certified_basis(folded(matrix, alike))
     # the first right vector is constant
     dual[0] = dual[0] * even[0, 0] >> BITS
@@ -215,11 +222,21 @@ def limit_weights(scheme: Scheme, sector: Sector) -> list[Fraction]:
     elif sector.kind == "dart":
         weights = dart_limit(scheme, sector.faces)
     else:
-        faces = sector.faces
-        block = Weights.of(scheme, faces, exact=True).centre(faces)
-        own, edge, face = centre_mask(faces, block)
-        weights = [own, *[edge, face] * faces]
+        block = smooth_centre(scheme, sector.faces)
+        own, *around = centre_mask(sector.faces, block)
+        weights = [own, *around * sector.faces]
     return weights
+
+
+def smooth_centre(scheme: Scheme, faces: int) -> list[list[Any]]:
+    """The block of frequency 0 of a smooth vertex; at the cost of one of a few faces."""
+    # the vertex aside, those of other rings are the same
+    _, *block = centre_block(subdivision_matrix(scheme, scheme.sector("cone", 8)))
+    own, neighbour, *around = scheme.vertex_mask(faces)
+    first = [own, faces * neighbour, *(Fraction(0) for _ in around)]
+    for weight, row in zip(around, block[1:], strict=True):  # new face points
+        first = [x + faces * weight * y for x, y in zip(first, row, strict=True)]
+    return [first, *block]
 
 
 def _sines(scheme: Scheme, valence: int, size: int) -> tuple[list[int], list[Any], Fixed, Fixed]:
@@ -228,32 +245,37 @@ def _sines(scheme: Scheme, valence: int, size: int) -> tuple[list[int], list[Any
     Frequencies and eigenvalues; values at the first `size` points of the ring, right (size, modes)
     and left (modes, size), which are inverse in a sum over the whole ring.
     """
-    generators = ring_generators(subdivision_matrix(scheme, Sector("cone", 8)))
+    orbits = scheme.lattice.orbits
+    generators = ring_generators(subdivision_matrix(scheme, scheme.sector("cone", 8)))
     # at half the valence the sine vanishes at the edges, not at the faces: there it is a cosine
     # about the diagonal of face 0
     modes = [
         mode
-        for mode in wave_modes(generators, valence)
+        for mode in wave_modes(generators, valence, orbits)
         if mode.parity == (2 * mode.frequency != valence)
     ]
     frequency = np.array([mode.frequency for mode in modes], dtype=np.int64)
     sine = to_fixed([mp.sinpi(mp.mpf(k) / valence) for k in range(2 * valence)])
     right = np.zeros((size, len(modes)), dtype=object)
     left = np.zeros((len(modes), size), dtype=object)
-    points = np.arange(1, size)
+    face, orbit = np.divmod(np.arange(size - 1), len(orbits))
+    steps = 2 * face + np.array(orbits)[orbit] - orbits[0]  # from edge 0, in halves of a face
     for k, mode in enumerate(modes):
-        wave = sine[(points - 1) * frequency[k] % (2 * valence)]
+        wave = sine[steps * frequency[k] % (2 * valence)]
         for profile, target in ((mode.right, right[:, k]), (mode.left, left[k])):
-            amplitude = to_fixed(profile)[np.where(points % 2 == 1, 1, 2)]
-            target[1:] = wave * amplitude >> BITS
+            target[1:] = wave * to_fixed(profile)[1 + orbit] >> BITS
     return frequency.tolist(), [mode.eigenvalue for mode in modes], right, left
 
 
-def orbits(faces: int) -> list[list[int]]:
-    """Points of a ring that a reflection at its edge 0 exchanges, each once."""
-    edges = [sorted({1 + 2 * j, 1 + 2 * (-j % faces)}) for j in range(faces // 2 + 1)]
-    diagonals = [sorted({2 + 2 * j, 2 + 2 * (faces - 1 - j)}) for j in range((faces + 1) // 2)]
-    return [[0], *edges, *diagonals]
+def mirrored(sector: Sector) -> list[list[int]]:
+    """Points of a closed ring that a reflection at its edge 0 exchanges, each once."""
+    faces, stride, pairs = sector.faces, len(sector.lattice.orbits), [[0]]
+    for orbit in range(stride):
+        # face corner j comes between edges j and j + 1
+        images = {j: (-j - orbit) % faces for j in range(faces)}
+        ends = [sorted({j, images[j]}) for j in range(faces) if j <= images[j]]
+        pairs += [[1 + orbit + stride * j for j in both] for both in ends]
+    return pairs
 
 
 def folded(matrix: SubdivisionMatrix, alike: list[list[int]]) -> list[list[Fraction]]:

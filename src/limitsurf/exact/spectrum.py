@@ -39,10 +39,11 @@ from limitsurf.exact.fixed import (
     to_fixed,
     to_mpf,
 )
-from limitsurf.exact.matrices import Sector, SubdivisionMatrix, subdivision_matrix
+from limitsurf.exact.matrices import SubdivisionMatrix, subdivision_matrix
 from limitsurf.exact.ring import FourierRing, fourier_ring
-from limitsurf.exact.scheme import Scheme
 from limitsurf.exact.sectors import DenseRing, carried_ring, dart_ring, open_ring
+from limitsurf.scheme.scheme import Scheme
+from limitsurf.scheme.sector import Sector
 
 Ring: TypeAlias = FourierRing | DenseRing
 
@@ -68,9 +69,9 @@ class Spectrum:
     pairs : list of int
         The indices k of eigenvalues a + ib, followed by a - ib, whose real columns x and y are
         mapped to ``a x - b y`` and ``b x + a y``.
-    pieces : (3, 16, K)
-        The eigenfunctions on the regular pieces of the quad as polynomials: coefficient
-        ``4 j + i`` is that of ``S^i T^j``.
+    pieces : (pieces, coefficients, K)
+        The eigenfunctions on the regular pieces of the face as polynomials: coefficients of the
+        monomials in the order of `Spline.exponents`.
     normal : tuple of int
         Two indices such that the limit normal at the vertex points along the cross product of
         their coefficients; empty where general control points have no limit normal.
@@ -95,8 +96,8 @@ def outer_eigenbasis(
 ) -> tuple[list[Fraction], list[list[Fraction]], list[list[Fraction]]]:
     """Rational eigenvalues d, eigenvectors W (columns) and W^-1 of the outer block.
 
-    The outer points are refined by regular rules, so the candidates are the products of the
-    eigenvalues 1/2^k of univariate cubic knot insertion.
+    The outer points are refined by regular rules, so the candidates are the eigenvalues 1/2^k of
+    the spline: in quads the products of those of univariate cubic knot insertion.
     """
     size = len(block)
     values: list[Fraction] = []
@@ -127,7 +128,7 @@ def outer_part(
 @lru_cache(maxsize=8)
 def _dense_ring(scheme: Scheme, kind: str, faces: int) -> DenseRing:
     """The ring of a sector, which all its positions share."""
-    sector = Sector(kind, faces)
+    sector = scheme.sector(kind, faces)
     matrix = subdivision_matrix(scheme, sector)
     if sector.carried:
         return carried_ring(matrix, ring_basis(scheme, sector.still))
@@ -151,14 +152,14 @@ def spectrum(scheme: Scheme, sector: Sector) -> Spectrum:
     """
     check_convergence(scheme, sector.kind, sector.faces)
     ring = ring_basis(scheme, sector)
-    result = _joined(subdivision_matrix(scheme, sector), ring)
+    result = _joined(scheme, subdivision_matrix(scheme, sector), ring)
     if abs(result.eigenvalues[1]) > 1 - EQUAL:
         raise diverging(sector.place, sector.faces, result.eigenvalues[1])
     normal = tuple(map(result.order.index, ring_normal(scheme, sector.kind, sector.faces)))
     return replace(result, normal=normal)
 
 
-def _joined(matrix: SubdivisionMatrix, ring: Any) -> Spectrum:
+def _joined(scheme: Scheme, matrix: SubdivisionMatrix, ring: Any) -> Spectrum:
     """The modes of a ring, all or some, and the outer eigenvectors; `normal` is still to come."""
     size, n = matrix.size, matrix.sector.ring
     ring_values = ring.values
@@ -199,7 +200,7 @@ def _joined(matrix: SubdivisionMatrix, ring: Any) -> Spectrum:
         else:
             refined[k] = combine(matrix.rows[k], rows, len(order))
     control = np.stack([np.stack([refined[k] for k in piece]) for piece in matrix.pieces])
-    pieces = _polynomials(control)
+    pieces = _polynomials(scheme, control)
     return Spectrum(matrix, ring, G, W, Winv, order, eigenvalues, chains, pairs, pieces, ())
 
 
@@ -229,23 +230,24 @@ def _links(
     return G
 
 
-def _polynomials(control: Fixed) -> Fixed:
-    """Power basis (3, 16, K) of patches given by B-spline control points (3, 16, K)."""
-    change = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]], dtype=object)
-    grid = control.reshape(3, 4, 4, -1)
-    along = np.stack([sum(w * grid[:, :, i] for i, w in enumerate(row)) for row in change], axis=2)
-    both = np.stack([sum(w * along[:, j] for j, w in enumerate(row)) for row in change], axis=1)
-    return np.asarray(both.reshape(control.shape) // 36)
+def _polynomials(scheme: Scheme, control: Fixed) -> Fixed:
+    """Coefficients (pieces, monomials, K) of patches from control points (pieces, points, K)."""
+    rows = [dict(enumerate(row)) for row in scheme.spline.pieces]
+    rows = [{k: w for k, w in row.items() if w} for row in rows]
+    length = control.shape[2]
+    return np.stack(
+        [[combine(row, dict(enumerate(piece)), length) for row in rows] for piece in control]
+    )
 
 
 @lru_cache(maxsize=256)
 def ring_normal(scheme: Scheme, kind: str, faces: int) -> tuple[int, ...]:
     """Modes of the ring whose coefficients' cross product is along the limit normal, if any."""
-    sector = Sector(kind, faces)
+    sector = scheme.sector(kind, faces)
     count = 1 if sector.alike else faces
     # all faces but the outermost see the same, moved along the ring
     matrices = {
-        p: subdivision_matrix(scheme, Sector(kind, faces, p))
+        p: subdivision_matrix(scheme, scheme.sector(kind, faces, p))
         for p in {0, min(1, count - 1), count - 1}
     }
     ring = ring_basis(scheme, sector)
@@ -259,7 +261,7 @@ def ring_normal(scheme: Scheme, kind: str, faces: int) -> tuple[int, ...]:
     functions = []
     for p in range(count):
         near = p if p in matrices else 1
-        part = _joined(matrices[near], _PartOfRing(ring, which, p - near))
+        part = _joined(scheme, matrices[near], _PartOfRing(ring, which, p - near))
         columns = [part.order.index(which.index(k)) for k in (*shown, *pair)]
         functions.append(part.pieces[..., columns])
     chained = pair != tuple(shown)

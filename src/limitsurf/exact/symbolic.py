@@ -1,11 +1,13 @@
 """The same eigenbasis as sympy expressions, and the proof that it is one.
 
-With ``s = cos(pi f / N)`` every entry of the 2 x 2 block of frequency f is a polynomial in s, its
-eigenvalues are the roots of a quadratic over Q(s), and an eigenvector scaled to have no
+With ``s = cos(pi f / N)`` every entry of the block of frequency f is a polynomial in s, its
+eigenvalues are the roots of a quadratic over Q(s), or linear, and an eigenvector scaled to have no
 denominators is a polynomial in s and lambda, except for the factor sin(pi f / N) of the sine
 modes. So ``A v - lambda v`` is a polynomial too, and to vanish modulo the characteristic
 polynomial and the polynomial whose roots are ``cos(pi f / N)``, f odd or f even, proves all
-frequencies of that parity at once. See ``derivations/eigenstructure.py``.
+frequencies of that parity at once. Where the masks of the vertex are irrational, the weight of its
+neighbours is an indeterminate: what is proved of any weight holds for that one. See
+``derivations/eigenstructure.py``.
 
 `SymbolicBasis` does what all kinds of corners share, with one of several rings: that of smooth and
 conical vertices is here, those of creases, corners and darts are in ``exact/symbolic_sectors.py``.
@@ -24,22 +26,31 @@ from sympy.polys.rings import ring as polynomial_ring
 
 from limitsurf.caching import cached_property
 from limitsurf.exact.fixed import EQUAL, to_mpf
-from limitsurf.exact.matrices import Sector, SubdivisionMatrix, subdivision_matrix
-from limitsurf.exact.ring import centre_block, centre_quadratic, ring_generators, ring_modes
-from limitsurf.exact.scheme import Scheme
+from limitsurf.exact.matrices import SubdivisionMatrix, subdivision_matrix
+from limitsurf.exact.ring import (
+    Generators,
+    centre_block,
+    centre_quadratic,
+    cofactor,
+    ring_generators,
+    ring_modes,
+)
 from limitsurf.exact.sectors import limit_weights
 from limitsurf.exact.spectrum import outer_part, spectrum
+from limitsurf.scheme.scheme import Scheme
+from limitsurf.scheme.sector import Sector
 
-# polynomials in an eigenvalue l and in s; with l first, a polynomial that is monic in l and one in
-# s alone are a Groebner basis, so that remainders decide
-RING, L, S = polynomial_ring("l, s", QQ)
+# polynomials in an eigenvalue l, in s and in a weight b; with l first, a polynomial that is monic
+# in l and one in s alone are a Groebner basis, so that remainders decide
+RING, L, S, B = polynomial_ring("l, s, b", QQ)
 
 # a column of polynomials in L and S, and the polynomials modulo which it is an eigenvector for L
 Family = tuple[list[Any], list[Any]]
 
 
-def rational(x: Fraction) -> Any:
-    return sympy.Rational(x.numerator, x.denominator)
+def rational(x: Any) -> Any:
+    """A Fraction as sympy has it; other numbers of sympy as they are."""
+    return sympy.Rational(x.numerator, x.denominator) if isinstance(x, Fraction) else x
 
 
 def constant(x: Fraction) -> Any:
@@ -83,7 +94,7 @@ class SymbolicBasis:
     """
 
     def __init__(self, scheme: Scheme, valence: int | Sector) -> None:
-        self.sector = valence if isinstance(valence, Sector) else Sector("interior", valence)
+        self.sector = valence if isinstance(valence, Sector) else scheme.sector("interior", valence)
         self.valence = self.sector.faces
         self._scheme = scheme
         self._matrix = subdivision_matrix(scheme, self.sector)
@@ -289,6 +300,7 @@ class SymbolicBasis:
     def _prove(self) -> None:
         """Check ``A v = lambda v`` (+ the end of its chain) for all columns of V."""
         ring = self.sector.ring
+        self._rows = polynomial_rows(self._matrix)
         W, Winv = self._outer
         size = range(len(W))
         if [[sum(x * W[j][c] for j, x in enumerate(row)) for c in size] for row in Winv] != [
@@ -372,37 +384,55 @@ class SymbolicBasis:
         self, column: list[Any], value: Any, modulo: list[Any], end: list[Any] | None = None
     ) -> None:
         """Raise unless A times `column` is `value` times it plus `end`, modulo polynomials."""
-        for i, row in enumerate(self._matrix.rows[: self.sector.size]):
+        for i, row in enumerate(self._rows):
             total = -value * column[i]
             for c, w in row.items():
-                total += constant(w) * column[c]
+                total += w * column[c]
             if end:
                 total -= end[i]
             if total.rem(modulo) != 0:
                 raise ArithmeticError(f"{self.sector}: A V - V J is not zero in row {i}")
 
 
+def polynomial_rows(matrix: SubdivisionMatrix) -> list[dict[int, Any]]:
+    """The square matrix, with B for an irrational weight of the vertex's neighbours."""
+    own, *others = (dict(row) for row in matrix.rows[: matrix.size])
+    if not all(isinstance(w, Fraction) for w in own.values()):
+        irrational = {c for c, w in own.items() if c and not isinstance(w, Fraction)}
+        if len({own[c] for c in irrational}) != 1:
+            raise ArithmeticError(f"{matrix.sector}: several irrational weights")
+        rest = 1 - sum(w for c, w in own.items() if c and c not in irrational)
+        first = {c: B if c in irrational else constant(w) for c, w in own.items() if c}
+        first[0] = constant(Fraction(rest)) - len(irrational) * B
+    else:
+        first = {c: constant(w) for c, w in own.items()}
+    return [first, *({c: constant(w) for c, w in row.items()} for row in others)]
+
+
 class Waves:
     """The waves around a smooth ring of N faces: all that is common to cosines and sines.
 
     A wave is named by its frequency, 1 to N / 2, and whether it belongs to the higher of the two
-    eigenvalues of its block; at N / 2 by whether it lives on the edge neighbours.
+    eigenvalues of its block, or to the only one; at N / 2 by whether it lives on the edge
+    neighbours.
     """
 
-    def __init__(self, generators: dict[str, dict[int, Fraction]], faces: int) -> None:
-        self.faces = faces
-        # the 2 x 2 block as polynomials in s: cos(k theta / 2) is T_k(s)
-        offset = {"ee": 0, "ff": 0, "ef": 1, "fe": -1}
+    def __init__(self, generators: Generators, faces: int, orbits: tuple[int, ...]) -> None:
+        self.faces, self._stride = faces, len(orbits)
+        # the block as polynomials in s: cos(k theta / 2) is T_k(s)
         self.block = {
-            name: sum(
-                (constant(w) * chebyshev(2 * j + offset[name], 0) for j, w in row.items()),
+            (a, b): sum(
+                (constant(w) * chebyshev(2 * j + orbits[b] - orbits[a], 0) for j, w in row.items()),
                 RING(0),
             )
-            for name, row in generators.items()
+            for (a, b), row in generators.items()
         }
-        ee, ff, ef, fe = (self.block[name] for name in ("ee", "ff", "ef", "fe"))
+        if len(orbits) == 1:
+            self.characteristic = L - self.block[0, 0]
+            return
+        ee, ff, ef, fe = (self.block[place] for place in ((0, 0), (1, 1), (0, 1), (1, 0)))
         self._trace = ee + ff
-        self.quadratic = L**2 - self._trace * L + ee * ff - ef * fe
+        self.characteristic = L**2 - self._trace * L + ee * ff - ef * fe
         # the eigenvalues are (trace +- factor root) / 2
         square = (ee - ff) ** 2 + 4 * ef * fe
         unit, factors = square.factor_list()
@@ -416,42 +446,44 @@ class Waves:
     def at(self, polynomial: Any, frequency: int) -> Any:
         """A polynomial in s at s = cos(pi f / N), as an expression."""
         value = sympy.cos(sympy.pi * sympy.Rational(frequency, self.faces))
-        powers = polynomial.as_expr(sympy.Symbol("l"), value)
+        powers = polynomial.as_expr(sympy.Symbol("l"), value, sympy.Symbol("b"))
         return powers if value.has(sympy.cos) else sympy.expand(powers)
 
     def eigenvalue(self, frequency: int, high: bool) -> Any:
-        if 2 * frequency == self.faces:
-            return self.at(self.block["ee" if high else "ff"], frequency)
+        if 2 * frequency == self.faces or self._stride == 1:
+            return self.at(self.block[(0, 0) if high else (1, 1)], frequency)
         trace, factor, radicand = (
             self.at(x, frequency) for x in (self._trace, self._factor, self._radicand)
         )
         sign = 1 if high else -1
         return sympy.expand_mul((trace + sign * factor * sympy.sqrt(radicand)) / 2)
 
-    def right(self, frequency: int, high: bool) -> tuple[Any, Any]:
+    def right(self, frequency: int, high: bool) -> tuple[Any, ...]:
         """Amplitudes on edge neighbours and face corners."""
-        if 2 * frequency == self.faces:
-            return sympy.Integer(high), sympy.Integer(not high)
-        fe, ff = (self.at(self.block[name], frequency) for name in ("fe", "ff"))
+        if 2 * frequency == self.faces or self._stride == 1:
+            return tuple(map(sympy.Integer, (high, not high)[: self._stride]))
+        fe, ff = (self.at(self.block[place], frequency) for place in ((1, 0), (1, 1)))
         return (self.eigenvalue(frequency, high) - ff) / fe, sympy.Integer(1)
 
-    def left(self, frequency: int, high: bool) -> tuple[Any, Any]:
+    def left(self, frequency: int, high: bool) -> tuple[Any, ...]:
         """The same of the left eigenvector, with the norm: N / 2, and N at frequency N / 2."""
-        e, f = self.right(frequency, high)
+        right = self.right(frequency, high)
         if 2 * frequency == self.faces:
-            return e / self.faces, f / self.faces
+            return tuple(x / self.faces for x in right)
+        if self._stride == 1:
+            return (sympy.Rational(2, self.faces),)
         # inverse of [[e, other], [1, 1]]
-        other = self.right(frequency, not high)[0]
+        e, other = right[0], self.right(frequency, not high)[0]
         scale = 2 / (self.faces * (e - other))
         return scale, -other * scale
 
     def values(
-        self, wave: Any, frequency: int, steps: Sequence[int], profile: tuple[Any, Any]
+        self, wave: Any, frequency: int, steps: Sequence[int], profile: tuple[Any, ...]
     ) -> list[Any]:
-        """Amplitudes times a wave at e, f, e, f, ...; from each to the next angle one step."""
+        """Amplitudes times a wave at the points of the ring, so many half faces from its origin."""
         turns = (step * frequency % (2 * self.faces) for step in steps)
         return [
-            profile[i % 2] * wave(sympy.pi * sympy.Rational(turn, self.faces))
+            profile[i % self._stride] * wave(sympy.pi * sympy.Rational(turn, self.faces))
             for i, turn in enumerate(turns)
         ]
 
@@ -460,55 +492,66 @@ class Waves:
 
         Cosines (parity 0), or sines over sin(pi f / N) (parity 1), as polynomials in L and S.
         """
-        profile = L - self.block["ff"], self.block["fe"]
-        return [profile[i % 2] * chebyshev(step, parity) for i, step in enumerate(steps)]
+        profile: tuple[Any, ...] = (RING(1),)
+        if self._stride == 2:
+            profile = L - self.block[1, 1], self.block[1, 0]
+        return [profile[i % self._stride] * chebyshev(k, parity) for i, k in enumerate(steps)]
 
 
 class FourierRing:
-    """The ring of a smooth or conical vertex; angles from the diagonal of face 0."""
+    """The ring of a smooth or conical vertex; angles from the middle of face 0."""
 
     def __init__(self, matrix: SubdivisionMatrix) -> None:
-        self._faces = matrix.sector.faces
+        orbits = matrix.sector.lattice.orbits
+        self._faces, self._orbits = matrix.sector.faces, orbits
+        self._size = 1 + len(orbits)  # vectors of frequency 0
         self._modes = ring_modes(matrix)
-        self._waves = Waves(ring_generators(matrix), self._faces)
+        self._waves = Waves(ring_generators(matrix), self._faces, orbits)
         self._block = centre_block(matrix)
         trace, product = centre_quadratic(self._block)
         self._trace, self._product = trace, product
-        self._root = square_root(trace * trace - 4 * product)
+        if len(orbits) == 2:
+            self._root = square_root(trace * trace - 4 * product)
+        else:  # rational or not
+            self._root = trace if isinstance(trace, Fraction) else None
         self.rotations: dict[int, tuple[Any, Any]] = {}
+        self._steps = [2 * j + k for j in range(self._faces) for k in orbits]
+        self._rows = polynomial_rows(matrix)[: self._size]
 
     def _high(self, k: int) -> bool:
         if 2 * self._modes[k].frequency == self._faces:
             return bool(self._modes[k].parity)
-        return (k - 3) % 4 < 2
+        return (k - self._size) % (2 * len(self._orbits)) < 2
 
     def eigenvalue(self, k: int) -> Any:
         """Eigenvalue k."""
         if k == 0:
             return sympy.Integer(1)
-        if k > 2:
+        if k >= self._size:
             return self._waves.eigenvalue(self._modes[k].frequency, self._high(k))
         trace, product = rational(self._trace), rational(self._product)
+        if self._size == 2:
+            return trace
         return (trace + (1 if k == 1 else -1) * sympy.sqrt(trace**2 - 4 * product)) / 2
 
     def right(self, k: int) -> list[Any]:
         """Right eigenvector k, (ring,)."""
-        if k < 3:
-            own, e, f = self._centre[:, k]
-            return [own, *[e, f] * self._faces]
+        if k < self._size:
+            own, *around = self._centre[:, k]
+            return [own, *around * self._faces]
         return self._wave(k, self._waves.right(self._modes[k].frequency, self._high(k)))
 
     def left(self, k: int) -> list[Any]:
         """Left eigenvector k, (ring,)."""
-        if k < 3:
-            own, e, f = self._centre_inverse[k, :]
-            return [own, *[e / self._faces, f / self._faces] * self._faces]
+        if k < self._size:
+            own, *around = self._centre_inverse[k, :]
+            return [own, *[x / self._faces for x in around] * self._faces]
         return self._wave(k, self._waves.left(self._modes[k].frequency, self._high(k)))
 
     def rational(self, k: int) -> list[Fraction] | None:
         """Frequency 0, if it is rational, and frequency N / 2."""
         half = 2 * self._modes[k].frequency == self._faces
-        if half or k == 0 or (k < 3 and self._root is not None):
+        if half or k == 0 or (k < self._size and self._root is not None):
             return [Fraction(int(x.p), int(x.q)) for x in self.right(k)]
         return None
 
@@ -516,41 +559,45 @@ class FourierRing:
         """Cosines and sines of odd and of even frequencies; frequency 0, if it is irrational."""
         n = self._faces
         if self._root is None:
-            quadratic = L**2 - constant(self._trace) * L + constant(self._product)
-            own, e, f = self._cross([[constant(x) for x in row] for row in self._block], L)
-            yield [own, *[e, f] * n], [quadratic]
+            block = [[RING(0)] * self._size for _ in range(self._size)]
+            for total, row in zip(block, self._rows, strict=True):
+                for c, w in row.items():
+                    total[0 if c == 0 else 1 + (c - 1) % len(self._orbits)] += w
+            trace, product = centre_quadratic(block)
+            modulo = L - trace if self._size == 2 else L**2 - trace * L + product
+            own, *around = self._cross(block, L)
+            yield [own, *around * n], [modulo]
         for odd in (1, 0):
             # the product of s - cos(pi f / N) over 0 < f < N / 2 and N / 2 < f < N
             nodes = (chebyshev(n, 0) + (1 if odd else -1)).gcd(chebyshev(n, 1))
             nodes = without_zero(nodes)
             # the latter half of the ring clockwise: of lower degree
-            steps = [*range(-1, n + 1), *range(1 - n, -1)]
+            steps = [step if step <= n else step - 2 * n for step in self._steps]
             for parity in (0, 1) if nodes.degree(S) > 0 else ():
                 wave = self._waves.polynomials(steps, parity)
-                yield [RING(0), *wave], [self._waves.quadratic, nodes]
+                yield [RING(0), *wave], [self._waves.characteristic, nodes]
 
-    def _wave(self, k: int, profile: tuple[Any, Any]) -> list[Any]:
+    def _wave(self, k: int, profile: tuple[Any, ...]) -> list[Any]:
         mode = self._modes[k]
         wave = sympy.sin if mode.parity else sympy.cos
-        steps = range(-1, 2 * self._faces - 1)
-        return [sympy.Integer(0), *self._waves.values(wave, mode.frequency, steps, profile)]
+        return [sympy.Integer(0), *self._waves.values(wave, mode.frequency, self._steps, profile)]
 
     @staticmethod
     def _cross(block: list[list[Any]], value: Any) -> list[Any]:
-        """Eigenvector of a 3 x 3 block: the cross product of two rows of block - value."""
-        (a, b, c), (d, e, f) = (
-            [x - value if i == j else x for j, x in enumerate(block[i])] for i in (1, 2)
-        )
-        return [b * f - c * e, c * d - a * f, a * e - b * d]
+        """Eigenvector of a block: orthogonal to the rows of block - value after the first."""
+        rows = [
+            [x - value if i == j else x for j, x in enumerate(row)] for i, row in enumerate(block)
+        ]
+        return [cofactor(rows, 0, j) for j in range(len(block))]
 
     @cached_property
     def _centre(self) -> Any:
-        """Right eigenvectors of frequency 0 as columns, (3, 3), last entries 1 if they can be."""
+        """Right eigenvectors of frequency 0 as columns, last entries 1 if they can be."""
         block = [[rational(x) for x in row] for row in self._block]
         columns = []
-        for k in range(3):
+        for k in range(self._size):
             vector = self._cross(block, self.eigenvalue(k))
-            scale = sympy.radsimp(vector[2])
+            scale = sympy.radsimp(vector[-1])
             if scale == 0:
                 scale = next(x for x in map(sympy.radsimp, vector) if x != 0)
             columns.append([sympy.radsimp(x / scale) for x in vector])
@@ -583,7 +630,7 @@ def square_root(x: Fraction) -> Fraction | None:
 
 
 def _from_sympy(polynomial: Any) -> Any:
-    return RING.from_dict({(0, p[0]): QQ(int(c)) for p, c in polynomial.terms()})
+    return RING.from_dict({(0, p[0], 0): QQ(int(c)) for p, c in polynomial.terms()})
 
 
 def _at(polynomial: Any, value: Fraction) -> Any:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from fractions import Fraction
+from itertools import islice
 from typing import Any
 
 import sympy
@@ -31,9 +32,8 @@ from sympy.polys.matrices import DomainMatrix
 from limitsurf.caching import cached_property
 from limitsurf.exact import sectors
 from limitsurf.exact.fixed import null_space, reduced
-from limitsurf.exact.matrices import Sector, SubdivisionMatrix, subdivision_matrix
+from limitsurf.exact.matrices import SubdivisionMatrix, subdivision_matrix
 from limitsurf.exact.ring import ring_generators
-from limitsurf.exact.scheme import Scheme
 from limitsurf.exact.symbolic import (
     RING,
     Family,
@@ -45,6 +45,7 @@ from limitsurf.exact.symbolic import (
     rational,
     without_zero,
 )
+from limitsurf.scheme.scheme import Scheme
 
 _x = sympy.Symbol("x")
 
@@ -74,11 +75,14 @@ class Sines:
     def __init__(self, scheme: Scheme, valence: int, points: int, norm: int) -> None:
         # the same for every valence, but in small rings the points on both sides may be one; and
         # whatever the vertex does, so its mask is not asked for
-        generators = ring_generators(subdivision_matrix(scheme, Sector("cone", 8)))
-        self._waves, self._norm = Waves(generators, valence), norm
-        self._steps = range(points)
-        self._names = [(f, high) for f in range(1, (valence + 1) // 2) for high in (True, False)]
-        if valence % 2 == 0:
+        generators = ring_generators(subdivision_matrix(scheme, scheme.sector("cone", 8)))
+        orbits = scheme.lattice.orbits
+        self._waves, self._norm = Waves(generators, valence, orbits), norm
+        every = (2 * j + k - orbits[0] for j in range(valence) for k in orbits)
+        self._steps = list(islice(every, points))
+        highs = (True, False)[: len(orbits)]
+        self._names = [(f, high) for f in range(1, (valence + 1) // 2) for high in highs]
+        if valence % 2 == 0 and len(orbits) > 1:
             self._names.append((valence // 2, False))
 
     def __len__(self) -> int:
@@ -97,8 +101,7 @@ class Sines:
     def left(self, k: int) -> list[Any]:
         """The same of the left eigenvector, times the norm."""
         frequency, high = self._names[k]
-        e, f = self._waves.left(frequency, high)
-        profile = self._norm * e, self._norm * f
+        profile = tuple(self._norm * x for x in self._waves.left(frequency, high))
         return self._waves.values(sympy.sin, frequency, self._steps, profile)
 
     def families(self) -> Iterator[Family]:
@@ -107,7 +110,7 @@ class Sines:
         nodes = without_zero(chebyshev(n, 1))
         if nodes.degree(S) > 0:
             steps = [k if k <= n else k - 2 * n for k in self._steps]
-            yield [RING(0), *self._waves.polynomials(steps, 1)], [self._waves.quadratic, nodes]
+            yield [RING(0), *self._waves.polynomials(steps, 1)], [self._waves.characteristic, nodes]
 
 
 class OpenRing:
@@ -253,7 +256,7 @@ class DartRing:
         self.rotations: dict[int, tuple[Any, Any]] = {}
         self._size = matrix.sector.ring
         self._sines = Sines(scheme, matrix.sector.faces, self._size - 1, norm=1)
-        self._orbits = sectors.orbits(matrix.sector.faces)
+        self._orbits = sectors.mirrored(matrix.sector)
         even = sectors.folded(matrix, self._orbits)
         self._factors = even_factors([[QQ(x.numerator, x.denominator) for x in r] for r in even])
         # eigenvalue and factor of each even vector
@@ -418,4 +421,4 @@ def _extension(
 
 def _in_ring(polynomial: Any) -> Any:
     """A polynomial in the eigenvalue L."""
-    return RING.from_dict({(n, 0): QQ(c.p, c.q) for (n,), c in polynomial.terms()})
+    return RING.from_dict({(n, 0, 0): QQ(c.p, c.q) for (n,), c in polynomial.terms()})

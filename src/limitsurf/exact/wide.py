@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.exact.scheme import Scheme
+from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
 
@@ -60,7 +60,8 @@ class Weights:
     def of(cls, scheme: Scheme, faces: int, exact: bool = False) -> Weights:
         """Those of a scheme, at a vertex amid so many faces."""
         half, beside = scheme.boundary_edge, scheme.boundary_vertex[1]
-        masks = scheme.face_mask(4)[0], *scheme.edge, half, *scheme.vertex_mask(faces), beside
+        (corner, *_), vertex = scheme.face_mask(4), scheme.vertex_mask(faces)
+        masks = corner, *scheme.regular_edge, half, *vertex, beside
         return cls(*(masks if exact else map(float, masks)))
 
     def centre(self, faces: int) -> list[list[Any]]:

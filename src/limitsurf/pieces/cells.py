@@ -21,7 +21,7 @@ from limitsurf.refine import ExactOperator, eliminated, sparse_operator, stacked
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from limitsurf.exact.scheme import Scheme
+    from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
 

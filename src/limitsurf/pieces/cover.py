@@ -43,9 +43,7 @@ class Cover:
         quadrants = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
         while True:
             done = code >= 0
-            found.append(
-                (owner[done], code[done], np.full(int(done.sum()), level), place[done])
-            )
+            found.append((owner[done], code[done], np.full(int(done.sum()), level), place[done]))
             split = code <= -2
             if not split.any():
                 break

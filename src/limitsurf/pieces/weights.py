@@ -27,7 +27,7 @@ from limitsurf.pieces.bernstein import PIECES, SIZE, Bernstein
 from limitsurf.pieces.cover import Group
 
 if TYPE_CHECKING:
-    from limitsurf.exact.scheme import Scheme
+    from limitsurf.scheme.scheme import Scheme
     from limitsurf.tables import EigenTable, RationalTable, RingMasks
 
 Array = NDArray[Any]

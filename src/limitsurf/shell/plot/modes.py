@@ -21,7 +21,7 @@ from limitsurf.spectra import eigenbasis
 from limitsurf.surface import LimitSurface
 
 if TYPE_CHECKING:
-    from limitsurf.exact.scheme import Scheme
+    from limitsurf.scheme.scheme import Scheme
 
 Array: TypeAlias = NDArray[Any]
 

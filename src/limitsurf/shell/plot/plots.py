@@ -35,7 +35,7 @@ from limitsurf.shell.plot.scene import (
 )
 
 if TYPE_CHECKING:
-    from limitsurf.exact.scheme import Scheme
+    from limitsurf.scheme.scheme import Scheme
     from limitsurf.surface import LimitSurface
 
 __all__ = [

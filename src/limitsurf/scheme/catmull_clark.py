@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from limitsurf.exact.scheme import Scheme
+from limitsurf.scheme.scheme import Scheme
 
 
 def _face(n: int) -> tuple[Fraction, ...]:

@@ -1,0 +1,185 @@
+"""Masks as arrays of the number type that is asked for."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from limitsurf.exact.creases import CHAIKIN, INFINITE
+from limitsurf.scheme.scheme import Scheme
+from limitsurf.scheme.sector import Sector
+from limitsurf.tables.cache import eigen_table, warn_once
+from limitsurf.tables.records import Array, RingMasks, StripTables, numbers
+
+# Special corners of more faces have no eigen tables, their rings are refined (`RingMasks`): tables
+# of all positions, and copies of the ring in all patches, cost the square of this number. What
+# compiled kernels keep of a patch ends here too.
+MOST_FACES = 64
+
+
+def strip_tables(scheme: Scheme, sharpness: Array, dtype: Any) -> StripTables:
+    """Pieces of the splines across creases of the given sharpnesses, each in (0, INFINITE)."""
+    from limitsurf.exact.creases import strip_pieces
+
+    depth = np.array([-(-s // 1) for s in sharpness], dtype=np.int64)
+    share = sharpness - (depth - 1)
+    share = numbers([Fraction(s) for s in share.tolist()], dtype)
+    first = np.cumsum(depth + 1) - depth - 1
+    pieces = np.zeros((int((depth + 1).sum()), 4, 4), dtype=dtype)
+    for level in np.unique(depth).tolist():
+        smooth, sharp = (
+            numbers([x for p in strip_pieces(scheme, level, w) for row in p for x in row], dtype)
+            for w in (Fraction(0), Fraction(1))
+        )
+        here = np.flatnonzero(depth == level)
+        found = smooth + share[here, None] * (sharp - smooth)
+        place = first[here, None] + np.arange(level + 1)
+        pieces[place] = found.reshape(len(here), level + 1, 4, 4)
+    return StripTables(first, depth, pieces)
+
+
+@lru_cache(maxsize=4096)
+def _face_mask(scheme: Scheme, corners: int) -> tuple[Fraction, ...]:
+    return tuple(scheme.face_mask(corners))
+
+
+@lru_cache(maxsize=4096)
+def _vertex_mask(scheme: Scheme, valence: int) -> tuple[Fraction, ...]:
+    return tuple(scheme.vertex_mask(valence))
+
+
+def corner_weights(scheme: Scheme, sizes: Array, dtype: Any) -> Array:
+    """Weight of every face corner in its face point, (sum of sizes,)."""
+    unique, kind = np.unique(sizes, return_inverse=True)
+    table = numbers([w for n in unique.tolist() for w in _face_mask(scheme, n)], dtype)
+    # row starts of the masks in `table`, of the faces in the result
+    mask_start = np.concatenate([[0], np.cumsum(unique)[:-1]])
+    position = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return np.asarray(table[np.repeat(mask_start[kind], sizes) + position])
+
+
+def vertex_weights(scheme: Scheme, valences: Array, dtype: Any) -> Array:
+    """Weights of interior vertices, their edge neighbours, their face points, (n, 3)."""
+    unique, kind = np.unique(valences, return_inverse=True)
+    table = numbers([w for n in unique.tolist() for w in _vertex_mask(scheme, n)], dtype)
+    return np.asarray(table.reshape(len(unique), -1)[kind])
+
+
+def limit_mask(scheme: Scheme, kind: str, faces: int, dtype: Any) -> Array:
+    """Weights of the ring in the limit position of its vertex, (ring,).
+
+    Raises a ValueError, `UnsupportedSpectrum`, for masks that do not converge there.
+    """
+    from limitsurf.exact.analysis import check_convergence
+    from limitsurf.exact.sectors import limit_weights
+    from limitsurf.exact.wide import rounded_dart_limit
+
+    check_convergence(scheme, kind, faces)
+    if kind == "dart" and faces > MOST_FACES and dtype != object:
+        edges, around = rounded_dart_limit(scheme, faces)
+        own = 1 - edges.sum() - around.sum()
+        return np.concatenate([[own], np.stack([edges, around], axis=1).ravel()])
+    return numbers(limit_weights(scheme, scheme.sector(kind, faces)), dtype)
+
+
+def normal_masks(scheme: Scheme, kind: str, faces: int) -> Array:
+    """Weights of the ring in the vectors of `EigenTable.normal_pairs`, (2 or 0, 2, ring).
+
+    Around more than `MOST_FACES` faces, in the two vectors of `RingMasks.waves`, twice.
+    """
+    sector = scheme.sector(kind, faces)
+    if is_shared(sector):
+        rings = ring_masks(scheme, kind, faces)
+        both = np.zeros((2 * rings.has_normal, 2, sector.ring))
+        both[:, :, 1::2], both[:, :, 2::2] = rings.waves if rings.has_normal else (0, 0)
+        both[:, :, 0] = -both.sum(axis=2)
+        return both
+    table = eigen_table(scheme, sector)
+    masks = table.left_vectors(table.normal_pairs.ravel())[:, : sector.ring]
+    return masks.reshape(-1, 2, sector.ring)
+
+
+def collapsed_masks(scheme: Scheme, kind: str, faces: int) -> Array:
+    """Weights of the ring where sharp edges are points: e_0 or e_k coincide with v, (4, 2, ring).
+
+    Pairs of vectors whose cross product points along the limit normal where both edges are points
+    (waves 2 and 1), where the first is, and where the second is (those in corners of one face); 0
+    where there is no normal, and around more than `MOST_FACES` faces, where none is sought. Then
+    ``e_0 - v`` and ``e_k - v``, which tell. Derived in ``derivations/limit_normals.py``, section 8.
+    """
+    sector = scheme.sector(kind, faces)
+    masks = np.zeros((4, 2, sector.ring))
+    if not sector.open or sector.carried or is_shared(sector):
+        return masks
+    table = eigen_table(scheme, sector)
+    masks[3, [0, 1], [1, -1]], masks[3, :, 0] = 1, -1
+    # modes of the ring: three of the curve, then waves by frequency, in quads two each but the last
+    first_two = 3 + len(sector.lattice.orbits) * np.arange(min(faces, 2))
+    waves = [int(np.flatnonzero(table.order == mode)[0]) for mode in first_two]
+    # each positive beside the first edge
+    sign = np.sign(table.pieces[0, scheme.spline.exponents.index((0, 1)), waves])
+    first, *second = table.left_vectors(np.array(waves))[:, : sector.ring] * sign[:, None]
+    if second:
+        masks[0] = second[0], first
+    elif kind == "corner":
+        masks[1], masks[2] = (first, masks[3, 1]), (masks[3, 0], first)
+    return masks
+
+
+def is_shared(sector: Sector) -> bool:
+    """Whether the patches around a special corner share its ring, for which there is no table."""
+    return sector.faces > MOST_FACES and not sector.carried
+
+
+@lru_cache(maxsize=16)
+def ring_masks(scheme: Scheme, kind: str, faces: int) -> RingMasks:
+    """Return the masks around a special corner of many faces.
+
+    Raises a ValueError, `UnsupportedSpectrum`, for masks that do not converge there.
+    """
+    from limitsurf.exact.wide import Weights, slowest_waves
+
+    weights = Weights.of(scheme, faces)
+    limit = limit_mask(scheme, kind, faces, float)
+    waves = slowest_waves(scheme, kind, faces)
+    for array in (limit, *waves):
+        array.flags.writeable = False
+    sector = scheme.sector(kind, faces)
+    made = RingMasks(sector, weights, (limit[1::2], limit[2::2]), waves)
+    if not made.has_normal:
+        warn_once(scheme, sector)
+    return made
+
+
+def one(dtype: Any) -> Array:
+    """The weight 1, (1,)."""
+    return numbers([Fraction(1)], dtype)
+
+
+def rule_weights(scheme: Scheme, dtype: Any) -> tuple[Array, Array, Array]:
+    """Edge mask (2,), boundary edge mask (1,), boundary vertex mask (2,)."""
+    return (
+        numbers(list(scheme.regular_edge), dtype),
+        numbers([scheme.boundary_edge], dtype),
+        numbers(list(scheme.boundary_vertex), dtype),
+    )
+
+
+def edge_face_weights(scheme: Scheme, smooth_triangles: bool, dtype: Any) -> Array:
+    """What a triangle and what another face contributes to the face weight of its edges, (2,)."""
+    face = scheme.regular_edge[1]
+    triangle = scheme.smooth_triangle if smooth_triangles else None
+    return numbers([face if triangle is None else triangle, face], dtype)
+
+
+def chaikin_weights(dtype: Any) -> Array:
+    """Shares of an edge's own sharpness and of the others' mean, (2,)."""
+    return numbers(list(CHAIKIN), dtype)
+
+
+def is_infinite(sharpness: Array) -> Array:
+    """Whether sharpness never falls, elementwise."""
+    return np.asarray(sharpness >= INFINITE, dtype=bool)

@@ -1,0 +1,378 @@
+"""Frozen tables: read-only arrays, and whose they are.
+
+An `EigenTable` holds the Jordan basis of a subdivision matrix in float64, each number rounded
+from 96 digits; a `RationalTable` holds the matrix itself as integers over one denominator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf._kernels import reference as kernels
+from limitsurf.caching import cached_property
+from limitsurf.exact.matrices import subdivision_matrix
+from limitsurf.scheme.scheme import Scheme
+from limitsurf.scheme.sector import Sector
+
+if TYPE_CHECKING:
+    from limitsurf.exact.wide import Weights
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class FourierRing:
+    """Coefficients of ring points in the Fourier modes around a smooth or conical vertex.
+
+    Attributes
+    ----------
+    frequency, parity : (ring,)
+        Fourier frequency of each mode of the ring; 0 for cosines, 1 for sines.
+    left : (ring, 3 or 2)
+        Weights of the vertex, the edge neighbours and the face corners, if there are any, in the
+        coefficient of each mode, but for the cosine or sine.
+    half_turn : (2, N // 2 + 1)
+        Cosine and sine of pi f / N.
+    """
+
+    frequency: Array
+    parity: Array
+    left: Array
+    half_turn: Array
+
+    def coefficients(self, points: Array) -> Array:
+        """Coefficients (P, ring, d) of ring points (P, ring, d)."""
+        waves = self.frequency, self.parity, self.left, self.half_turn
+        return kernels.ring_coefficients(points, *waves)
+
+    def sizes(self, sizes: Array) -> Array:
+        """Sizes (P, ring) of what is added up to coefficients, from those of points (P, ring)."""
+        stride = self.left.shape[1] - 1
+        parts = [sizes[:, 0], *(sizes[:, k::stride].sum(axis=1) for k in range(1, 1 + stride))]
+        return np.asarray(np.stack(parts, axis=1) @ np.abs(self.left.T))
+
+    def weights(self, rows: Array) -> Array:
+        """Weights (Q, ring) of the points from those of the coefficients (Q, ring)."""
+        waves = self.frequency, self.parity, self.left, self.half_turn
+        valence = (len(self.frequency) - 1) // (self.left.shape[1] - 1)
+        return kernels.ring_weights(rows, *waves, valence)
+
+
+@dataclass(frozen=True, eq=False)
+class DenseRing:
+    """The same for sectors and darts: left eigenvectors as rows, (ring, ring)."""
+
+    left: Array
+
+    def coefficients(self, points: Array) -> Array:
+        """Coefficients (P, ring, d) of ring points (P, ring, d)."""
+        return np.asarray(np.matmul(self.left, points))
+
+    def sizes(self, sizes: Array) -> Array:
+        """Sizes (P, ring) of what is added up to coefficients, from those of points (P, ring)."""
+        return np.asarray(sizes @ np.abs(self.left.T))
+
+    def weights(self, rows: Array) -> Array:
+        """Weights (Q, ring) of the points from those of the coefficients (Q, ring)."""
+        return np.asarray(rows @ self.left)
+
+
+@dataclass(frozen=True, eq=False)
+class EigenTable:
+    """Real Jordan basis of the subdivision matrix around a special corner, in float64.
+
+    Arrays are read-only; K control points as in ``exact/matrices.py``.
+
+    Attributes
+    ----------
+    scheme : Scheme
+        Whose table this is.
+    sector : Sector
+        What surrounds the corner.
+    provenance : dict
+        Name, masks, sector and format: everything that the numbers depend on.
+    ring : FourierRing or DenseRing
+        Left eigenvectors of the ring.
+    rates : (2, K)
+        By what a halving scales each eigenfunction: the eigenvalue, but the modulus of complex
+        pairs (at darts). Unevaluated sums high + low; the first is 1, and moduli fall.
+    pieces : (3, 16 or 15, K)
+        Eigenfunctions on the three regular pieces of the face: coefficients of the monomials in
+        the order of `Spline.exponents`, in quads of ``S^i T^j`` at ``4 j + i``.
+    chains : (c,)
+        Indices k with ``A V[:, k] = eigenvalue[k] V[:, k] + V[:, k - 1]``.
+    pairs, angles : (p,)
+        Indices k of complex pairs k, k + 1, and the arguments of the first of each.
+    normal : (2,) or (0,)
+        Coefficients whose cross product points along the limit normal at the corner, if general
+        control points have one there.
+    links : (outer, ring)
+        What each mode of the ring takes away from the coefficients of the outer eigenvectors.
+    outer : (outer, outer)
+        Left eigenvectors of the outer block.
+    order : (K,)
+        Modes of the ring, then outer eigenvectors, by decreasing modulus of the eigenvalue.
+    """
+
+    scheme: Scheme
+    sector: Sector
+    provenance: Mapping[str, Any]
+    ring: FourierRing | DenseRing
+    rates: Array
+    pieces: Array
+    chains: Array
+    pairs: Array
+    angles: Array
+    normal: Array
+    links: Array
+    outer: Array
+    order: Array
+
+    @property
+    def size(self) -> int:
+        """Number K of control points."""
+        return self.sector.size
+
+    @cached_property
+    def _dense(self) -> tuple[Array, Array]:
+        from limitsurf.exact.spectrum import dense_basis, spectrum
+
+        V, Vinv = map(rounded, dense_basis(spectrum(self.scheme, self.sector)))
+        return V, Vinv
+
+    @property
+    def V(self) -> Array:
+        """Right eigenvectors as columns, (K, K); derived when first asked for."""
+        return self._dense[0]
+
+    @property
+    def Vinv(self) -> Array:
+        """Left eigenvectors as rows, (K, K); derived when first asked for."""
+        return self._dense[1]
+
+    @cached_property
+    def eigenvalues(self) -> Array:
+        """Eigenvalues by decreasing modulus, (K,); complex if there are complex pairs."""
+        values: Array = self.rates[0]
+        if len(self.pairs):
+            values = values.astype(complex)
+            turn = np.exp(1j * self.angles)
+            values[self.pairs] *= turn
+            values[self.pairs + 1] *= turn.conj()
+        values.flags.writeable = False
+        return values
+
+    @cached_property
+    def J(self) -> Array:
+        """Real Jordan matrix, (K, K): a pair a +- ib is the block [[a, b], [-b, a]]."""
+        J = np.diag(self.rates[0])
+        J[self.chains - 1, self.chains] = 1
+        for k, angle in zip(self.pairs.tolist(), self.angles.tolist(), strict=True):
+            turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+            J[k : k + 2, k : k + 2] = self.rates[0, k] * turn
+        J.flags.writeable = False
+        return J
+
+    @cached_property
+    def A(self) -> Array:
+        """Subdivision matrix, (K, K)."""
+        A = np.zeros((self.size, self.size))
+        for i, row in enumerate(subdivision_matrix(self.scheme, self.sector).rows[: self.size]):
+            for k, weight in row.items():
+                A[i, k] = float(weight)
+        A.flags.writeable = False
+        return A
+
+    @property
+    def residual(self) -> Array:
+        """``A V - V J`` in float64, (K, K): rounding only."""
+        return np.asarray(self.A @ self.V - self.V @ self.J)
+
+    @property
+    def limit_mask(self) -> Array:
+        """Weights of the control points in the limit position of the vertex, (K,)."""
+        return np.asarray(self.left_vectors(np.zeros(1, dtype=np.int64))[0])
+
+    @property
+    def tangent_masks(self) -> Array:
+        """Weights of two vectors whose cross product is along the limit normal, (2, K) or (0, K).
+
+        At a smooth vertex the subdominant components, even and odd about the diagonal of the face.
+        """
+        return self.left_vectors(self.normal)
+
+    @property
+    def growth(self) -> dict[str, float | None]:
+        """By what things are multiplied in general as the distance from the vertex is halved.
+
+        First derivatives by 2 l1, with the eigenvalues l1, l2, l3 after 1; second ones by 4 l1, or
+        4 l3 if l1 is 1/2; curvature by ``l3 / l2^2``; the distance of normals from their limit by
+        ``l3 / l2``, None if they have none (``derivations/scaling.py``).
+        """
+        l1, l2, l3 = map(float, np.abs(self.rates[0, 1:4]))
+        return {
+            "first_derivatives": 2 * l1,
+            "second_derivatives": 4 * (l3 if l1 == 0.5 else l1),
+            "curvature": l3 / l2**2 if l2 else float("nan"),
+            "normals": l3 / l2 if len(self.normal) else None,
+        }
+
+    @property
+    def has_bounded_curvature(self) -> bool:
+        """Whether the curvature of general points stays bounded towards the vertex."""
+        slowest = np.setdiff1d(np.arange(1, self.size), self.chains - 1)[1:3]
+        l2, l3 = np.abs(self.rates[0, slowest])
+        grows = l3 > l2 * l2 or (l3 == l2 * l2 and slowest[1] in self.chains)
+        return bool(len(self.normal)) and not grows
+
+    @cached_property
+    def normal_pairs(self) -> Array:
+        """Pairs of coefficients whose cross products point along the limit normal, (2 or 0, 2).
+
+        The second pair serves where the first product is 0: there the head of a Jordan chain has
+        no part in the points (as in a straight crease through a corner of two faces), and its end
+        comes in its place.
+        """
+        ends = np.where(np.isin(self.normal, self.chains), self.normal - 1, self.normal)
+        return np.array([self.normal, ends]).reshape(-1, 2)
+
+    def coefficients(self, points: Array) -> Array:
+        """Coefficients V^-1 C of control points (P, K, d) in the eigenbasis, (P, K, d)."""
+        ring = self.sector.ring
+        modes = self.ring.coefficients(points[:, :ring])
+        outer = np.matmul(self.outer, points[:, ring:]) - np.matmul(self.links, modes)
+        return np.asarray(np.concatenate([modes, outer], axis=1)[:, self.order])
+
+    def coefficient_sizes(self, sizes: Array) -> Array:
+        """Sizes (P, K) of what adds up to these coefficients, from those of the points (P, K)."""
+        ring = self.sector.ring
+        modes = self.ring.sizes(sizes[:, :ring])
+        outer = sizes[:, ring:] @ np.abs(self.outer.T) + modes @ np.abs(self.links.T)
+        return np.asarray(np.concatenate([modes, outer], axis=1)[:, self.order])
+
+    def left_vectors(self, which: Array) -> Array:
+        """Left eigenvectors of some modes of the ring, (n, K)."""
+        modes = self.order[which]
+        vectors = self.ring.weights(np.eye(self.sector.ring)[modes])
+        return np.concatenate([vectors, np.zeros((len(modes), len(self.outer)))], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class RationalTable:
+    """One refinement step around a special corner as sparse integers over one denominator.
+
+    Attributes
+    ----------
+    sector : Sector
+    n_rows : int
+        Number of refined points: the control points, then more that the pieces take.
+    rows, columns, numerators : (nnz,)
+        Refined points from control points, (n_rows, K), sorted by column; the first K rows are the
+        matrix A. The numerators are Python integers.
+    denominator : int
+    pieces : (3, 16 or 12)
+        Rows that are the control points of the three regular pieces, in the order of the lattice's
+        template, in quads ``4 j + i``.
+    limit_mask : (K,) of Fraction
+        Weights of the control points in the limit.
+    """
+
+    sector: Sector
+    n_rows: int
+    rows: Array
+    columns: Array
+    numerators: Array
+    denominator: int
+    pieces: Array
+    limit_mask: Array
+
+    def projected(self, row: Array, eigenvalue: Fraction) -> Array:
+        """The part of a row (K,) in the space of left eigenvectors of a semisimple eigenvalue."""
+        from limitsurf.exact.fixed import null_space, reduced
+
+        size = self.sector.size
+        A = [[Fraction(0)] * size for _ in range(size)]
+        square = self.rows < size
+        for i, j, x in zip(
+            self.rows[square], self.columns[square], self.numerators[square], strict=True
+        ):
+            A[i][j] += Fraction(x, self.denominator)
+        for k in range(size):
+            A[k][k] -= eigenvalue
+        right = np.array(null_space(A), dtype=object)
+        left = np.array(null_space([list(column) for column in zip(*A, strict=True)]), dtype=object)
+        # row = x left + rest with rest . right = 0
+        gram = [[*g, h] for g, h in zip((right @ left.T).tolist(), right @ row, strict=True)]
+        part = np.array([solved[-1] for solved in reduced(gram)], dtype=object)
+        return np.asarray(part @ left)
+
+
+@dataclass(frozen=True, eq=False)
+class StripTables:
+    """Splines across semi-sharp creases, for several sharpnesses.
+
+    Attributes
+    ----------
+    first, depth : (n,) int
+        First piece of each sharpness, and its halvings towards the crease.
+    pieces : (sum of depth + 1, 4, 4)
+        Coefficients of the powers of the piece's parameter for the four rows of control points
+        across the crease, of which the second is on it; float64 or exact.
+    """
+
+    first: Array
+    depth: Array
+    pieces: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RingMasks:
+    """Float64 masks around a special corner of many faces: what its rings are refined by.
+
+    Attributes
+    ----------
+    sector : Sector
+    weights : Weights
+        Those of face, edge and vertex points.
+    limit : ((edges,), (faces,))
+        Weights of the edge neighbours and face corners in the limit of the vertex.
+    waves : ((n, edges), (n, faces))
+        The left eigenvectors that fall most slowly, up to positive factors.
+    """
+
+    sector: Sector
+    weights: Weights
+    limit: tuple[Array, Array]
+    waves: tuple[Array, Array]
+
+    @property
+    def has_normal(self) -> bool:
+        """Whether general points have a limit normal there, the cross product of two waves."""
+        return len(self.waves[0]) == 2
+
+
+def rounded(fixed: Array) -> Array:
+    """Numbers of `exact.spectrum` in float64; true division of integers rounds correctly.
+
+    What is left of an exact zero after rounding to 96 digits is zero again.
+    """
+    from limitsurf.exact.fixed import BITS
+
+    unit, noise = 1 << BITS, 1 << 32
+    numbers = [x / unit if abs(x) > noise else 0.0 for x in fixed.ravel()]
+    array = np.array(numbers, dtype=float).reshape(fixed.shape)
+    array.flags.writeable = False
+    return array
+
+
+def numbers(values: list[Fraction], dtype: Any) -> Array:
+    """Fractions in an object array, or float64 correctly rounded."""
+    array = np.empty(len(values), dtype=object)
+    array[:] = values
+    return array if dtype == object else array.astype(float)
