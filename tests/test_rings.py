@@ -7,8 +7,9 @@ import oracles_creases
 import pytest
 
 import limitsurf as ls
-from limitsurf import _kernels, rings, tables
+from limitsurf import _kernels, tables
 from limitsurf._kernels import reference
+from limitsurf.engine import rings
 
 KINDS = ("interior", "cone", "crease", "corner", "dart")
 MANY = tables.MOST_FACES + 1
@@ -185,7 +186,7 @@ def test_polygon_of_many_corners():
 
 def numbers(surface):
     """How many numbers the patches and what is evaluated with them take."""
-    patches, values = surface.patches, surface._values
+    patches, values = surface.patches, surface._answers.reference.values
     count = sum(x.size for x in patches.controls) + sum(x.nnz for x in patches.extras)
     count += sum(x.points.size + x.ring.size for x in patches.rings.values())
     for found in values._rings.values():

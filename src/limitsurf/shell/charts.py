@@ -96,7 +96,7 @@ def draw_characteristic_map(figure: Any, fan: Fan, isolines: int, rings: int) ->
             lines = surface.evaluate(face[:, None], scale * x, scale * y)  # (k, isolines, 33, 2)
             width = 0.7 * 0.8**ring
             axes.add_collection(
-                LineCollection(lines.reshape(-1, len(at), 2), colors=LINE, linewidths=width)
+                LineCollection(list(lines.reshape(-1, len(at), 2)), colors=LINE, linewidths=width)
             )
     for s in range(fan.faces):
         axes.plot(*surface.evaluate(s, at, 0 * at).T, color=AXIS, lw=1.4, solid_capstyle="round")
@@ -108,7 +108,7 @@ def draw_characteristic_map(figure: Any, fan: Fan, isolines: int, rings: int) ->
     for ring in range(rings + 1):
         scale = 2.0**-ring
         edge = surface.evaluate(face, scale * u, scale * v)  # (k, 66, 2)
-        axes.add_collection(LineCollection(edge, colors=RING, linewidths=1.8 * 0.88**ring))
+        axes.add_collection(LineCollection(list(edge), colors=RING, linewidths=1.8 * 0.88**ring))
         place = surface.evaluate(0, scale, 0.0)
         far = float(np.hypot(*place))
         power = "1" if ring == 0 else r"\lambda" + (f"^{ring}" if ring > 1 else "")
