@@ -49,6 +49,7 @@ import numpy as np
 from mpmath import mp, mpf
 from sympy import I, Matrix, Rational, Symbol, cos, diag, exp, expand, simplify, sin, symbols
 
+from limitsurf import numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.exact.fixed import BITS, product
 from limitsurf.exact.matrices import subdivision_matrix
@@ -315,7 +316,7 @@ random = Random(1)
 places = [random.random() ** power for power in (1, 5, 40) for _ in range(50)]
 places += [1 - x for x in places[:100]]
 found = kernels.cubic_weights(np.array(places), 0)
-exact = kernels.cubic_weights(kernels.exact(places), 0)
+exact = kernels.cubic_weights(numbers.RATIONAL.array(places), 0)
 for row, wanted in zip(found.tolist(), exact.tolist(), strict=True):
     for x, y in zip(row, wanted, strict=True):
         assert abs(Fraction(x) - y) <= 8 * EPS * y

@@ -150,8 +150,11 @@ normals_at(dart, end - 1)
 y, x = np.mgrid[-2:3, -2:3]
 saddle = np.stack([x, y, 0.3 * (x**2 - y**2)], axis=-1).reshape(-1, 3)
 patch = ls.Mesh(saddle, net(4)[0])
-modes = ("edge_and_corner", "edge_only", "none")
-row(*(picture(ls.LimitSurface(patch, boundary=mode), n=24) for mode in modes))
+row(
+    picture(ls.LimitSurface(patch, boundary="edge_and_corner"), n=24),
+    picture(ls.LimitSurface(patch, boundary="edge_only"), n=24),
+    picture(ls.LimitSurface(patch, boundary="none"), n=24),
+)
 
 # %% [markdown]
 # ## Which normals exist

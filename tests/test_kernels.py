@@ -21,8 +21,9 @@ import zoo
 from test_surface import accuracy, float_queries, largest_on_ring, random_cage
 
 import limitsurf as ls
-from limitsurf import _kernels, basis, packing, tables
+from limitsurf import _kernels, basis, tables
 from limitsurf._kernels import evaluation, jit, reference
+from limitsurf.engine import packing
 from limitsurf.patches import STRIP
 
 TERMS = [(m - j, j) for m in range(3) for j in range(m + 1)]
@@ -377,7 +378,7 @@ def test_high_poles(N, use):
     """At some valence coefficients are not kept and NumPy does the work around the pole."""
     points, faces = zoo.flower(N)
     surface = ls.LimitSurface(ls.Mesh(zoo.random_points(len(points), N), faces))
-    sizes_of_tables = surface._packing.tables.kinds[:, evaluation.MODES]
+    sizes_of_tables = surface._topology.packing.tables.kinds[:, evaluation.MODES]
     assert (sizes_of_tables[2:] < 0).any() == (N == 80)
     query = with_gaps(*queries(surface, 300, np.random.default_rng(N)))
     twin, size, scale = compare(surface, query, use)
@@ -587,7 +588,7 @@ def test_patches_of_large_cages(name, use, monkeypatch):
     monkeypatch.setattr(packing, "_COPIED", -1)
     monkeypatch.setattr(packing, "_COPIED_SHARE", -1)
     twin, size, scale = compare(surface, query, use)
-    assert len(surface._packing._copied) == 0
+    assert len(surface._topology.packing._copied) == 0
     compare_normals(surface, query, use, (twin[1, 0], twin[0, 1]), size, scale)
 
 

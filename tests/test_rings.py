@@ -186,7 +186,7 @@ def test_polygon_of_many_corners():
 
 def numbers(surface):
     """How many numbers the patches and what is evaluated with them take."""
-    patches, values = surface.patches, surface._values
+    patches, values = surface.patches, surface._answers.reference.values
     count = sum(x.size for x in patches.controls) + sum(x.nnz for x in patches.extras)
     count += sum(x.points.size + x.ring.size for x in patches.rings.values())
     for found in values._rings.values():

@@ -15,7 +15,7 @@ import zoo
 
 import limitsurf as ls
 from limitsurf import _kernels
-from limitsurf.packing import CHUNK
+from limitsurf.engine.packing import CHUNK
 
 THREADS = 8
 both_ways = pytest.mark.parametrize("kernels", [True, False], ids=["compiled", "numpy"])

@@ -1248,7 +1248,7 @@ def test_normals_where_rows_coincide(engine):
     for given, nu in ((twice, ((0, 1), (3, 0))), (point, ((1, 1), (1, 0)))):
         surface = ls.LimitSurface(ls.Mesh(given.reshape(-1, 3), faces))
         precise = surface.with_points(fractions(surface.points))
-        sides = [surface._sharp_sides[:, k].nonzero()[0] for k in range(4)]
+        sides = [surface._topology.sharp_sides[:, k].nonzero()[0] for k in range(4)]
         for side, x in itertools.product(range(4), (0.3, 0.7)):
             for face in sides[side]:
                 u, v = [(x, 0), (1, x), (x, 1), (0, x)][side]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from limitsurf import numbers
 from limitsurf.checks import checked_integer
 from limitsurf.pieces.cells import BezierPatches as BezierPatches
 from limitsurf.pieces.cells import BezierRest as BezierRest
@@ -98,12 +99,13 @@ def bezier_patches(
             "the u and v of patches apart"
         )
     faces, found = _faces(surface, face), surface.of_channel(channel)
-    exact = found.points.dtype == object
+    exact = numbers.type_of(found.points).exact
     # the sides of limit faces of n-gons are half edges
     rings: Any = depth - (surface.limit_faces.corner[faces] >= 0)
-    patches = found._groups_of(exact).patches
-    points = found._flat.reshape(found.points.shape)
-    return cut(patches, found._rules.scheme, points, faces, rings, weights)
+    topology = found.topology
+    patches = topology.exact_groups.patches if exact else topology.patches
+    points = numbers.type_of(found.points).array(found.points)
+    return cut(patches, topology.rules.scheme, points, faces, rings, weights)
 
 
 def _faces(surface: LimitSurface, face: ArrayLike | None) -> np.ndarray[Any, Any]:

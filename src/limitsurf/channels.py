@@ -212,8 +212,8 @@ def _sharpness(
     half_edges = geometry.half_edges.copy()
     half_edges[(values.twin < 0) | linear] = np.inf
     sides = np.flatnonzero(half_edges > 0)
-    numbers, edge = _numbered(values.corner_edge[sides], values.n_edges)
-    side = values.edge_corners[numbers, 0]
+    known, edge = _numbered(values.corner_edge[sides], values.n_edges)
+    side = values.edge_corners[known, 0]
     edges = half_edges[side]
     soft = np.flatnonzero(~tables.is_infinite(edges))
     there = geometry.edge_at(side[soft])

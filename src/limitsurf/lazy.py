@@ -9,16 +9,13 @@ receives it once.
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from uuid import uuid4
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from limitsurf.surface import LimitSurface
-
-_names: WeakKeyDictionary[LimitSurface, str] = WeakKeyDictionary()
+_names: WeakKeyDictionary[object, str] = WeakKeyDictionary()
 
 
 def is_lazy(*arrays: Any) -> bool:
@@ -34,7 +31,7 @@ def is_lazy(*arrays: Any) -> bool:
     return dask is not None and any(isinstance(x, dask.Array) for x in arrays)
 
 
-def mapped(surface: LimitSurface, method: str, face: Any, u: Any, v: Any, **options: Any) -> Any:
+def mapped(surface: object, method: str, face: Any, u: Any, v: Any, **options: Any) -> Any:
     """What a method of the surface returns, with a Dask array in place of each array.
 
     Parameters
@@ -123,7 +120,7 @@ def limit_answers(
     face: Any,
     u: Any,
     v: Any,
-    surface: LimitSurface,
+    surface: object,
     method: str,
     options: dict[str, Any],
     block_info: Any = None,

@@ -10,11 +10,22 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 
 
-def _may_be(values: Any) -> bool:
-    """Whether any entry may be masked."""
-    if isinstance(values, (list, tuple)):
-        return any(isinstance(x, np.ma.MaskedArray) for x in values)
-    return isinstance(values, np.ma.MaskedArray)
+def may_be_masked(*values: Any) -> bool:
+    """Whether any entry of any of them may be masked.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from limitsurf.masked import may_be_masked
+    >>> may_be_masked([1, 5], 3), may_be_masked(0, [np.ma.masked, 1])
+    (False, True)
+    """
+    for x in values:
+        if isinstance(x, np.ma.MaskedArray):
+            return True
+        if isinstance(x, (list, tuple)) and any(isinstance(y, np.ma.MaskedArray) for y in x):
+            return True
+    return False
 
 
 def unmasked(values: Any) -> tuple[Array, Array | None]:
@@ -27,7 +38,7 @@ def unmasked(values: Any) -> tuple[Array, Array | None]:
     >>> [x.tolist() for x in unmasked(np.ma.masked_greater([1, 5], 3))], unmasked([1, 5])[1]
     ([[1, 0], [False, True]], None)
     """
-    if not _may_be(values):
+    if not may_be_masked(values):
         return np.asarray(values), None
     if isinstance(values, (list, tuple)):
         values = np.ma.stack([np.ma.asarray(x) for x in values])
@@ -46,7 +57,7 @@ def refusal(values: Any, what: str) -> str | None:
     'holes: the entry at index 1 is masked; fill it, or leave out what lacks it'
     """
     try:
-        mask = unmasked(values)[1] if _may_be(values) else None
+        mask = unmasked(values)[1] if may_be_masked(values) else None
     except ValueError:  # arrays of different shapes, of which others complain
         return None
     if mask is None:

@@ -2,43 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
-from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import _kernels, lazy, numbers, tables
+from limitsurf import _kernels, lazy
 from limitsurf._kernels import reference as kernels
-from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
 from limitsurf.checks import checked_integer
-from limitsurf.groups import JET, ExactValues, Group, Groups, Order, Values, curvatures
-from limitsurf.masked import unmasked
+from limitsurf.engine.choice import Answers, Choice, chosen
+from limitsurf.engine.protocol import Engine, Order, Request
+from limitsurf.engine.topology import Topology
 from limitsurf.mesh import Mesh
-from limitsurf.packing import TERMS, Packing, threads
 from limitsurf.patches import PatchTable
-from limitsurf.refine import ExactOperator, eliminated, refined, sparse_operator, stacked
-from limitsurf.rules import Rules, Sharpness
+from limitsurf.refine import ExactOperator, refined, sparse_operator
+from limitsurf.rules import Rules
 from limitsurf.topology import LimitFaces
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from limitsurf._kernels.evaluation import Points
     from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
-Numbers: TypeAlias = ArrayLike | Fraction | Sequence[Fraction]
+Floats: TypeAlias = NDArray[np.float64]
+Exact: TypeAlias = Fraction | Sequence[Fraction]
+Numbers: TypeAlias = ArrayLike | Exact
 
-_PORTION = 1 << 20  # queries whose jets are in memory at once
 _MOST = 10_000  # derivatives in a jet
-# what is kept of the points
-_OF_POINTS = ("_values", "_exact_values", "_packed", "_corner_normals")
-# derivatives that kernels know, in the order of `jet`
-_PLACES = {nu: place for place, nu in enumerate(TERMS)}
+_POSITION: tuple[Order] = ((0, 0),)
 
 
 class Curvature(NamedTuple):
@@ -149,7 +144,7 @@ class LimitSurface:
     threads as `workers` says; fewer by NumPy, to spare small jobs the loading of a compiler
     (`precompile` loads it at once). Both are equally accurate; last digits may differ. Any integers
     and real numbers do, also strided, read-only and memory-mapped ones; float32 counts as the
-    float64 that it is. Queries that broadcast all parameters over all faces, such as faces (n, 1)
+    float64 that it is. Request that broadcast all parameters over all faces, such as faces (n, 1)
     and u, v (m,), are the fastest. Dask arrays of queries give Dask arrays, evaluated lazily; the
     surface goes to each process once (extra ``dask``).
 
@@ -160,8 +155,9 @@ class LimitSurface:
     values", SIGGRAPH 1998; sharpness after DeRose, Kass and Truong, SIGGRAPH 1998. A face is cut,
     where it must be, until each piece has one special corner (``limitsurf/patches.py``). Where
     more than 64 faces meet, the ring around them is refined as deep as queries go
-    (``limitsurf/rings.py``). The eigenstructure is derived in ``derivations/eigenstructure.py`` and
-    ``derivations/sectors.py``, the table in ``derivations/limit_normals.py``.
+    (``limitsurf/rings.py``). The eigenstructure is derived in
+    ``derivations/eigenstructure.py`` and ``derivations/sectors.py``, the table in
+    ``derivations/limit_normals.py``.
 
     Examples
     --------
@@ -175,34 +171,29 @@ class LimitSurface:
     (2, 3)
     """
 
-    limit_faces: LimitFaces
-
     def __init__(
         self,
         mesh: Mesh,
         scheme: str | Scheme | None = None,
-        boundary: str | None = None,
-        creasing: str | None = None,
-        triangles: str | None = None,
+        boundary: Literal["edge_and_corner", "edge_only", "none"] | None = None,
+        creasing: Literal["uniform", "chaikin"] | None = None,
+        triangles: Literal["catmull-clark", "smooth"] | None = None,
+        engine: Choice | None = None,
     ) -> None:
         if not isinstance(mesh, Mesh):
             raise TypeError(f"a surface needs a Mesh, got {type(mesh).__name__}")
-        rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
-        self._rules = rules
-        patches = PatchTable(mesh, rules, numbers.FLOAT64)
-        # masks that do not converge are refused here, not at the first query
-        for kind, sector in enumerate(patches.sectors):
-            if sector is not None and kind in patches.rings:
-                tables.ring_masks(rules.scheme, sector.kind, sector.faces)
-            elif sector is not None:
-                tables.eigen_table(rules.scheme, sector)
-        self._begin(mesh, patches)
+        rules, choice = Rules.resolve(mesh, scheme, boundary, creasing, triangles), chosen(engine)
+        topology = Topology(mesh, rules)
+        topology.groups.kinds  # noqa: B018  (refuses masks that do not converge)
+        self._begin(mesh, topology, choice, {})
 
-    def _set_points(self, mesh: Mesh) -> None:
-        self._mesh = mesh
-        self._flat = mesh.points.reshape(mesh.n_vertices, -1)
-        if self._flat.dtype == object:
-            self._flat = numbers.RATIONAL.array(self._flat)
+    def _begin(
+        self, mesh: Mesh, topology: Topology, choice: Choice, channels: dict[str, LimitSurface]
+    ) -> None:
+        self._mesh, self._topology, self._choice = mesh, topology, choice
+        self._channels = channels
+        self._answers = Answers(topology, mesh, choice)
+        self._exact = mesh.points.dtype == object
 
     def with_points(self, points: ArrayLike) -> LimitSurface:
         """The surface of the same cage with other points, (n_vertices, ...); nothing is rebuilt.
@@ -214,25 +205,19 @@ class LimitSurface:
         >>> surface.with_points([[0], [1], [3], [2]]).evaluate(0, 0.25, 0.5).round(12).tolist()
         [1.25]
         """
-        other = object.__new__(type(self))
-        other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in _OF_POINTS})
-        other._set_points(self.mesh.with_points(points))
+        mesh, other = self._mesh.with_points(points), object.__new__(type(self))
+        other._begin(mesh, self._topology, self._choice, self._channels)
         return other
 
     def __getstate__(self) -> dict[str, Any]:
         # the cage and its patches; everything else is computed again where it arrives
-        return {"_mesh": self._mesh, "_rules": self._rules, "_patches": self.patches}
+        topology = self._topology
+        known = {"mesh": self._mesh, "rules": topology.rules, "patches": topology.patches}
+        return {**known, "choice": self._choice}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self._rules = state["_rules"]
-        self._begin(state["_mesh"], state["_patches"])
-
-    def _begin(self, mesh: Mesh, patches: PatchTable) -> None:
-        self.limit_faces = LimitFaces.of(mesh)
-        self._channels: dict[str, LimitSurface] = {}
-        self._packings: dict[None, Packing] = {}
-        self._groups = {False: Groups(patches, self._rules.scheme, False)}
-        self._set_points(mesh)
+        topology = Topology(state["mesh"], state["rules"], state["patches"])
+        self._begin(state["mesh"], topology, state["choice"], {})
 
     def of_channel(self, channel: str | None) -> LimitSurface:
         """The surface of a face-varying channel over the same limit faces; this one if it is None.
@@ -253,8 +238,10 @@ class LimitSurface:
         if channel is None:
             return self
         if channel not in self._channels:
-            values = ChannelMesh.of(self.mesh, channel, self._rules)
-            self._channels[channel] = LimitSurface(values, **vars(values.rules))
+            values = ChannelMesh.of(self.mesh, channel, self._topology.rules)
+            self._channels[channel] = LimitSurface(
+                values, **vars(values.rules), engine=self._choice
+            )
         return self._channels[channel]
 
     @property
@@ -268,29 +255,59 @@ class LimitSurface:
         return self._mesh.points
 
     @property
+    def topology(self) -> Topology:
+        """What answers depend on besides the points; surfaces with other points share it."""
+        return self._topology
+
+    @property
     def patches(self) -> PatchTable:
         """The patches that the surface is made of."""
-        return self._groups[False].patches
+        return self._topology.patches
+
+    @property
+    def limit_faces(self) -> LimitFaces:
+        """Numbering of the limit faces."""
+        return self._topology.limit_faces
+
+    @property
+    def engine(self) -> Choice:
+        """Which implementation answers: "auto", "reference" or "compiled"."""
+        return self._choice
 
     @property
     def rules(self) -> dict[str, Any]:
         """Scheme and options in force, as keyword arguments of `refined`."""
-        return vars(self._rules).copy()
+        return vars(self._topology.rules).copy()
 
     def __repr__(self) -> str:
         return (
             f"<LimitSurface of {len(self.limit_faces)} limit faces over {self.mesh.n_vertices} "
-            f"vertices, {self._rules.scheme.name}>"
+            f"vertices, {self._topology.rules.scheme.name}>"
         )
 
     # ------------------------------------------------------------------ public evaluation
 
+    @overload
+    def evaluate(
+        self, face: ArrayLike, u: Exact, v: Numbers, nu: Order = ..., channel: str | None = ...,
+        workers: int = ...,
+    ) -> NDArray[np.object_]: ...  # fmt: skip
+    @overload
+    def evaluate(
+        self, face: ArrayLike, u: Numbers, v: Exact, nu: Order = ..., channel: str | None = ...,
+        workers: int = ...,
+    ) -> NDArray[np.object_]: ...  # fmt: skip
+    @overload
+    def evaluate(
+        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> Floats: ...  # fmt: skip
     def evaluate(
         self,
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
-        nu: Order = (0, 0),
+        nu: Order = _POSITION[0],
         channel: str | None = None,
         workers: int = 1,
     ) -> Any:
@@ -338,7 +355,11 @@ class LimitSurface:
         if lazy.is_lazy(face, u, v):
             options = {"nu": nu, "channel": channel, "workers": workers}
             return lazy.mapped(self, "evaluate", face, u, v, **options)
-        return self.of_channel(channel)._derivatives(face, u, v, [_order(nu)], workers)[0]
+        orders = _POSITION if nu is _POSITION[0] else [_order(nu)]
+        surface = self if channel is None else self.of_channel(channel)
+        request = Request.of(face, u, v, surface._exact, workers)
+        (found,) = surface._answers.engine(request, orders).derivatives(request, orders)
+        return found.reshape(request.face.shape + surface._mesh.points.shape[1:])[()]
 
     def jet(
         self,
@@ -348,7 +369,7 @@ class LimitSurface:
         order: int = 2,
         channel: str | None = None,
         workers: int = 1,
-    ) -> dict[Order, Any]:
+    ) -> dict[Order, Floats]:
         """All derivatives up to a total order in one pass, as {(i, j): array}.
 
         Arguments, shapes and errors are those of `evaluate`; (0, 0) is the position. Derivatives
@@ -372,14 +393,24 @@ class LimitSurface:
             )
         if lazy.is_lazy(face, u, v):
             options = {"order": order, "channel": channel, "workers": workers}
-            found: dict[Order, Any] = lazy.mapped(self, "jet", face, u, v, **options)
-            return found
+            lazily: dict[Order, Any] = lazy.mapped(self, "jet", face, u, v, **options)
+            return lazily
+        surface = self.of_channel(channel)
         orders = [(m - j, j) for m in range(order + 1) for j in range(m + 1)]
         within = [_order(nu) for nu in orders]
-        derivatives = self.of_channel(channel)._derivatives(face, u, v, within, workers)
-        return dict(zip(orders, derivatives, strict=True))
+        request = Request.of(face, u, v, surface._exact, workers)
+        found = surface._answers.engine(request, within).derivatives(request, within)
+        shape = request.face.shape + surface.points.shape[1:]
+        return {nu: x.reshape(shape)[()] for nu, x in zip(orders, found, strict=True)}
 
-    def tangents(self, face: ArrayLike, u: Numbers, v: Numbers) -> tuple[Any, Any]:
+    def tangents(
+        self,
+        face: ArrayLike,
+        u: Numbers,
+        v: Numbers,
+        channel: str | None = None,
+        workers: int = 1,
+    ) -> tuple[Floats, Floats]:
         """Unit directions of d/du and d/dv, along the last axis of the points.
 
         At a special vertex they are the limits along the face's own two edges, also where there is
@@ -402,20 +433,31 @@ class LimitSurface:
         [[1.0, 0.0], [0.0, 1.0]]
         """
         if lazy.is_lazy(face, u, v):
-            both: tuple[Any, Any] = lazy.mapped(self, "tangents", face, u, v)
+            options = {"channel": channel, "workers": workers}
+            both: tuple[Any, Any] = lazy.mapped(self, "tangents", face, u, v, **options)
             return both
-        *directions, shape = self._directions(face, u, v, "tangents")
-        shape += self.points.shape[1:]
-        width = self.points.shape[-1] if self.points.ndim > 1 else 1
+        surface = self.of_channel(channel)
+        request, engine = surface._inexact(face, u, v, workers, "tangents")
+        *directions, noise, other = engine.tangents(request)
+        points = surface.points
+        shape = request.face.shape + points.shape[1:]
+        width = points.shape[-1] if points.ndim > 1 else 1
         along, across = (
             kernels.unit(
                 x.reshape(-1, width), np.repeat(noise, x.shape[1] // max(width, 1), axis=0)
             ).reshape(shape)
-            for x, noise in directions
+            for x, noise in zip(directions, (noise, other), strict=True)
         )
         return along, across
 
-    def normal(self, face: ArrayLike, u: Numbers, v: Numbers, workers: int = 1) -> Any:
+    def normal(
+        self,
+        face: ArrayLike,
+        u: Numbers,
+        v: Numbers,
+        workers: int = 1,
+        channel: str | None = None,
+    ) -> Floats:
         """Unit normals, along d/du x d/dv: outwards where faces are counter-clockwise from outside.
 
         The normal is that of its own (u, v) at every distance from a special vertex, and the limit
@@ -447,17 +489,23 @@ class LimitSurface:
         >>> surface.normal(0, 0.5, 0.5).tolist()
         [0.0, 0.0, 1.0]
         """
-        self._check_space("a normal")
+        surface = self._in_space(channel, "a normal")
         if lazy.is_lazy(face, u, v):
-            return lazy.mapped(self, "normal", face, u, v, workers=workers)
-        face, u, v = self._inexact_queries(face, u, v, "normal")
-        normals = self._regular_normals(face, u, v, workers)
-        lost = np.isnan(normals[:, 0])
-        if lost.any():
-            self._find_limits(face.flat[lost], u.flat[lost], v.flat[lost], lost, normals)
-        return normals.reshape(*face.shape, 3)
+            options = {"channel": channel, "workers": workers}
+            lazily: Floats = lazy.mapped(self, "normal", face, u, v, **options)
+            return lazily
+        request, engine = surface._inexact(face, u, v, workers, "normal")
+        normals = engine.normals(request)
+        return normals.reshape(*request.face.shape, 3)
 
-    def curvature(self, face: ArrayLike, u: Numbers, v: Numbers, workers: int = 1) -> Curvature:
+    def curvature(
+        self,
+        face: ArrayLike,
+        u: Numbers,
+        v: Numbers,
+        workers: int = 1,
+        channel: str | None = None,
+    ) -> Curvature:
         """Principal, mean and Gaussian curvatures, and principal directions.
 
         A principal curvature is positive where the surface bends towards its `normal`: a sphere of
@@ -491,38 +539,46 @@ class LimitSurface:
         >>> float((bent.k1 * (1 + 4 * at * at) ** 1.5).round(9)), abs(bent.d1).round(6).tolist()
         (2.0, [0.316228, 0.0, 0.948683])
         """
-        self._check_space("a curvature")
+        self._in_space(channel, "a curvature")
+        options = {"channel": channel, "workers": workers}
         if lazy.is_lazy(face, u, v):
-            found = lazy.mapped(self, "_curvatures", face, u, v, workers=workers)
+            found = lazy.mapped(self, "_curvatures", face, u, v, **options)
         else:
-            found = self._curvatures(face, u, v, workers)
+            found = self._curvatures(face, u, v, channel, workers)
         k1, k2, mean, gaussian = (found[..., k][()] for k in range(4))
         return Curvature(k1, k2, found[..., 4:7], found[..., 7:], mean, gaussian)
 
-    def _curvatures(self, face: ArrayLike, u: Numbers, v: Numbers, workers: int) -> Array:
+    def _curvatures(
+        self, face: ArrayLike, u: Numbers, v: Numbers, channel: str | None, workers: int
+    ) -> Array:
         """Both principal, mean and Gaussian curvature, and both directions, (..., 10)."""
-        face, u, v = self._inexact_queries(face, u, v, "curvature")
-        self._check_ranges(face, u, v, False)
-        groups, compute = self._groups[False], self._values.curvatures
-        if self._values.balance or not _kernels.compiled(face.size):
-            (found,) = groups.answers(face, u, v, [10], compute)
-            return found.reshape(*face.shape, 10)
-        found, start = np.empty((face.size, 10)), 0
-        # kernels' answers, but around special corners
-        for part in np.array_split(found, max(1, face.size // _PORTION)):  # views
-            here = slice(start, start + len(part))
-            f, x, y = face.flat[here], u.flat[here], v.flat[here]
-            jet = np.stack(self._derivatives(f, x, y, JET, workers))
-            part[:] = curvatures(jet, self._regular_normals(f, x, y, workers))
-            # and where errors may outweigh what bends the surface
-            thin = kernels.nearly_dependent(*jet[:2])
-            special = np.flatnonzero(groups.special(f, x, y) | thin)
-            (part[special],) = groups.answers(f[special], x[special], y[special], [10], compute)
-            start = here.stop
-        return found.reshape(*face.shape, 10)
+        request, engine = self.of_channel(channel)._inexact(face, u, v, workers, "curvature")
+        found = engine.curvatures(request)
+        return found.reshape(*request.face.shape, 10)
 
+    @overload
     def weights(
-        self, face: ArrayLike, u: Numbers, v: Numbers, nu: Order = (0, 0), workers: int = 1
+        self, face: ArrayLike, u: Exact, v: Numbers, nu: Order = ..., workers: int = ...,
+        channel: str | None = ...,
+    ) -> ExactOperator: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Numbers, v: Exact, nu: Order = ..., workers: int = ...,
+        channel: str | None = ...,
+    ) -> ExactOperator: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, nu: Order = ..., workers: int = ...,
+        channel: str | None = ...,
+    ) -> csr_array[Any]: ...  # fmt: skip
+    def weights(
+        self,
+        face: ArrayLike,
+        u: Numbers,
+        v: Numbers,
+        nu: Order = (0, 0),
+        workers: int = 1,
+        channel: str | None = None,
     ) -> csr_array[Any] | ExactOperator:
         """Sparse matrix that maps control points to positions or derivatives.
 
@@ -549,294 +605,45 @@ class LimitSurface:
         nu = _order(nu)
         if lazy.is_lazy(face, u, v):
             raise TypeError("weights takes no Dask arrays: ask for them chunk by chunk")
-        face, u, v, exact = self._broadcast(face, u, v)
-        count = threads(workers)
-        if not exact and nu in _PLACES and _kernels.compiled(face.size):
-            rest = self._without_rows(face, u, v)
-            flat = face.ravel(), u.ravel(), v.ravel()
-            known = (face, u, v) if rest is None else (x[~rest] for x in flat)
-            f, x, y = known
-            found: csr_array[Any] = self._packing.weights((f, x, y), _PLACES[nu], count)
-            if found is not None and rest is None:
-                return found
-            if found is not None and rest is not None:
-                f, x, y = (z[rest] for z in flat)
-                both = stacked([found, self._reference_weights(f, x, y, nu, exact)])
-                both = both[np.argsort(np.argsort(rest, kind="stable"), kind="stable")]
-                parts = [x.astype(found.indices.dtype) for x in (both.indices, both.indptr)]
-                return type(found)((both.data, *parts), shape=both.shape)
-        self._check_ranges(face, u, v, exact)
-        return self._reference_weights(face, u, v, nu, exact)
+        surface = self.of_channel(channel)
+        request = Request.of(face, u, v, surface._exact, workers)
+        found = surface._answers.engine(request, [nu], True).weights(request, nu)
+        return found if channel is None else self._over_values(found, channel)
 
-    def _without_rows(self, face: Array, u: Array, v: Array) -> Array | None:
-        """Queries whose rows of weights only the reference can give, flat; None if there are none.
-
-        Complains of what is out of range before it looks.
-        """
-        if not self._packing.without_rows.any():
-            return None
-        self._check_ranges(face, u, v, False)
-        there = np.flatnonzero(np.isfinite(u.ravel()) & np.isfinite(v.ravel()))
-        where = [x.ravel()[there] for x in (face, u, v)]
-        patch, *_ = self.patches.locate(where[0].astype(np.int64), where[1], where[2])
-        result = np.zeros(face.size, dtype=bool)
-        result[there] = self._packing.without_rows[patch] & (patch >= 0)
-        return result if result.any() else None
-
-    def _reference_weights(
-        self, face: Array, u: Array, v: Array, nu: Order, exact: bool
-    ) -> csr_array[Any] | ExactOperator:
-        """The same by NumPy."""
-        groups = self._groups_of(exact)
-        patches, dtype = groups.patches, np.dtype(object if exact else float)
-        flat, parts = face.ravel(), []
-        for part, undefined, pieces in groups.chunks(face, u, v):
-            corner = self.mesh.offsets[self.limit_faces.face[flat[part][undefined]]]
-            rows, columns = [undefined], [self.mesh.indices[corner]]
-            values = [np.full(len(undefined), np.nan, dtype=dtype)]
-            for g in pieces:
-                ids = groups.controls(g)
-                rows.append(np.repeat(g.query, ids.shape[1]))
-                columns.append(ids.ravel())
-                with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-                    values.append(groups.weights(g, nu).ravel())
-            total = sparse_operator(
-                np.concatenate(rows),
-                np.concatenate(columns),
-                np.concatenate(values),
-                (len(flat[part]), patches.n_points),
-            )
-            # back through the extra control points, last ones first
-            for operator in reversed(patches.extras):
-                total = eliminated(total, operator)
-            parts.append(total)
-        return stacked(parts)
-
-    # ------------------------------------------------------------------ how it is done
-
-    def _groups_of(self, exact: bool) -> Groups:
-        if exact not in self._groups:
-            patches = PatchTable(self.mesh, self._rules, numbers.RATIONAL)
-            self._groups[exact] = Groups(patches, self._rules.scheme, exact)
-        return self._groups[exact]
-
-    @cached_property
-    def _values(self) -> Values:
-        return Values(self._groups[False], self._flat)
-
-    @cached_property
-    def _exact_values(self) -> ExactValues:
-        return ExactValues(self._groups_of(True), numbers.RATIONAL.array(self._flat))
-
-    def _broadcast(
-        self, face: ArrayLike, u: Numbers, v: Numbers
-    ) -> tuple[Array, Array, Array, bool]:
-        """Arrays of numbers of one shape; whether they are to be answered exactly."""
-        (faces, us, vs), masks = zip(*map(unmasked, (face, u, v)), strict=True)
-        if faces.size == 0 and faces.dtype == float:
-            faces = faces.astype(np.int64)
-        if faces.dtype.kind not in "iu":
-            raise TypeError(f"faces must be integers, got {faces.dtype}")
-        exact = object in (us.dtype, vs.dtype, self.points.dtype)
-        if exact:
-            us, vs = numbers.RATIONAL.array(us), numbers.RATIONAL.array(vs)
-        else:
-            for name, x in (("u", us), ("v", vs)):
-                if x.dtype.kind not in "iuf":
-                    raise TypeError(f"{name} must be real numbers, got {x.dtype}")
-            us, vs = us.astype(float, copy=False), vs.astype(float, copy=False)
-        try:
-            faces, us, vs = np.broadcast_arrays(faces, us, vs)
-        except ValueError:
-            raise ValueError(
-                f"face, u and v of shapes {faces.shape}, {us.shape} and {vs.shape} "
-                "cannot be broadcast together"
-            ) from None
-        for mask in masks:
-            if mask is not None:  # a query without an answer
-                us = np.where(mask, np.nan, us)
-        return faces, us, vs, exact
-
-    def _check_ranges(self, faces: Array, us: Array, vs: Array, exact: bool) -> None:
-        """Complain of the first face or parameter out of range."""
-        n = len(self.limit_faces)
-        bad = (faces < 0) | (faces >= n)
-        if bad.any():
-            raise IndexError(
-                f"limit face {_first(faces, bad)} is out of range: there are {n}, 0 to {n - 1}"
-            )
-        for name, x in (("u", us), ("v", vs)):
-            with np.errstate(invalid="ignore"):
-                bad = ((x < 0) | (x > 1)).astype(bool)
-            if not exact:
-                bad &= np.isfinite(x)
-            if bad.any():
-                raise ValueError(f"{name} = {_first(x, bad)} is outside [0, 1]")
-
-    def _derivatives(
-        self, face: ArrayLike, u: Numbers, v: Numbers, orders: Sequence[Order], workers: int
-    ) -> list[Any]:
-        """The derivatives of the given orders, each of the shape that `evaluate` promises."""
-        face, u, v, exact = self._broadcast(face, u, v)
-        compute = self._exact_values.derivatives if exact else self._values.derivatives
-        widths = [self._flat.shape[1]] * len(orders)
-        results = self._answers(
-            face, u, v, exact, widths, partial(compute, orders=orders), orders, workers
+    def _over_values(self, operator: Any, channel: str) -> Any:
+        """An operator over the values of a channel as they were given, not once for each vertex."""
+        values, corner_rows, _ = self.mesh.channels[channel]
+        own = self.of_channel(channel).mesh
+        row = np.empty(own.n_vertices, dtype=np.int64)
+        row[own.indices] = corner_rows
+        exact = isinstance(operator, ExactOperator)
+        columns = operator.columns if exact else operator.indices
+        rows = np.repeat(np.arange(operator.shape[0]), np.diff(operator.indptr))
+        shape = operator.shape[0], len(values)
+        return sparse_operator(
+            rows, row[columns], operator.values if exact else operator.data, shape
         )
-        shape = face.shape + self.points.shape[1:]
-        return [r.reshape(shape)[()] for r in results]
 
-    def _answers(
-        self,
-        face: Array,
-        u: Array,
-        v: Array,
-        exact: bool,
-        widths: Sequence[int],
-        compute: Callable[[Group], Sequence[Array]],
-        orders: Sequence[Order] | None,
-        workers: int,
-    ) -> Sequence[Array]:
-        """Arrays (Q, width): derivatives, or unit normals where `orders` is None.
-
-        By compiled kernels if that pays, but for those queries that they leave to `compute`.
-        """
-        count = threads(workers)
-        known = orders is None or all(nu in _PLACES for nu in orders)
-        known = known and not exact and all(widths) and not self._values.balance
-        if not known or not _kernels.compiled(face.size):
-            self._check_ranges(face, u, v, exact)
-            return self._groups_of(exact).answers(face, u, v, widths, compute)
-        found = self._packing.evaluate(
-            self._packed_points,
-            (face, u, v),
-            widths[0],
-            None if orders is None else [_PLACES[nu] for nu in orders],
-            count,
-        )
-        if found is None:
-            self._check_ranges(face, u, v, exact)
-            raise AssertionError("kernels and checks disagree about what is in range")
-        results, rest = found
-        if len(rest):
-            some = [x.flat[rest] for x in (face, u, v)]
-            parts = self._groups[False].answers(some[0], some[1], some[2], widths, compute)
-            for result, part in zip(results, parts, strict=True):
-                result[rest] = part
-        return list(results)
-
-    def _regular_normals(self, face: Array, u: Array, v: Array, workers: int) -> Array:
-        """Normals (Q, 3) where derivatives are independent."""
-        (normals,) = self._answers(face, u, v, False, [3], self._values.normals, None, workers)
-        return normals
-
-    def _find_limits(self, face: Array, u: Array, v: Array, lost: Array, normals: Array) -> None:
-        """Fill in normals (Q, 3) that are `lost` at queries where they are limits all the same.
-
-        At and beside sharp sides (boundaries are) along which derivatives vanish, and at vertices
-        of sides that are points.
-        """
-        at = np.isfinite(u) & np.isfinite(v) & (self.patches.codes[face] != -1)
-        away = np.where(self._sharp_sides[face].T, [v, 1 - u, 1 - v, u], np.inf)
-        side, nearest = away.argmin(axis=0), away.min(axis=0)
-        # beyond, only directions that differ by rounding are in doubt
-        at &= nearest < 2.0**-10
-        corner = at & ((u == 0) | (u == 1)) & ((v == 0) | (v == 1))
-        found = np.full((len(face), 3), np.nan)
-        if corner.any():
-            which = np.where(v[corner] == 0, u[corner], 3 - u[corner]).astype(int)
-            found[corner] = self._corner_normals[face[corner], which]
-        here = np.flatnonzero(at & ~corner)
-        face, side, nearest = face[here], side[here], nearest[here]
-        u = np.choose(side, [u[here], 1.0, u[here], 0.0])
-        v = np.choose(side, [0.0, v[here], 1.0, v[here]])
-        groups, limits = self._groups[False], np.full((len(here), 3), np.nan)
-        for part, _, pieces in groups.chunks(face, u, v, 64):
-            for g in pieces:
-                given = side[part][g.query], nearest[part][g.query]
-                limits[part.start + g.query] = self._values.edge_normals(g, *given)
-        found[here] = limits
-        normals[lost] = found
-
-    @cached_property
-    def _sharp_sides(self) -> Array:
-        """Whether the sides v = 0, u = 1, v = 1, u = 0 of limit faces stay sharp, (n, 4)."""
-        mesh, faces = self.mesh, self.limit_faces
-        sharpness = Sharpness.of(mesh, self._rules, numbers.FLOAT64)
-        sharp = np.zeros(mesh.n_corners, dtype=bool)
-        sharp[sharpness.sides] = tables.is_infinite(sharpness.edge_sharpness)[sharpness.edge]
-        quad = faces.corner < 0
-        first = mesh.offsets[faces.face] + np.where(quad, 0, faces.corner)
-        sides = np.zeros((len(faces), 4), dtype=bool)
-        sides[quad] = sharp[first[quad, None] + np.arange(4)]
-        # only those at the corner are on edges of an n-gon
-        sides[~quad, 0] = sharp[first[~quad]]
-        sides[~quad, 3] = sharp[mesh.previous_corner[first[~quad]]]
-        return sides
-
-    @cached_property
-    def _corner_normals(self) -> Array:
-        """Limit normals at the corners (0, 0), (1, 0), (1, 1), (0, 1) of limit faces, (n, 4, 3)."""
-        quads = bool((self.mesh.sizes == 4).all())
-        fine = refined(self.mesh, 0 if quads else 1, **vars(self._rules))
-        normals: Array = fine.limit_normals.reshape(-1, 4, 3)
-        if quads:
-            return normals
-        faces, sizes = self.limit_faces, self.mesh.sizes
-        child = self.mesh.offsets[faces.face] + np.maximum(faces.corner, 0)
-        result: Array = normals[child]
-        quad = np.flatnonzero(sizes[faces.face] == 4)
-        result[quad] = normals[child[quad, None] + np.arange(4), 0]
-        return result
-
-    @property
-    def _packing(self) -> Packing:
-        """Patches and tables as compiled kernels want them; shared by surfaces of one topology."""
-        if None not in self._packings:
-            with _kernels.preparing:
-                if None not in self._packings:
-                    strips, which = self._groups[False].strips
-                    own = self.mesh.indices[self.mesh.offsets[self.limit_faces.face]]
-                    made = Packing(self.patches, strips, which, self._rules.scheme, own)
-                    self._packings[None] = made
-        return self._packings[None]
-
-    @property
-    def _packed_points(self) -> Points:
-        """Control points as compiled kernels want them."""
-        if "_packed" not in self.__dict__:
-            with _kernels.preparing:
-                if "_packed" not in self.__dict__:
-                    self.__dict__["_packed"] = self._packing.points(self._flat)
-        packed: Points = self.__dict__["_packed"]
-        return packed
-
-    def _directions(self, face: ArrayLike, u: Numbers, v: Numbers, what: str) -> tuple[Any, ...]:
-        """d/du and d/dv up to positive factors, each (Q, d) with its noise (Q, 1); query shape."""
-        face, u, v = self._inexact_queries(face, u, v, what)
-        self._check_ranges(face, u, v, False)
-        d = self._flat.shape[1]
-        along, across, noise, other = self._groups[False].answers(
-            face, u, v, [d, d, 1, 1], self._values.directions
-        )
-        return (along, noise), (across, other), face.shape
-
-    def _inexact_queries(
-        self, face: ArrayLike, u: Numbers, v: Numbers, what: str
-    ) -> tuple[Array, Array, Array]:
-        """Broadcast a query whose answer needs square roots."""
-        face, u, v, exact = self._broadcast(face, u, v)
-        if exact:
-            self._check_ranges(face, u, v, exact)
+    def _inexact(
+        self, face: ArrayLike, u: Numbers, v: Numbers, workers: int, what: str
+    ) -> tuple[Request, Engine]:
+        """Request whose answers need square roots, and who gives these."""
+        request = Request.of(face, u, v, self._exact, workers)
+        if request.exact:
+            request.check(len(self.limit_faces))
             raise TypeError(
                 f"{what} needs square roots, which exact numbers do not have: give float64 ones, "
                 "with points of float64"
             )
-        return face, u, v
+        return request, self._answers.engine(request)
 
-    def _check_space(self, what: str) -> None:
-        if self.points.shape[1:] != (3,):
-            raise ValueError(f"{what} needs points of shape (n, 3), got {self.points.shape}")
+    def _in_space(self, channel: str | None, what: str) -> LimitSurface:
+        """The surface of a channel, or this one, of points of shape (n, 3)."""
+        surface = self.of_channel(channel)
+        shape = surface.points.shape
+        if shape[1:] != (3,):
+            raise ValueError(f"{what} needs points of shape (n, 3), got {shape}")
+        return surface
 
 
 def precompile() -> None:
@@ -868,17 +675,9 @@ def precompile() -> None:
 def _order(nu: Any) -> Order:
     """Two non-negative integers; those beyond the third are alike, for pieces are bicubic."""
     order = tuple(nu) if isinstance(nu, (tuple, list, np.ndarray)) else ()
-    if len(order) != 2 or not all(
-        isinstance(n, (int, np.integer)) and not isinstance(n, bool) and n >= 0 for n in order
-    ):
-        raise ValueError(f"nu must be two integers >= 0, got {nu!r}")
-    return min(int(order[0]), 4), min(int(order[1]), 4)
-
-
-def _first(values: Array, bad: Array) -> str:
-    """The first offending value, where it is, and how many there are."""
-    place = np.unravel_index(int(np.argmax(bad)), bad.shape) if bad.ndim else ()
-    where = f" at index {', '.join(map(str, place))}" if place else ""
-    count = int(np.count_nonzero(bad))
-    more = f" ({count - 1} more like it)" if count > 1 else ""
-    return f"{values[place]}{where}{more}"
+    if len(order) == 2:
+        i, j = order
+        whole = isinstance(i, (int, np.integer)) and isinstance(j, (int, np.integer))
+        if whole and i >= 0 and j >= 0 and type(i) is not bool and type(j) is not bool:
+            return min(int(i), 4), min(int(j), 4)
+    raise ValueError(f"nu must be two integers >= 0, got {nu!r}")

@@ -5,40 +5,18 @@ NumPy. The other modules are compiled with Numba, for float64 and integers; impo
 Numba, so callers ask `compiled` first.
 """
 
-import os
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
+from limitsurf._kernels.locks import preparing as preparing
+
 _PAYS = 100_000  # queries, or corners of faces: about a tenth of a second in NumPy
 _MODULES = ("coefficients", "connectivity", "evaluation", "grids", "refinement", "rows")
 _always = False
 _loaded = False
-
-# Held while something is made on first use: modules imported, kernels compiled, surfaces packed. A
-# fork waits for it, since its child has no thread that would ever finish; the locks are always
-# taken in this order.
-preparing = threading.RLock()
-locks: list[Any] = [preparing]
-
-
-def _before_fork() -> None:
-    for lock in locks:
-        lock.acquire()
-
-
-def _after_fork() -> None:
-    for lock in reversed(locks):
-        lock.release()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(
-        before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork
-    )
 
 
 def compiled(items: int) -> bool:
@@ -54,13 +32,18 @@ def compiled(items: int) -> bool:
     >>> _kernels.compiled(100_000)
     True
     """
-    if not _always and items < _PAYS:
+    if not pays(items):
         return False
-    _load()
+    load()
     return True
 
 
-def _load() -> None:
+def pays(items: int) -> bool:
+    """The same, without loading them."""
+    return _always or items >= _PAYS
+
+
+def load() -> None:
     """Import all kernels, before anybody uses one."""
     global _loaded
     if not _loaded:

@@ -8,7 +8,8 @@ Around a special corner the first halving leads to three regular pieces, three q
 patch, whose control points are kept. Nearer the corner eigenfunctions take over.
 
 What a patch is, is packed in one integer, ``row | turn << 32 | far << 34 | kind << 35``; `far` says
-that not all its control points are vertices of the cage. ``limitsurf/packing.py`` makes the arrays.
+that not all its control points are vertices of the cage. ``limitsurf/engine/packing.py`` makes the
+arrays.
 """
 
 from __future__ import annotations

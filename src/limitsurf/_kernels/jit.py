@@ -25,7 +25,8 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.serialize import dumps
 from numba.extending import intrinsic as _intrinsic
 
-from limitsurf import _kernels, disk_cache
+from limitsurf import disk_cache
+from limitsurf._kernels import locks
 
 F = TypeVar("F", bound=Callable[..., Any])
 # called from kernels without the typing context that they are written with
@@ -125,7 +126,7 @@ def inlined(function: F) -> F:
 
 
 # a fork while another thread compiles must not leave the lock held for ever in the child
-_kernels.locks.append(global_compiler_lock)
+locks.locks.append(global_compiler_lock)
 
 _I8, _I32, _I64, _F64 = ir.IntType(8), ir.IntType(32), ir.IntType(64), ir.DoubleType()
 _FOUR = ir.VectorType(_F64, 4)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from limitsurf.exact.fixed import EQUAL, diverging, mp, to_mpf
 from limitsurf.exact.matrices import subdivision_matrix
 from limitsurf.exact.ring import centre_mask
-from limitsurf.exact.sectors import folded, orbits
+from limitsurf.exact.sectors import folded, mirrored
 from limitsurf.exact.wide import Weights, dart_factor, wide_dart_values
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
@@ -79,8 +79,8 @@ def slow_dart_values(
     if faces > _MOST_DENSE:
         values = wide_dart_values(weights, faces)
     else:
-        matrix = subdivision_matrix(scheme, Sector("dart", faces))
-        even = np.array(folded(matrix, orbits(faces)), dtype=float)
+        matrix = subdivision_matrix(scheme, scheme.sector("dart", faces))
+        even = np.array(folded(matrix, mirrored(matrix.sector)), dtype=float)
         values = np.linalg.eigvals(even)
         values = np.delete(values, np.abs(values - 1).argmin())
     near = values[np.abs(values) > least]

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf import numbers
 from limitsurf._kernels import reference as kernels
 
 Array = NDArray[Any]
@@ -87,7 +88,7 @@ def _lines(exact: bool) -> tuple[Array, Array]:
     every = range(DEGREE + 1)
     # the k-th power of t has the coefficients C(i, k) / C(3, k)
     powers = np.array([[Fraction(comb(i, k), comb(DEGREE, k)) for k in every] for i in every])
-    at_zero = kernels.exact([0])
+    at_zero = numbers.RATIONAL.array([0])
     controls = powers @ np.stack(
         [kernels.cubic_weights(at_zero, k)[0] / factorial(k) for k in every]
     )

@@ -134,7 +134,7 @@ def _cells(kind: int, count: int) -> tuple[Array, Array]:
 
 
 def placed(cover: Cover, group: Group, origin: Array, size: Array) -> tuple[Array, Array]:
-    """Origins and sizes (P, c, 2) in the limit faces of rectangles (c, 2) in the patches' (s, t)."""
+    """Origins and sizes (P, c, 2) in limit faces of rectangles (c, 2) in the patches' (s, t)."""
     shape = len(group.members), len(origin)
     turn = np.broadcast_to(group.turn[:, None], shape)
     origin, size = (np.broadcast_to(x, (*shape, 2)) for x in (origin, size))

@@ -170,7 +170,7 @@ class ExactPoints:
 
 
 def control_points(patches: PatchTable, points: Array) -> tuple[Array, Array]:
-    """All control points as unevaluated sums high + low, both (n_points, d), from those of the cage.
+    """All control points as unevaluated sums high + low, both (n_points, d).
 
     Those of deep patches are close to each other, and their differences have all digits.
     """

@@ -181,11 +181,8 @@ def hull_weights(table: RationalTable, count: int, exact: bool) -> Array | None:
     rows, unit = next(steps)
     if not (rows >= 0).all():
         return None
-    if not exact:
-        steps = _float_steps(table, (rows / unit).astype(float))
-    else:
-        steps = _steps(table)
-    found = []
+    steps = _steps(table) if exact else _float_steps(table, (rows / unit).astype(float))
+    found: list[Array] = []
     for rows, unit in islice(steps, count, count + AHEAD):
         found.append(fractions(rows[:size], unit) if exact else rows[:size])
     found.append(fractions(rows[size:], unit) if exact else rows[size:])

@@ -137,7 +137,7 @@ class EigenTable:
     @property
     def size(self) -> int:
         """Number K of control points."""
-        return self.sector.size
+        return len(self.order)
 
     @cached_property
     def _dense(self) -> tuple[Array, Array]:
@@ -244,7 +244,7 @@ class EigenTable:
 
     def coefficients(self, points: Array) -> Array:
         """Coefficients V^-1 C of control points (P, K, d) in the eigenbasis, (P, K, d)."""
-        ring = self.sector.ring
+        ring = self.links.shape[1]
         modes = self.ring.coefficients(points[:, :ring])
         outer = np.matmul(self.outer, points[:, ring:]) - np.matmul(self.links, modes)
         return np.asarray(np.concatenate([modes, outer], axis=1)[:, self.order])

@@ -117,7 +117,7 @@ def _draw_isolines(axes: Any, surface: Any, face: NDArray[Any], isolines: int, r
             lines = surface.evaluate(face[:, None], scale * x, scale * y)  # (k, isolines, 33, 2)
             width = 0.7 * 0.8**ring
             axes.add_collection(
-                LineCollection(lines.reshape(-1, len(at), 2), colors=LINE, linewidths=width)
+                LineCollection(list(lines.reshape(-1, len(at), 2)), colors=LINE, linewidths=width)
             )
 
 
@@ -133,7 +133,7 @@ def _draw_rings(axes: Any, surface: Any, face: NDArray[Any], rings: int, factor:
     for ring in range(rings + 1):
         scale = 2.0**-ring
         edge = surface.evaluate(face, scale * u, scale * v)  # (k, 66, 2)
-        axes.add_collection(LineCollection(edge, colors=RING, linewidths=1.8 * 0.88**ring))
+        axes.add_collection(LineCollection(list(edge), colors=RING, linewidths=1.8 * 0.88**ring))
         place = surface.evaluate(0, scale, 0.0)
         far = float(np.hypot(*place))
         power = "1" if ring == 0 else factor + (f"^{ring}" if ring > 1 else "")

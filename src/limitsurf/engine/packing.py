@@ -6,7 +6,6 @@ coefficients in the eigenbasis of each special corner.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -22,12 +21,12 @@ from limitsurf.patches import REGULAR, STRIP, PatchTable
 
 if TYPE_CHECKING:
     from limitsurf._kernels import evaluation, grids, rows
-    from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
 
 # derivatives that kernels know, in the order of `LimitSurface.jet`
 TERMS = [(m - j, j) for m in range(3) for j in range(m + 1)]
+_TOTALS = [sum(nu) for nu in TERMS]
 # faces and parameters for which a grid is worth its tables of weights
 _FACES, _PLACES = 16, range(4, 4097)
 
@@ -38,17 +37,6 @@ CHUNK = 1 << 15  # queries; what a thread takes at a time
 _COPIED, _COPIED_SHARE = 1 << 16, 1 / 4
 _LARGEST = 136  # control points of special patches whose coefficients are kept
 _WIDEST = 256  # vertices of the cage that a control point of compiled rows of weights may combine
-
-
-def threads(workers: int) -> int:
-    """How many threads `workers` asks for, after SciPy: -1 is one for each processor."""
-    if isinstance(workers, bool) or not isinstance(workers, (int, np.integer)) or workers == 0:
-        raise ValueError(f"workers must be a positive integer, or -1 for all, got {workers!r}")
-    if workers < 0:
-        # those that this process may run on
-        count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-        return max(1, (count or 1) + 1 + int(workers))
-    return int(workers)
 
 
 def over_chunks(
@@ -70,24 +58,21 @@ def over_chunks(
 class Packing:
     """The patches of a surface as flat arrays; ``_kernels/evaluation.py`` says what is in them.
 
-    `strips` has the splines across creases, `which` that of each strip; `own` is a vertex of the
-    cage at each limit face.
+    `eigen_tables` are those of the kinds of patches that have one, `strips` has the splines across
+    creases, `which` that of each strip; `own` is a vertex of the cage at each limit face.
     """
 
     def __init__(
         self,
         patches: PatchTable,
+        eigen_tables: Sequence[tables.EigenTable | None],
         strips: tables.StripTables,
         which: Array,
-        scheme: Scheme,
         own: Array,
     ) -> None:
         self._patches, self._own = patches, own
         self._copied = np.zeros(0, dtype=np.int64)
-        self._sectors = [
-            None if sector is None or kind in patches.rings else tables.eigen_table(scheme, sector)
-            for kind, sector in enumerate(patches.sectors)
-        ]
+        self._sectors = eigen_tables
         self.tables, self._n_rows, self._n_special = self._tables()
         self.patches = self._covering(strips, which)
 
@@ -350,7 +335,7 @@ class Packing:
         `orders` are places in the order of `LimitSurface.jet`; None asks for unit normals instead.
         Returns None if a query is out of range.
         """
-        grid = _grid(queries)
+        grid = _grid(queries) if queries[0].ndim > 1 else None
         if grid is not None:
             found = self._gridded(points, grid, channels, orders, workers)
             if found is not None:
@@ -466,21 +451,22 @@ class Packing:
 
         total, normals = queries[0].size, orders is None
         which = np.array([1] if orders is None else orders, dtype=np.int64)
-        order = max(sum(TERMS[term]) for term in which.tolist())
+        order = max(map(_TOTALS.__getitem__, which.tolist()))
         out = np.empty((len(which), total, channels))
         chunk = _chunks(queries)
+        known = self.patches, self.tables, points, order, which, normals, out
 
         def work(part: slice) -> Array | None:
             face, u, v = chunk(part)
             rest = np.empty(len(face), dtype=np.int64)
             room = evaluation.Room.of(self.tables)
-            left = evaluation.scattered(
-                face, u, v, self.patches, self.tables, points, order, which, normals, out,
-                part.start, rest, room,
-            )  # fmt: skip
+            left = evaluation.scattered(face, u, v, *known, part.start, rest, room)
             return None if left < 0 else rest[:left]
 
-        rest = _joined(over_chunks(total, workers, work))
+        if total <= CHUNK:
+            rest = work(slice(0, total))
+        else:
+            rest = _joined(over_chunks(total, workers, work))
         return None if rest is None else (out, rest)
 
 
@@ -512,10 +498,16 @@ def _grid(queries: tuple[Array, Array, Array]) -> tuple[Array, Array, Array] | N
 def _chunks(queries: tuple[Array, Array, Array]) -> Callable[[slice], tuple[Array, Array, Array]]:
     """Parts of flattened queries: contiguous, writeable, of one type, whatever was given."""
 
+    types = np.int64, float, float
+
     def chunk(part: slice) -> tuple[Array, Array, Array]:
-        # (an iterator of its own for each thread)
-        face, u, v = ((x.reshape(-1) if x.flags.c_contiguous else x.flat)[part] for x in queries)
-        return np.array(face, dtype=np.int64), np.array(u, dtype=float), np.array(v, dtype=float)
+        found = []
+        for x, dtype in zip(queries, types, strict=True):
+            # (an iterator of its own for each thread)
+            some = (x.reshape(-1) if x.flags.c_contiguous else x.flat)[part]
+            found.append(np.array(some, dtype=dtype))
+        face, u, v = found
+        return face, u, v
 
     return chunk
 

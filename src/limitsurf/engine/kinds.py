@@ -1,0 +1,481 @@
+"""The kinds of patches: how queries in them get their weights, and with points their values.
+
+Regular patches and strips are splines of 16 control points. A special corner has an eigenbasis, or
+where too many faces meet a ring that its patches share. What depends on the points comes as
+`values.Values`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import partial
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf import basis, rings, tables
+from limitsurf._kernels import reference as kernels
+from limitsurf.caching import cached_property
+from limitsurf.engine.protocol import JET, Order
+from limitsurf.engine.values import Values
+from limitsurf.patches import OUTER, SharedRings
+
+if TYPE_CHECKING:
+    from limitsurf.scheme.scheme import Scheme
+
+Array = NDArray[Any]
+
+_FIRST_CORNER = 5  # the control point of a bicubic patch at its corner (0, 0)
+
+
+@dataclass(slots=True)
+class Group:
+    """Queries of a chunk that lie in patches of one kind."""
+
+    kind: Kind
+    query: Array  # (q,) places in the chunk
+    row: Array  # (q,) rows of the patches in the control table of the kind
+    s: Array  # (q,) parameters in the patch
+    t: Array
+    depth: Array  # (q,) halvings from limit face to patch
+    turn: Array  # (q,) corners that the patch is turned against the limit face
+
+
+class Kind(ABC):
+    """Patches of one kind, for numbers of one type: float64, or Fractions if `exact`.
+
+    Attributes
+    ----------
+    controls : (patches, K)
+        Their control points.
+    widths : (int, int)
+        How many control points a patch has, but for those of shared rings, and with them.
+    special : bool
+        Whether they have a special corner.
+    """
+
+    special: ClassVar[bool] = True
+
+    def __init__(self, controls: Array, exact: bool, scheme: Scheme) -> None:
+        self.controls, self.exact = controls, exact
+        self.widths = controls.shape[1], controls.shape[1]
+        self._scheme = scheme
+        self._dtype = np.dtype(object if exact else float)
+
+    def ids(self, row: Array) -> Array:
+        """All control points of some patches, (n, K)."""
+        return np.asarray(self.controls[row])
+
+    @abstractmethod
+    def weights(self, g: Group, nu: Order) -> Array:
+        """Weights (q, K) of the control points for a derivative in (u, v) of the limit face."""
+
+    @abstractmethod
+    def derivatives(self, values: Values, g: Group, orders: Sequence[Order]) -> list[Array]:
+        """Derivatives (q, d) in (u, v), in float64."""
+
+    def exact_derivatives(self, points: Array, g: Group, orders: Sequence[Order]) -> list[Array]:
+        """Derivatives (q, d) in (u, v) from all control points, (n_points, d), as Fractions."""
+        own = points[self.ids(g.row)]
+        return [(self.weights(g, nu)[:, :, None] * own).sum(axis=1) for nu in orders]
+
+    @abstractmethod
+    def directions(self, values: Values, g: Group) -> list[Array]:
+        """Directions of d/du and d/dv (q, d) up to positive factors, and their noise (q, 1)."""
+
+    @abstractmethod
+    def normals(self, values: Values, g: Group) -> list[Array]:
+        """Unit normals (q, 3)."""
+
+    @abstractmethod
+    def curvatures(self, values: Values, g: Group) -> list[Array]:
+        """What `curvatures` returns, (q, 10)."""
+
+    def jets(self, values: Values, g: Group) -> tuple[Array, Array, Array] | None:
+        """Derivatives (q, 4, 4, d) of orders 0 to 3 in u and v, in parameters of their piece.
+
+        Those are u and v times 2 ** exponent (q,), returned last; before it bounds (q, 4, 4) of
+        rounding errors. The position, of order (0, 0), is left 0. None if there are no such pieces.
+        """
+        return None
+
+
+_ORDERS = [(i, j) for i in range(4) for j in range(4) if i or j]
+
+
+class Spline(Kind):
+    """Patches of 16 control points that are products of splines."""
+
+    special = False
+
+    @abstractmethod
+    def patch_weights(self, g: Group, nu: Order) -> Array:
+        """Weights (q, 16), but for the depth of the patch."""
+
+    def weights(self, g: Group, nu: Order) -> Array:
+        scale = kernels.scale_by_two(np.ones(len(g.s), dtype=self._dtype), g.depth * sum(nu))
+        return np.asarray(self.patch_weights(g, nu) * scale[:, None])
+
+    def derivatives(self, values: Values, g: Group, orders: Sequence[Order]) -> list[Array]:
+        high, low, points = values.differences(self.controls[g.row], _FIRST_CORNER)
+        found = []
+        for nu in orders:
+            value = np.matmul(self.patch_weights(g, nu)[:, None], points)[:, 0]
+            if nu == (0, 0):
+                value = value + low + high
+            if nu != (0, 0) or values.balance:
+                exponent = g.depth * sum(nu) - values.balance
+                value = kernels.scale_by_two(value, exponent[:, None])
+            found.append(value)
+        return found
+
+    def directions(self, values: Values, g: Group) -> list[Array]:
+        ids = self.controls[g.row]
+        *_, points = values.differences(ids, _FIRST_CORNER)
+        size = values.sizes(points, ids)[..., None]  # (q, 16, 1)
+        weights = [self.patch_weights(g, nu) for nu in ((1, 0), (0, 1))]
+        noise = [kernels.NOISE * _contract(np.abs(w), size) + kernels.TINY for w in weights]
+        return [_contract(w, points) for w in weights] + noise
+
+    def normals(self, values: Values, g: Group) -> list[Array]:
+        along, across, *noise = self.directions(values, g)
+        return [kernels.unit_normals(along, across, (noise[0], noise[1]))]
+
+    def curvatures(self, values: Values, g: Group) -> list[Array]:
+        (normal,), ids = self.normals(values, g), self.controls[g.row]
+        *_, points = values.differences(ids, _FIRST_CORNER)
+        weights = [self.patch_weights(g, nu) for nu in JET]
+        jet = np.stack([_contract(w, points) for w in weights])
+        sizes = np.abs(points) + values.errors[ids]
+        errors = kernels.NOISE * np.stack([_contract(np.abs(w), sizes) for w in weights])
+        return [curvatures(jet, normal, errors, sizes.max(axis=(1, 2)), values.balance)]
+
+    def jets(self, values: Values, g: Group) -> tuple[Array, Array, Array]:
+        ids = self.controls[g.row]
+        *_, points = values.differences(ids, _FIRST_CORNER)
+        sizes = values.sizes(points, ids)
+        found, error = np.zeros((len(ids), 4, 4, points.shape[2])), np.zeros((len(ids), 4, 4))
+        for nu in _ORDERS:
+            weights = self.patch_weights(g, nu)
+            found[:, *nu] = _contract(weights, points)
+            error[:, *nu] = (np.abs(weights) * sizes).sum(axis=1)
+        return found, kernels.NOISE * error, g.depth.copy()
+
+
+class Regular(Spline):
+    """Bicubic patches."""
+
+    def patch_weights(self, g: Group, nu: Order) -> Array:
+        return kernels.bicubic_weights(g.s, g.t, nu)
+
+
+class Strip(Spline):
+    """Patches along semi-sharp creases, of some `sharpness` (patches,)."""
+
+    def __init__(self, controls: Array, exact: bool, scheme: Scheme, sharpness: Array) -> None:
+        super().__init__(controls, exact, scheme)
+        self._sharpness = sharpness
+
+    @cached_property
+    def tables(self) -> tuple[tables.StripTables, Array]:
+        """Splines across creases, and which of them each strip has."""
+        sharpness, index = np.unique(self._sharpness, return_inverse=True)
+        return tables.strip_tables(self._scheme, sharpness, self._dtype), index
+
+    def patch_weights(self, g: Group, nu: Order) -> Array:
+        strips, index = self.tables
+        turned, sign = basis.turned(nu)
+        up = (g.turn == 1) | (g.turn == 2)  # where t grows against u or v
+        result = np.empty((len(g.s), 16), dtype=self._dtype)
+        for order in set(turned):
+            here = np.flatnonzero(np.array([o == order for o in turned])[g.turn])
+            which = index[g.row[here]]
+            result[here] = basis.strip_weights(strips, which, g.s[here], g.t[here], order, up[here])
+        return np.asarray(result * sign[g.turn].astype(result.dtype)[:, None])
+
+
+@dataclass(slots=True)
+class _Part:
+    """Queries of a group around extraordinary corners, with what their patches have in common."""
+
+    query: Array  # (q,) places in the group
+    place: basis.CornerPlace
+    powers: basis.EigenPowers
+    origin: Array  # (P, d) first control points of the patches concerned
+    low: Array  # (P, d) what rounding took from them
+    points: Array  # (P, K, d) control points relative to the first
+    ids: Array  # (P, K) which they are
+    modes: Array  # (P, K, d) their coefficients in the eigenbasis
+    which: Array  # (q,) patch of each query
+
+
+class Corners(Kind):
+    """Patches with a special corner that has an eigenbasis, its `table`."""
+
+    def __init__(
+        self, controls: Array, exact: bool, scheme: Scheme, table: tables.EigenTable
+    ) -> None:
+        super().__init__(controls, exact, scheme)
+        self.table = table
+
+    @cached_property
+    def _rational(self) -> tables.RationalTable:
+        return tables.rational_table(self._scheme, self.table.sector)
+
+    def weights(self, g: Group, nu: Order) -> Array:
+        turned, sign = basis.turned(nu)
+        scale = kernels.scale_by_two(sign[g.turn].astype(self._dtype), g.depth * sum(nu))
+        place, table = basis.CornerPlace.of(g.s, g.t, g.turn), self.table
+        result = np.empty((len(g.s), table.size), dtype=self._dtype)
+        for order in set(turned):
+            here = np.array([o == order for o in turned])[g.turn]
+            sub = place[here]
+            if self.exact:
+                at_corner = basis.corner_derivative(table, order)
+                result[here] = basis.rational_weights(self._rational, sub, order, at_corner)
+            else:
+                powers = basis.EigenPowers.of(table, sub)
+                eigen = basis.eigen_weights(table, sub, powers, order)
+                result[here] = basis.control_weights(table, eigen)
+        return np.asarray(result * scale[:, None])
+
+    def derivatives(self, values: Values, g: Group, orders: Sequence[Order]) -> list[Array]:
+        # in patch parameters first: all orders at once, then each query picks by its turn
+        turned, wanted, balance = [], set(), values.balance
+        for nu in orders:
+            turned.append(basis.turned(nu))
+            wanted.update(turned[-1][0])
+        needed = sorted(wanted)
+        parts = np.empty((len(g.query), len(needed), values.channels))
+        for c in self._parts(values, g):
+            weights = partial(basis.eigen_weights, self.table, c.place, c.powers)
+            eigen = list(map(weights, needed))
+            rows = np.stack(list(map(attrgetter("rows"), eigen)), axis=1)  # (q, orders, K - 1)
+            found = np.matmul(rows, c.modes[c.which, 1:])  # (q, orders, d)
+            for k, (order, x) in enumerate(zip(needed, eigen, strict=True)):
+                exponent = (x.exponent + g.depth[c.query] * sum(order))[:, None]
+                if not x.with_limit:
+                    found[:, k] = kernels.scale_by_two(found[:, k], exponent - balance)
+                    continue
+                found[:, k] = kernels.scale_by_two(found[:, k], exponent)
+                found[:, k] += c.modes[c.which, 0]
+                found[:, k] += c.low[c.which]
+                found[:, k] += c.origin[c.which]
+                if balance:
+                    found[:, k] = np.ldexp(found[:, k], -balance)
+            parts[c.query] = found
+        result = []
+        for choices, sign in turned:
+            pick = np.array(list(map(needed.index, choices)))[g.turn]
+            result.append(parts[np.arange(len(pick)), pick] * sign[g.turn][:, None])
+        return result
+
+    def directions(self, values: Values, g: Group) -> list[Array]:
+        found, errors = np.empty((2, len(g.query), values.channels)), np.empty((2, len(g.query), 1))
+        for c in self._parts(values, g):
+            found[:, c.query], errors[:, c.query] = basis.eigen_directions(
+                self.table, c.place, c.powers, c.modes, self._added(values, c), c.which
+            )
+        return _turned_directions(found, errors, g.turn)
+
+    def normals(self, values: Values, g: Group) -> list[Array]:
+        result = np.empty((len(g.query), 3))
+        for c in self._parts(values, g):
+            found, error = basis.eigen_normals(
+                self.table, c.place, c.powers, c.modes, self._added(values, c), c.which
+            )
+            result[c.query] = kernels.unit(found, kernels.NOISE * error)
+        return [result]
+
+    def curvatures(self, values: Values, g: Group) -> list[Array]:
+        (normal,) = self.normals(values, g)
+        form, axis = np.full((3, len(normal)), np.nan), np.full((len(normal), 3), np.nan)
+        exponent = np.zeros(len(normal), dtype=np.int64)
+        for c in self._parts(values, g):
+            sizes = np.abs(c.points) + values.errors[c.ids]
+            added = np.stack(
+                [self.table.coefficient_sizes(x) for x in np.moveaxis(sizes, 2, 0)], axis=2
+            )
+            form[:, c.query], exponent[c.query], axis[c.query] = basis.eigen_curvatures(
+                self.table, c.place, c.modes, added, sizes.max(axis=(1, 2)), c.which
+            )
+        return [_principal(form, exponent + values.balance, axis, normal)]
+
+    def jets(self, values: Values, g: Group) -> tuple[Array, Array, Array]:
+        shape = len(g.query), 4, 4, values.channels
+        found, error, exponent = np.zeros(shape), np.zeros(shape[:3]), g.depth.copy()
+        for c in self._parts(values, g):
+            added = self._added(values, c)[c.which, 1:]
+            rows = [basis.eigen_rows(self.table, c.place, c.powers, nu) for nu in _ORDERS]
+            rows = [np.where((c.place.level < 0)[:, None], np.nan, x) for x in rows]
+            for nu, row in zip(_ORDERS, rows, strict=True):
+                found[c.query, *nu] = _contract(row, c.modes[c.which, 1:])
+                error[c.query, *nu] = (np.abs(row) * added).sum(axis=1)
+            exponent[c.query] += c.place.level + 1
+        error *= kernels.NOISE
+        turned, bounds = np.empty_like(found), np.empty_like(error)
+        for nu in _ORDERS:
+            choices, sign = basis.turned(nu)
+            for turn, order in enumerate(choices):
+                here = g.turn == turn
+                turned[here, *nu] = sign[turn] * found[here, *order]
+                bounds[here, *nu] = error[here, *order]
+        return turned, bounds, exponent
+
+    def _parts(self, values: Values, g: Group) -> list[_Part]:
+        """Queries parted by the first eigenfunction that occurs in their patch at all.
+
+        That is the second, but for degenerate points.
+        """
+        patch, which = np.unique(g.row, return_inverse=True)
+        ids = self.controls[patch]
+        origin, low, points = values.differences(ids, 0)
+        modes = self.table.coefficients(points)
+        occurs = (modes[:, 1:] != 0).any(axis=2)
+        leads = 1 + occurs.argmax(axis=1)
+        place, parts = basis.CornerPlace.of(g.s, g.t, g.turn), []
+        found = np.unique(leads).tolist()
+        for lead in found:
+            query = np.flatnonzero(leads[which] == lead)
+            here = place[query] if len(found) > 1 else place
+            powers = basis.EigenPowers.of(self.table, here, lead)
+            own = origin, low, points, ids, modes
+            parts.append(_Part(query, here, powers, *own, which[query]))
+        return parts
+
+    def _added(self, values: Values, c: _Part) -> Array:
+        """Sizes (P, K) of what was added up to coefficients."""
+        return self.table.coefficient_sizes(values.sizes(c.points, c.ids))
+
+
+class Rings(Kind):
+    """Patches with a special corner of many faces, which share the rings around these."""
+
+    def __init__(
+        self,
+        controls: Array,
+        exact: bool,
+        scheme: Scheme,
+        shared: SharedRings,
+        masks: tables.RingMasks,
+    ) -> None:
+        super().__init__(controls, exact, scheme)
+        self.shared, self.masks = shared, masks
+        outer = controls.shape[1]
+        self.widths = 25 + outer, shared.points.shape[1] + outer  # (5 x 5 refined points)
+
+    def ids(self, row: Array) -> Array:
+        """All control points of some patches, those of rings first."""
+        own = self.shared.points[self.shared.ring[row]]
+        return np.concatenate([own, self.controls[row]], axis=1)
+
+    def weights(self, g: Group, nu: Order) -> Array:
+        turned, sign = basis.turned(nu)
+        scale = kernels.scale_by_two(sign[g.turn].astype(self._dtype), g.depth * sum(nu))
+        place, position = basis.CornerPlace.of(g.s, g.t, g.turn), self.shared.position[g.row]
+        result = np.empty((len(g.s), self.shared.points.shape[1] + len(OUTER)), dtype=self._dtype)
+        for order in set(turned):
+            here = np.flatnonzero(np.array([o == order for o in turned])[g.turn])
+            if not self.exact:
+                s, t, turn = g.s[here], g.t[here], g.turn[here]
+                result[here] = rings.weights(self.masks, position[here], s, t, turn, order)
+                continue
+            for p in np.unique(position[here]).tolist():
+                at = here[position[here] == p]
+                columns, sector = rings.columns(self.masks.sector, p)
+                zero = np.zeros(1)
+                exists = rings.on_curve(self.masks, np.array([p]), zero, zero, order)[0]
+                at_corner = np.full(1, 1.0 if exists else np.nan if max(order) <= 3 else 0.0)
+                rational = tables.rational_table(self._scheme, sector)
+                result[at] = Fraction(0)
+                found = basis.rational_weights(rational, place[at], order, at_corner)
+                result[at[:, None], columns] = found
+        return np.asarray(result * scale[:, None])
+
+    def derivatives(self, values: Values, g: Group, orders: Sequence[Order]) -> list[Array]:
+        found = self._around(values).derivatives(g.row, g.s, g.t, g.turn, g.depth, orders)
+        back = np.full((len(g.query), 1), -values.balance)
+        return [kernels.scale_by_two(x, back) for x in found] if values.balance else found
+
+    def directions(self, values: Values, g: Group) -> list[Array]:
+        around = self._around(values)
+        place = around.place(g.row, g.s, g.t, g.turn)
+        return _turned_directions(*around.directions(g.row, place), g.turn)
+
+    def normals(self, values: Values, g: Group) -> list[Array]:
+        around = self._around(values)
+        return [around.normals(g.row, around.place(g.row, g.s, g.t, g.turn))]
+
+    def curvatures(self, values: Values, g: Group) -> list[Array]:
+        """At the corner itself NaN, but for 0 where all is flat."""
+        (normal,), around = self.normals(values, g), self._around(values)
+        place, balance = around.place(g.row, g.s, g.t, g.turn), values.balance
+        result = np.full((len(g.row), 10), np.nan)
+        jet = np.stack([place.derivatives(nu) for nu in JET])
+        found = curvatures(jet, normal[place.away])
+        exponent = balance - place.exponent
+        found[:, :3] = kernels.scale_by_two(found[:, :3], exponent[:, None])
+        found[:, 3] = kernels.scale_by_two(found[:, 3], 2 * exponent)
+        result[place.away] = found
+        at = place.corner[~np.isnan(normal[place.corner, 0])]
+        if len(at):
+            result[at[around.is_flat(g.row[at], normal[at])], :4] = 0
+        return [result]
+
+    def _around(self, values: Values) -> rings.RingValues:
+        """Values around the shared rings."""
+        return values.around(self.masks, self.shared, self.controls)
+
+
+def curvatures(
+    jet: Array,
+    normal: Array,
+    errors: Array | None = None,
+    size: Array | None = None,
+    balance: int = 0,
+) -> Array:
+    """Curvatures k1, k2, mean, Gaussian and directions d1, d2 (q, 10) from derivatives.
+
+    `jet` has those of `JET`, (5, q, 3), of points times 2 ** balance; `normal` (q, 3), NaN where
+    there is none. If `errors`, bounds of those of the jet, and the `size` (q,) of the patch are
+    given, curvatures in doubt are as `kernels.honest` says.
+    """
+    # neither overflow nor underflow in squares
+    exponent = -np.frexp(np.abs(jet[:2]).max(axis=(0, 2)))[1]
+    jet = kernels.scale_by_two(jet, exponent[:, None])
+    ones = np.ones((3, len(normal)))
+    if errors is not None and size is not None:
+        errors = kernels.scale_by_two(errors, exponent[:, None])
+        form, noise, axis = kernels.shape_operators(jet[:2], jet[2:], ones, errors)
+        form = kernels.honest(form, noise, kernels.scale_by_two(size, exponent))
+    else:
+        form, _, axis = kernels.shape_operators(jet[:2], jet[2:], ones)
+    return _principal(form, exponent + balance, axis, normal)
+
+
+def _principal(form: Array, exponent: Array, axis: Array, normal: Array) -> Array:
+    """The same from second fundamental forms (3, q), times 2 ** exponent."""
+    form[:, np.isnan(normal).any(axis=1)] = np.nan
+    found = kernels.principal(form, axis, normal)
+    found[:, :3] = kernels.scale_by_two(found[:, :3], exponent[:, None])
+    found[:, 3] = kernels.scale_by_two(found[:, 3], 2 * exponent)
+    return found
+
+
+def _turned_directions(found: Array, errors: Array, turn: Array) -> list[Array]:
+    """Directions (2, q, d) in the limit face from those in patches; errors (2, q, 1) as noise."""
+    (ds, dt), (noise_s, noise_t), turn = found, kernels.NOISE * errors, turn[:, None]
+    odd = turn % 2 == 1
+    along = np.where(odd, dt, ds) * np.where((turn == 1) | (turn == 2), -1, 1)
+    across = np.where(odd, ds, dt) * np.where((turn == 2) | (turn == 3), -1, 1)
+    return [along, across, np.where(odd, noise_t, noise_s), np.where(odd, noise_s, noise_t)]
+
+
+def _contract(weights: Array, points: Array) -> Array:
+    """Sum over k of weights (q, K) times points (q, K, d)."""
+    return np.asarray(np.matmul(weights[:, None], points)[:, 0])

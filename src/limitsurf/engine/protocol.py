@@ -1,0 +1,151 @@
+"""What is asked, and who can answer: request, and the functions that both engines have."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf import numbers
+from limitsurf.masked import may_be_masked, unmasked
+
+Array = NDArray[Any]
+Order: TypeAlias = tuple[int, int]
+
+# derivatives that curvature comes from
+JET = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+
+
+@dataclass(slots=True)
+class Request:
+    """Places on limit faces: arrays of one shape, whether they are exact numbers, and threads.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from limitsurf.engine.protocol import Request
+    >>> asked = Request.of(np.arange(2)[:, None], 0.5, [0.25, 0.75], exact=False, workers=1)
+    >>> asked.face.shape, asked.v[0].tolist()
+    ((2, 2), [0.25, 0.75])
+    """
+
+    face: Array
+    u: Array
+    v: Array
+    exact: bool
+    workers: int
+
+    @classmethod
+    def of(cls, face: Any, u: Any, v: Any, exact: bool, workers: int) -> Self:
+        """What was given to a call, broadcast; masked queries have NaN for u.
+
+        The numbers are exact if they are to be, or one of them is.
+        """
+        masks: Sequence[Array | None] = ()
+        if may_be_masked(face, u, v):
+            (face, u, v), masks = zip(*map(unmasked, (face, u, v)), strict=True)
+        faces, us, vs = np.asarray(face), np.asarray(u), np.asarray(v)
+        if faces.size == 0 and faces.dtype == float:
+            faces = faces.astype(np.int64)
+        if faces.dtype.kind not in "iu":
+            raise TypeError(f"faces must be integers, got {faces.dtype}")
+        if exact or us.dtype == object or vs.dtype == object:
+            us, vs, exact = numbers.RATIONAL.array(us), numbers.RATIONAL.array(vs), True
+        else:
+            for name, x in (("u", us), ("v", vs)):
+                if x.dtype.kind not in "iuf":
+                    raise TypeError(f"{name} must be real numbers, got {x.dtype}")
+            us, vs = us.astype(float, copy=False), vs.astype(float, copy=False)
+        if not faces.shape == us.shape == vs.shape:
+            try:
+                faces, us, vs = np.broadcast_arrays(faces, us, vs)
+            except ValueError:
+                raise ValueError(
+                    f"face, u and v of shapes {faces.shape}, {us.shape} and {vs.shape} "
+                    "cannot be broadcast together"
+                ) from None
+        for mask in masks:
+            if mask is not None:  # a query without an answer
+                us = np.where(mask, np.nan, us)
+        if workers != 1 or workers is True:
+            workers = threads(workers)
+        return cls(faces, us, vs, exact, workers)
+
+    def check(self, n_faces: int) -> None:
+        """Complain of the first face or parameter out of range."""
+        bad = (self.face < 0) | (self.face >= n_faces)
+        if bad.any():
+            raise IndexError(
+                f"limit face {_first(self.face, bad)} is out of range: there are {n_faces}, "
+                f"0 to {n_faces - 1}"
+            )
+        for name, x in (("u", self.u), ("v", self.v)):
+            with np.errstate(invalid="ignore"):
+                bad = ((x < 0) | (x > 1)).astype(bool)
+            if not self.exact:
+                bad &= np.isfinite(x)
+            if bad.any():
+                raise ValueError(f"{name} = {_first(x, bad)} is outside [0, 1]")
+
+    def flat(self, which: Any = slice(None)) -> Request:
+        """All of them in C order, or those of some places in it, as (Q,) arrays."""
+        parts = self.face.flat[which], self.u.flat[which], self.v.flat[which]
+        return Request(*parts, self.exact, self.workers)
+
+
+class Engine(Protocol):
+    """One implementation; Q request, d channels of the points.
+
+    Request out of range raise an IndexError or a ValueError, whoever answers.
+    """
+
+    def derivatives(self, request: Request, orders: Sequence[Order]) -> Sequence[Array]:
+        """Derivatives in (u, v) of these orders, (Q, d) each."""
+        ...
+
+    def normals(self, request: Request, limits: bool = True) -> Array:
+        """Unit normals (Q, 3); with `limits` also where derivatives vanish and the limit is one."""
+        ...
+
+    def tangents(self, request: Request) -> tuple[Array, Array, Array, Array]:
+        """Directions of d/du and d/dv, (Q, d), up to positive factors, and their noise (Q, 1)."""
+        ...
+
+    def curvatures(self, request: Request) -> Array:
+        """Curvatures k1, k2, mean and Gaussian, and directions d1 and d2, (Q, 10)."""
+        ...
+
+    def weights(self, request: Request, nu: Order) -> Any:
+        """Sparse rows (Q, n_vertices) that give the derivative of this order."""
+        ...
+
+
+def threads(workers: int) -> int:
+    """How many threads `workers` asks for, after SciPy: -1 is one for each processor.
+
+    Examples
+    --------
+    >>> from limitsurf.engine.protocol import threads
+    >>> threads(3)
+    3
+    """
+    if isinstance(workers, bool) or not isinstance(workers, (int, np.integer)) or workers == 0:
+        raise ValueError(f"workers must be a positive integer, or -1 for all, got {workers!r}")
+    if workers < 0:
+        # those that this process may run on
+        count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        return max(1, (count or 1) + 1 + int(workers))
+    return int(workers)
+
+
+def _first(values: Array, bad: Array) -> str:
+    """The first offending value, where it is, and how many there are."""
+    place = np.unravel_index(int(np.argmax(bad)), bad.shape) if bad.ndim else ()
+    where = f" at index {', '.join(map(str, place))}" if place else ""
+    count = int(np.count_nonzero(bad))
+    more = f" ({count - 1} more like it)" if count > 1 else ""
+    return f"{values[place]}{where}{more}"

@@ -1,0 +1,138 @@
+"""Evaluation by NumPy, of one kind of patch at a time, on any number type."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf import numbers
+from limitsurf.caching import cached_property
+from limitsurf.engine.groups import CHUNK
+from limitsurf.engine.limits import Limits
+from limitsurf.engine.protocol import Order, Request
+from limitsurf.engine.topology import Topology
+from limitsurf.engine.values import Values
+from limitsurf.mesh import Mesh
+from limitsurf.refine import eliminated, sparse_operator, stacked
+
+Array = NDArray[Any]
+
+
+class Reference:
+    """The engine by NumPy for the points of `mesh`, in float64, or in Fractions if `exact`.
+
+    Those know derivatives and weights alone: the others need square roots.
+    """
+
+    def __init__(self, topology: Topology, mesh: Mesh, exact: bool) -> None:
+        self._topology, self._mesh, self._exact = topology, mesh, exact
+        self._groups = topology.exact_groups if exact else topology.groups
+        self._dtype = np.dtype(object if exact else float)
+
+    @property
+    def points(self) -> Array:
+        """The points of the cage, (n_vertices, d)."""
+        return self._mesh.points.reshape(self._mesh.n_vertices, -1)
+
+    @cached_property
+    def values(self) -> Values:
+        """The control points of all patches in float64."""
+        return Values(self._groups.patches, self.points)
+
+    @cached_property
+    def _fractions(self) -> Array:
+        """Those in Fractions, (n_points, d)."""
+        points = numbers.RATIONAL.array(self.points)
+        for operator in self._groups.patches.extras:
+            points = np.concatenate([points, operator @ points])
+        return points
+
+    @cached_property
+    def limits(self) -> Limits:
+        """Normals that are limits."""
+        return Limits(self._topology, self._mesh, self.values)
+
+    def derivatives(self, request: Request, orders: Sequence[Order]) -> list[Array]:
+        """See `Engine`; any orders."""
+        if self._exact:
+            points, method = self._fractions, "exact_derivatives"
+            return self._answers(request, [points.shape[1]] * len(orders), method, points, orders)
+        widths = [self.values.channels] * len(orders)
+        return self._answers(request, widths, "derivatives", self.values, orders)
+
+    def normals(self, request: Request, limits: bool = True) -> Array:
+        """See `Engine`."""
+        (normals,) = self._answers(request, [3], "normals", self.values)
+        if limits:
+            self.limits.fill(request, normals)
+        return normals
+
+    def tangents(self, request: Request) -> tuple[Array, Array, Array, Array]:
+        """See `Engine`."""
+        d = self.values.channels
+        along, across, noise, other = self._answers(
+            request, [d, d, 1, 1], "directions", self.values
+        )
+        return along, across, noise, other
+
+    def curvatures(self, request: Request) -> Array:
+        """See `Engine`."""
+        (found,) = self._answers(request, [10], "curvatures", self.values)
+        return found
+
+    def weights(self, request: Request, nu: Order) -> Any:
+        """See `Engine`; any order."""
+        request.check(self._groups.patches.n_limit_faces)
+        patches, parts = self._groups.patches, []
+        face = request.face.ravel().astype(np.int64, copy=False)
+        u, v = request.u.ravel(), request.v.ravel()
+        for start in range(0, max(len(face), 1), CHUNK):
+            part = slice(start, start + CHUNK)
+            here = face[part]
+            undefined, groups = self._groups.part(here, u[part], v[part])
+            rows, columns = [undefined], [self._topology.own_vertices[here[undefined]]]
+            values = [np.full(len(undefined), np.nan, dtype=self._dtype)]
+            for g in groups:
+                ids = g.kind.ids(g.row)
+                rows.append(np.repeat(g.query, ids.shape[1]))
+                columns.append(ids.ravel())
+                with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+                    values.append(g.kind.weights(g, nu).ravel())
+            total = sparse_operator(
+                np.concatenate(rows),
+                np.concatenate(columns),
+                np.concatenate(values),
+                (len(here), patches.n_points),
+            )
+            # back through the extra control points, last ones first
+            for operator in reversed(patches.extras):
+                total = eliminated(total, operator)
+            parts.append(total)
+        return stacked(parts)
+
+    def _answers(
+        self, request: Request, widths: Sequence[int], method: str, *given: Any
+    ) -> list[Array]:
+        """Arrays (Q, width) of a method of the kinds of patches; NaN where there is no value.
+
+        Overflow to infinity and underflow to zero are results, not accidents.
+        """
+        request.check(self._groups.patches.n_limit_faces)
+        values, *more = given
+        face = request.face.ravel().astype(np.int64, copy=False)
+        u, v, width = request.u.ravel(), request.v.ravel(), max(*widths, 1)
+        results = []
+        for own in widths:
+            results.append(np.full((face.size, own), np.nan, dtype=self._dtype))
+        for start in range(0, max(face.size, 1), CHUNK):
+            part = slice(start, start + CHUNK)
+            _, groups = self._groups.part(face[part], u[part], v[part], width, self._exact)
+            for g in groups:
+                with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+                    found = getattr(g.kind, method)(values, g, *more)
+                for result, value in zip(results, found, strict=True):
+                    result[start + g.query] = value
+        return results

@@ -1,0 +1,91 @@
+"""What answers depend on besides the points: patches, tables and their packed form, made once.
+
+Surfaces of one cage with different points share one `Topology`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf import _kernels, numbers, tables
+from limitsurf.caching import cached_property
+from limitsurf.engine.groups import Groups
+from limitsurf.engine.packing import Packing
+from limitsurf.mesh import Mesh
+from limitsurf.patches import PatchTable
+from limitsurf.rules import Rules, Sharpness
+from limitsurf.topology import LimitFaces
+
+Array = NDArray[Any]
+
+
+class Topology:
+    """A cage and its rules, whatever its points.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    rules : Rules
+    patches : PatchTable, optional
+        Those of the cage, if they are known.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        The cage with points of no channels.
+    limit_faces : LimitFaces
+    patches : PatchTable
+    groups : Groups
+        Queries by kind of patch, in float64.
+    """
+
+    def __init__(self, mesh: Mesh, rules: Rules, patches: PatchTable | None = None) -> None:
+        self.rules = rules
+        self.limit_faces = LimitFaces.of(mesh)
+        self.patches = PatchTable(mesh, rules, numbers.FLOAT64) if patches is None else patches
+        self.mesh = mesh.with_points(np.zeros((mesh.n_vertices, 0)))
+        self.groups = Groups(self.patches, rules.scheme, False)
+
+    @cached_property
+    def exact_groups(self) -> Groups:
+        """The same in Fractions."""
+        patches = PatchTable(self.mesh, self.rules, numbers.RATIONAL)
+        return Groups(patches, self.rules.scheme, True)
+
+    @cached_property
+    def own_vertices(self) -> Array:
+        """A vertex of the cage at each limit face."""
+        return self.mesh.indices[self.mesh.offsets[self.limit_faces.face]]
+
+    @property
+    def packing(self) -> Packing:
+        """Patches and tables as compiled kernels want them."""
+        found: Packing | None = self.__dict__.get("_packing")
+        if found is None:
+            with _kernels.preparing:
+                found = self.__dict__.get("_packing")
+                if found is None:
+                    _kernels.load()
+                    groups = self.groups
+                    given = groups.tables, *groups.strips, self.own_vertices
+                    self.__dict__["_packing"] = found = Packing(self.patches, *given)
+        return found
+
+    @cached_property
+    def sharp_sides(self) -> Array:
+        """Whether the sides v = 0, u = 1, v = 1, u = 0 of limit faces stay sharp, (n, 4)."""
+        mesh, faces = self.mesh, self.limit_faces
+        sharpness = Sharpness.of(mesh, self.rules, numbers.FLOAT64)
+        sharp = np.zeros(mesh.n_corners, dtype=bool)
+        sharp[sharpness.sides] = tables.is_infinite(sharpness.edge_sharpness)[sharpness.edge]
+        quad = faces.corner < 0
+        first = mesh.offsets[faces.face] + np.where(quad, 0, faces.corner)
+        sides = np.zeros((len(faces), 4), dtype=bool)
+        sides[quad] = sharp[first[quad, None] + np.arange(4)]
+        # only those at the corner are on edges of an n-gon
+        sides[~quad, 0] = sharp[first[~quad]]
+        sides[~quad, 3] = sharp[mesh.previous_corner[first[~quad]]]
+        return sides
