@@ -189,6 +189,51 @@ BOUNDED = [name for name, make in ZOO.items() if zoo.boundary_vertices(make()[1]
 DEGENERATE = {"pillow_of_triangles": zoo.pillow_of_triangles}
 
 
+# Edges of three faces and more, two fans at a vertex, faces turned against each other
+NONMANIFOLD = {
+    "book": lambda: book(3),
+    "thick_book": lambda: book(5),
+    "two_tetrahedra": lambda: joined(zoo.tetrahedron(), zoo.tetrahedron(), (0,)),
+    "along_an_edge": lambda: joined(zoo.tetrahedron(), icosahedron(), (0, 1)),
+    "moebius": lambda: twisted(9),
+}
+
+
+def book(pages):
+    """Discs of valence 6 cut in half, with the cut in common."""
+    points, faces = disc(6)
+    half = [face for face in faces if all(points[v][1] > -0.1 for v in face)]
+    axis = {v for face in half for v in face if abs(points[v][1]) < 0.1}
+    used = sorted({v for face in half for v in face} - axis)
+    numbers = {v: i for i, v in enumerate(sorted(axis))}
+    turned, leaves = [], []
+    for page in range(pages):
+        ids = numbers | {v: len(axis) + page * len(used) + i for i, v in enumerate(used)}
+        leaves += [[ids[v] for v in face] for face in half]
+        angle = 2 * math.pi * page / pages
+        for v in used:
+            x, y, _ = points[v]
+            turned.append([UNIT * x, UNIT * y * math.cos(angle), UNIT * y * math.sin(angle)])
+    whole = [[UNIT * x for x in points[v]] for v in sorted(axis)] + turned
+    return cage([[round(x) for x in point] for point in whole], leaves)
+
+
+def joined(one, other, shared):
+    """Two cages that have the first vertices of the second in common with some of the first."""
+    (points, faces), (more, others) = map(zoo.raw, (one, other))
+    numbers = dict(enumerate(shared))
+    rest = [v for v in range(len(more)) if v not in numbers]
+    numbers |= {v: len(points) + i for i, v in enumerate(rest)}
+    points += [[x + 3 * UNIT for x in more[v]] for v in rest]
+    return cage(points, faces + [[numbers[v] for v in face] for face in others])
+
+
+def twisted(n):
+    """A strip of n triangles, n odd, closed to a ring with one side."""
+    points, faces = strip(n)
+    return points[:n], [[v % n for v in face] for face in faces]
+
+
 # --- Creases and corners
 
 
@@ -199,6 +244,14 @@ def spokes(n, sharp, sharpness=math.inf, **tags):
     for i in sharp:
         creases |= {(0, 1 + i): sharpness, (1 + i, 1 + n + 2 * i): sharpness}
     return points, faces, {"creases": creases, **tags}
+
+
+def tagged_sphere(seed, **tags):
+    return zoo.randomly_tagged(sphere(seed), seed, **tags)
+
+
+def tagged_patch(seed, **tags):
+    return zoo.randomly_tagged(patch(seed), seed, **tags)
 
 
 TAGGED = {
@@ -215,13 +268,9 @@ TAGGED = {
         *disc(6),
         {"creases": {(0, 1): 2.5, (0, 4): 1.25, (1, 7): 3}, "creasing": "chaikin"},
     ),
+    **{f"tagged_sphere_{seed}": functools.partial(tagged_sphere, seed) for seed in range(2)},
+    "tagged_patch_0": functools.partial(tagged_patch, 0, boundary="edge_only"),
+    "tagged_patch_1": functools.partial(tagged_patch, 1, creasing="chaikin"),
+    "tagged_patch_2": functools.partial(tagged_patch, 2, boundary="none"),
     "holes": lambda: (*zoo.octahedron(), {"holes": [0, 5]}),
 }
-
-
-def tagged_sphere(seed, **tags):
-    return zoo.randomly_tagged(sphere(seed), seed, **tags)
-
-
-def tagged_patch(seed, **tags):
-    return zoo.randomly_tagged(patch(seed), seed, **tags)
