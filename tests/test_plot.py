@@ -1,7 +1,6 @@
-import inspect
-
 """Pictures: both painters, odd cages, files."""
 
+import inspect
 import re
 import subprocess
 import sys
