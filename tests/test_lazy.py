@@ -265,7 +265,7 @@ if __name__ == "__main__":
             raise AssertionError("a face out of range is answered")
         client.run(received)
 
-        cluster_files.PIECE, answers.BATCH = 800, 100
+        cluster_files.TASK, answers.BATCH = 800, 100
         rows = np.stack(where, axis=1)
         np.save("q.npy", rows)
         zarr.create_array("q.zarr", data=rows, chunks=(170, 3))

@@ -16,7 +16,7 @@ from limitsurf.shell.io.queries import BATCH, Batch, Queries, spans
 if TYPE_CHECKING:
     from limitsurf.surface import LimitSurface
 
-PIECE = 4 * BATCH  # queries of a task; whole chunks of a Zarr array
+TASK = 4 * BATCH  # queries of a task; whole chunks of a Zarr array
 WAIT = 10  # seconds, for a scheduler and its first worker
 
 
@@ -31,12 +31,12 @@ def evaluate(
     """Answer queries on the cluster of a scheduler, into a directory that appears whole or not.
 
     Each worker receives the surface once. Workers see the same files under the same names as this
-    process. Parquet is written as one file, part.000000.parquet, ..., for each `PIECE` of queries.
+    process. Parquet is written as one file, part.000000.parquet, ..., for each `TASK` of queries.
 
     Raises
     ------
     IndexError, ValueError
-        For a query out of range; the first such of all pieces.
+        For a query out of range; the first such of all tasks.
     OSError
         Without an answer from the scheduler, or for files that a worker does not see.
     ImportError
@@ -53,9 +53,9 @@ def evaluate(
         ahead = 2 * sum(client.nthreads().values())
         asked: deque[Any] = deque()
         try:
-            for k, (start, stop) in enumerate(spans(total, PIECE)):
-                piece = question, folder, k, start, stop
-                asked.append(client.submit(_answer, *shared, *piece, pure=False))
+            for k, (start, stop) in enumerate(spans(total, TASK)):
+                task = question, folder, k, start, stop
+                asked.append(client.submit(_answer, *shared, *task, pure=False))
                 if len(asked) > ahead:
                     done(asked.popleft().result())
             while asked:
@@ -73,13 +73,13 @@ def _answer(
     start: int,
     stop: int,
 ) -> int:
-    """Answer piece k, of some rows, and say how many they are, on a worker."""
+    """Answer task k, of some rows, and say how many they are, on a worker."""
     for answers in answered(surface, [rows(start, stop)], question):
         if os.path.exists(os.path.join(folder, "zarr.json")):
             Zarr(folder, mode="r+").put(answers, start)
         else:
-            part = os.path.join(folder, f"part.{k:06}.parquet")
-            with open(part, "wb") as file, Parquet(file) as write:
+            name = os.path.join(folder, f"part.{k:06}.parquet")
+            with open(name, "wb") as file, Parquet(file) as write:
                 write(answers)
     return stop - start
 

@@ -160,7 +160,7 @@ def _beside(path: str) -> str:
 
 
 @contextmanager
-def _named(path: str | os.PathLike[str], temporary: str) -> Iterator[None]:
+def _naming(path: str | os.PathLike[str], temporary: str) -> Iterator[None]:
     """Let errors of writing carry the path that the user knows."""
     try:
         yield
@@ -202,11 +202,11 @@ def replacing(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[Any
     """
     text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": ""}
     if _is_device(path):
-        with _named(path, os.fspath(path)), open(path, mode, **text) as file:
+        with _naming(path, os.fspath(path)), open(path, mode, **text) as file:
             yield file
         return
     name = os.path.realpath(os.fspath(path))
-    with _temporary(_beside(name)) as temporary, _named(path, temporary):
+    with _temporary(_beside(name)) as temporary, _naming(path, temporary):
         with open(temporary, mode.replace("w", "x"), **text) as file:
             yield file
         if os.path.exists(name):
@@ -238,7 +238,7 @@ def replacing_folder(path: str | os.PathLike[str]) -> Iterator[str]:
     old = _beside(name)
     with _temporary(_beside(name)) as temporary:
         try:
-            with _named(path, temporary):
+            with _naming(path, temporary):
                 os.mkdir(temporary)
                 yield temporary
                 if os.path.lexists(name):

@@ -176,7 +176,7 @@ def evaluate(
     arrays; with -o FILE there is one object: output, answers (their number), limit_faces.
     """
     from limitsurf.shell import cluster
-    from limitsurf.shell.io import answers as formats
+    from limitsurf.shell.io import answers as targets
     from limitsurf.shell.io import queries as sources
 
     if sum(given is not None for given in (queries, grid, random)) != 1:
@@ -185,7 +185,7 @@ def evaluate(
         raise click.UsageError("cage and queries cannot both be on the standard input")
     to_file = output != "-"
     if to_file:
-        formats.check_target(output, as_folder=scheduler is not None)
+        targets.check_target(output, as_folder=scheduler is not None)
     with ExitStack() as stack:
         asked = None if queries is None else stack.enter_context(sources.reading(queries))
         if scheduler is not None and not (
@@ -203,7 +203,7 @@ def evaluate(
             asked = sources.random_queries(faces, random, seed)
         assert asked is not None
         threads = workers if scheduler is None else 1
-        question = formats.Question(order, normals, channels, threads)
+        question = targets.Question(order, normals, channels, threads)
         on_screen = not to_file and sys.stdout is not None and sys.stdout.isatty()
         if to_file:  # a byte for each number, at the very least
             files.check_room(output, (asked.total or 0) * (6 + 3 * order + 3 * normals))
@@ -213,8 +213,8 @@ def evaluate(
                 cluster.evaluate(scheduler, surface, asked, question, output, done)
                 count = asked.total or 0
             else:
-                with formats.writing(output if to_file else None, asked.total, as_json) as write:
-                    for answers in formats.answered(surface, asked.batches, question):
+                with targets.writing(output if to_file else None, asked.total, as_json) as write:
+                    for answers in targets.answered(surface, asked.batches, question):
                         write(answers)
                         count += len(answers["face"])
                         done(len(answers["face"]))

@@ -316,14 +316,14 @@ def _end_servers() -> None:
 
 def _exactly(link: socket.socket, length: int) -> bytes:
     """So many bytes from a socket; OSError if it ends before."""
-    parts = []
+    blocks = []
     while length:
-        part = link.recv(min(length, 1 << 16))
-        if not part:
+        block = link.recv(min(length, 1 << 16))
+        if not block:
             raise OSError("the other side has ended")
-        parts.append(part)
-        length -= len(part)
-    return b"".join(parts)
+        blocks.append(block)
+        length -= len(block)
+    return b"".join(blocks)
 
 
 def serve(number: int, modules: list[str]) -> None:

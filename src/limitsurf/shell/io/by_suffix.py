@@ -354,19 +354,19 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
         raise ValueError(f"{name}: unknown suffix {kind!r}, need one of {known}")
     try:
         if kind == ".obj":
-            pieces: Any = obj.statements(x)
+            content: Any = obj.statements(x)
             warn_of_loss(name, kind, x, uv=True, tags=True)
         elif kind in formats.USD:
-            pieces = _usd().pieces(x, kind)
+            content = _usd().content(x, kind)
             points = float_points(x) if isinstance(x, Mesh) else x.points
             warn_of_rounding(name, kind, x, points, points.astype(np.float32), 3)
         else:
-            pieces = _pieces(name, kind, x)
+            content = _content_of(name, kind, x)
         if not isinstance(file, (str, bytes, os.PathLike)):
-            _write(file, pieces, kind == ".obj")
+            _write(file, content, kind == ".obj")
             return
         with replacing(name) as opened:
-            _write(opened, pieces, kind == ".obj")
+            _write(opened, content, kind == ".obj")
     except OSError as error:
         if error.filename is not None:
             raise
@@ -377,7 +377,7 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
         raise ValueError(f"{name}: {error}") from None
 
 
-def _pieces(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]:
+def _content_of(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]:
     """The bytes of a file that holds polygons only."""
     shape = formats.placed(polygons(x, uv=kind in formats.WITH_UV), kind, x)
     if kind in formats.TRIMESH and np.abs(shape.points).max() > np.finfo(np.float32).max:
@@ -389,17 +389,17 @@ def _pieces(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]:
         warn_of_cuts(name, kind, x)
         warn_of_rounding(name, kind, x, shape.points, by_trimesh.rounded(kind, shape.points), 4)
     if kind in (".off", ".ply"):
-        return off.pieces(shape) if kind == ".off" else ply.pieces(shape.split())
-    return vtk.pieces(shape, kind) if kind in formats.VTK else by_trimesh.pieces(shape, kind)
+        return off.content(shape) if kind == ".off" else ply.content(shape.split())
+    return vtk.content(shape, kind) if kind in formats.VTK else by_trimesh.content(shape, kind)
 
 
-def _write(file: IO[bytes], pieces: Any, text: bool) -> None:
+def _write(file: IO[bytes], content: Any, text: bool) -> None:
     if not text:
-        file.writelines(pieces)
+        file.writelines(content)
         return
     wrapped = TextIOWrapper(file, encoding="utf-8", newline="", write_through=False)
     try:
-        wrapped.writelines(pieces)
+        wrapped.writelines(content)
         wrapped.flush()
     finally:
         wrapped.detach()

@@ -260,7 +260,7 @@ def _measures(suffix: str, data: bytes, scene: Any) -> dict[str, Any]:
     }
 
 
-def pieces(shape: Polygons, suffix: str) -> Iterator[bytes]:
+def content(shape: Polygons, suffix: str) -> Iterator[bytes]:
     """The bytes of a file that trimesh writes."""
     mesh = _triangles(shape)
     with _quiet():

@@ -209,8 +209,8 @@ def joined_channels(
     names = dict.fromkeys(name for _, _, channels in parts for name in channels)
     joined = {}
     for name in names:
-        shape = _agreed(name, "numbers of a value", parts, lambda c: c[0].shape[1:], losses)
-        mode = _agreed(name, "interpolation", parts, lambda c: c[2], losses)
+        shape = _majority(name, "numbers of a value", parts, lambda c: c[0].shape[1:], losses)
+        mode = _majority(name, "interpolation", parts, lambda c: c[2], losses)
         values, rows, start = [], [], 0
         absent, lacking = 0, []
         for where, sizes, channels in parts:
@@ -232,7 +232,7 @@ def joined_channels(
     return joined
 
 
-def _agreed(
+def _majority(
     name: str,
     what: str,
     parts: Sequence[tuple[str, IntArray, Mapping[str, Channel]]],

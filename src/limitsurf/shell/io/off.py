@@ -155,7 +155,7 @@ def _texture(file: Statements, shape: _Off, vertices: IntArray) -> NDArray[np.fl
     return values.reshape(-1, 2)
 
 
-def pieces(shape: Polygons) -> Iterator[bytes]:
+def content(shape: Polygons) -> Iterator[bytes]:
     """The bytes of an OFF file, of points and polygons."""
     before = np.insert(shape.indices, shape.offsets[:-1], shape.sizes).astype(object)
     starts = shape.offsets[:-1] + np.arange(len(shape.sizes))

@@ -279,7 +279,7 @@ class _Ply(Elements):
         return order, elements
 
 
-def pieces(shape: Polygons) -> Iterator[bytes]:
+def content(shape: Polygons) -> Iterator[bytes]:
     """The bytes of a PLY file, of polygons that have one normal and one "uv" per point."""
     columns = [("x", "<f8"), ("y", "<f8"), ("z", "<f8")]
     values = [shape.points]

@@ -158,19 +158,19 @@ def warn_of_rounding(
     stacklevel: int,
 ) -> None:
     """Warn of points (V, 3) that differ, but not as a file keeps them, `kept` (V, 3)."""
-    first, number = merged(kept)
+    first, number = distinct(kept)
     apart = np.abs(points - points[first[number]]).max(axis=1)
     # where pieces of a surface touch, points differ by the rounding of their evaluation
     ulps = 0 if isinstance(x, Mesh) else 4
     lost = points[apart > ulps * np.finfo(np.float64).eps * np.abs(points).max()]
     if len(lost):
-        count = len(merged(lost)[0])
+        count = len(distinct(lost)[0])
         text = f"{name}: {count} of {len(first) + count} distinct points become equal to others, "
         text += f"rounded as in a file of type {kind}: .obj, .ply and .vtp keep float64"
         warnings.warn(text, stacklevel=stacklevel)
 
 
-def merged(points: NDArray[Any]) -> tuple[IntArray, IntArray]:
+def distinct(points: NDArray[Any]) -> tuple[IntArray, IntArray]:
     """The first of all equal points (V, 3) in order, and the place in these of each point (V,)."""
     order = np.lexsort(points.T)
     ordered = points[order]
@@ -216,7 +216,7 @@ def mesh_of(
     sizes, indices = np.asarray(sizes, np.int64), np.asarray(indices, np.int64)
     rows = indices if rows is None or uv is None else np.asarray(rows, np.int64)
     if merge and len(points) and _in_range(indices, points):
-        first, number = merged(points)
+        first, number = distinct(points)
         if len(first) < len(points):
             points, indices = points[first], number[indices]
     if len(sizes) and not (sizes.min() >= 0 and sizes.sum() == len(indices)):

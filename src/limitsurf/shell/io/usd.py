@@ -25,8 +25,15 @@ try:
 except ImportError as error:
     raise ImportError('usd-core is needed for USD files: pip install "limitsurf[usd]"') from error
 
-from limitsurf.shell.io.usd_reader import CHOICES, CREASING_NOTE, LINEAR, OF_POINTS, Reader, plain
-from limitsurf.shell.io.usd_scene import Scene
+from limitsurf.shell.io.usd_reader import (
+    CHOICES,
+    CREASING_NOTE,
+    LINEAR,
+    OF_POINTS,
+    Reader,
+    one_line,
+)
+from limitsurf.shell.io.usd_scene import Traversal
 
 PRIM = "/mesh"  # what a file of ours calls its mesh
 UP = {"Y": "y", "Z": "z"}
@@ -59,12 +66,12 @@ def read(
         stage = Usd.Stage.Open(os.path.abspath(file))
         mesh = _scene_mesh(stage, prim, code, losses)
     except Tf.ErrorException as error:
-        said = plain(error.args[0])
+        said = one_line(error.args[0])
         at = re.search(r":(\d+):\d+: ", said)
         place = f"{name}, line {at[1]}: {said[at.end() :]}" if at else f"{name}: {said}"
         raise MeshError(place) from None
     finally:
-        complaints = [plain(found) for found in diagnostics.TakeUncoalescedDiagnostics()]
+        complaints = [one_line(found) for found in diagnostics.TakeUncoalescedDiagnostics()]
         if not strict:
             for text in complaints:
                 warnings.warn(f"{name}: {text}", stacklevel=3)
@@ -88,9 +95,9 @@ def schemes(
     return {x.path: x.choice(*CHOICES["scheme"]) or DEFAULTS["scheme"] for x in readers}
 
 
-def _shown(stage: Any, path: str | None, time: Any, losses: Losses) -> Scene:
+def _shown(stage: Any, path: str | None, time: Any, losses: Losses) -> Traversal:
     """What is shown of a stage, or at or below a path; ValueError if there is no such path."""
-    scene = Scene(time, losses)
+    scene = Traversal(time, losses)
     root = stage.GetPseudoRoot()
     if path is not None:
         root = stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
@@ -124,7 +131,7 @@ def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh
         except LocatedError:
             raise
         except (MeshError, Tf.ErrorException) as error:
-            broken[reader.path] = plain(error.args[0])
+            broken[reader.path] = one_line(error.args[0])
     if not parts:
         where = next(iter(broken))
         more = f"; {len(broken) - 1} more meshes are broken" if len(broken) > 1 else ""
@@ -158,7 +165,7 @@ def _measures(stage: Any, losses: Losses) -> dict[str, Any]:
     return found
 
 
-def pieces(x: Mesh | Tessellation, suffix: str) -> Iterator[bytes]:
+def content(x: Mesh | Tessellation, suffix: str) -> Iterator[bytes]:
     """The bytes of a file with the mesh as the one prim of a stage, in the format of the suffix."""
     stage = Usd.Stage.CreateInMemory()
     if isinstance(x, Mesh):
@@ -181,7 +188,7 @@ def pieces(x: Mesh | Tessellation, suffix: str) -> Iterator[bytes]:
         try:
             stage.GetRootLayer().Export(whole)
         except Tf.ErrorException as error:
-            raise OSError(plain(error.args[0])) from None
+            raise OSError(one_line(error.args[0])) from None
         with open(whole, "rb") as source:
             content = source.read()
     return iter([content])

@@ -47,7 +47,7 @@ OF_POINTS = {"vertex": "none", "varying": "all"}
 LARGEST = np.iinfo(np.int32).max  # count of what an array of USD describes
 
 
-def plain(said: Any) -> str:
+def one_line(said: Any) -> str:
     """A message, or what USD says, in one line and without what only programmers understand."""
     internal = (
         r":SDF_FORMAT_ARGS:\w+=\w+| matching \w+::.*?(?= at ')| \(instantiating stage [^)]*\)"
@@ -60,7 +60,7 @@ def plain(said: Any) -> str:
     return " ".join(re.sub(internal, "", said).split())
 
 
-def numbers(prim: Any, attribute: str, time: Any, kind: str, shape: tuple[int, ...] = ()) -> Any:
+def numbers_of(prim: Any, attribute: str, time: Any, kind: str, shape: tuple[int, ...] = ()) -> Any:
     """The numbers of an attribute, (n, *shape), as int64 ("i") or float64 ("f"); none without it.
 
     Raises
@@ -100,8 +100,8 @@ class Reader:
         self.losses.add(kind, self.path, message, done)
 
     def array(self, attribute: str, kind: str, shape: tuple[int, ...] = ()) -> NDArray[Any]:
-        """As `numbers`, of this prim."""
-        found: NDArray[Any] = numbers(self.prim, attribute, self.time, kind, shape)
+        """As `numbers_of`, of this prim."""
+        found: NDArray[Any] = numbers_of(self.prim, attribute, self.time, kind, shape)
         return found
 
     def kept(self, kind: str, find: Callable[[], Any]) -> Any:

@@ -13,7 +13,7 @@ from pxr import Gf, Tf, Usd, UsdGeom
 
 from limitsurf.mesh import MeshError
 from limitsurf.shell.io.losses import LocatedError, Losses, first_of
-from limitsurf.shell.io.usd_reader import numbers, plain
+from limitsurf.shell.io.usd_reader import numbers_of, one_line
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ HIDDEN = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
 
 
 @dataclass
-class Scene:
+class Traversal:
     """What a traversal of a stage, or of what is at or below a prim, finds.
 
     Attributes
@@ -53,7 +53,7 @@ class Scene:
         try:
             matrix, resets = self._transforms.GetLocalTransformation(prim)
         except Tf.ErrorException as error:
-            self.losses.add("transform", str(prim.GetPath()), plain(error.args[0]))
+            self.losses.add("transform", str(prim.GetPath()), one_line(error.args[0]))
             return Gf.Matrix4d(1), False
         return matrix, resets
 
@@ -188,7 +188,7 @@ class Scene:
         MeshError
             Indices of prototypes that are none.
         """
-        prototype = numbers(instancer, "protoIndices", self.time, "i")
+        prototype = numbers_of(instancer, "protoIndices", self.time, "i")
         ids = self._of_instances(instancer, path, "ids", len(prototype), "i")
         shown = ~np.isin(
             np.arange(len(prototype)) if ids is None else ids, self._hidden_ids(instancer, path)
@@ -212,7 +212,7 @@ class Scene:
             Positions that do not fit the prototypes.
         """
         n = len(prototype)
-        positions = numbers(instancer, "positions", self.time, "f", (3,))
+        positions = numbers_of(instancer, "positions", self.time, "f", (3,))
         if len(positions) != n:
             raise MeshError(f"positions: got {len(positions)}, need {n}, one for each protoIndices")
         turns = self._of_instances(instancer, path, "orientationsf", n, "f", (4,))
@@ -241,7 +241,7 @@ class Scene:
         if not instancer.GetAttribute(name):
             return None
         try:
-            found = numbers(instancer, name, self.time, kind, shape)
+            found = numbers_of(instancer, name, self.time, kind, shape)
             if len(found) not in (0, n):
                 raise MeshError(f"{name}: got {len(found)}, need {n}, one for each instance")
         except MeshError as error:
@@ -255,7 +255,7 @@ class Scene:
         listed_ids = inactive.ApplyOperations([]) if inactive is not None else []
         hidden = np.array(listed_ids, dtype=np.int64)
         try:
-            invisible = numbers(instancer, "invisibleIds", self.time, "i")
+            invisible = numbers_of(instancer, "invisibleIds", self.time, "i")
         except MeshError as error:
             self.losses.add("invisibleIds", path, str(error))
             return hidden

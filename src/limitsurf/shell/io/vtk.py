@@ -152,7 +152,7 @@ def _complaints() -> Iterator[list[str]]:
         said += [line for line in window.GetOutput().splitlines() if "rror" in line]
 
 
-def pieces(shape: Polygons, suffix: str) -> Iterator[bytes]:
+def content(shape: Polygons, suffix: str) -> Iterator[bytes]:
     """The bytes of a file of VTK."""
     dataset: Any = _dataset(shape)
     from vtkmodules.vtkIOLegacy import vtkPolyDataWriter

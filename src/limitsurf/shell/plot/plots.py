@@ -31,7 +31,7 @@ from limitsurf.shell.plot.scene import (
     Scalars,
     Wishes,
     build,
-    numbers,
+    real_numbers,
 )
 
 if TYPE_CHECKING:
@@ -473,7 +473,7 @@ def _checked_size(window_size: Any) -> tuple[int, int]:
 
 
 def _checked_limits(limits: Any) -> tuple[float, float]:
-    pair = numbers(limits, "limits")
+    pair = real_numbers(limits, "limits")
     if pair.shape != (2,) or not np.isfinite(pair).all() or not pair[0] < pair[1]:
         raise ValueError(f"limits are two finite numbers, the lower one first, got {limits!r}")
     return float(pair[0]), float(pair[1])
@@ -485,7 +485,7 @@ def _check_view(view: Any) -> None:
     need = f"view is one of {', '.join(map(repr, VIEWS))}, or a direction of three numbers"
     if isinstance(view, str):
         raise ValueError(f"{need}, got {view!r}")
-    direction = numbers(view, "view")
+    direction = real_numbers(view, "view")
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         raise ValueError(f"{need}, got {view!r}")
 

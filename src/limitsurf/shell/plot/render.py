@@ -83,8 +83,8 @@ def page(scene: Scene, width: int, height: int) -> str:
         shown.append((paint.bar(scene.field, 1200), "right:0;top:14%;height:72%"))
     if scene.dots:
         explained = paint.legend(scene.dots, 1200)
-        part = 100 * explained.shape[0] / 1200
-        shown.append((explained, f"right:1%;bottom:1%;height:{part:.1f}%"))
+        height = 100 * explained.shape[0] / 1200
+        shown.append((explained, f"right:1%;bottom:1%;height:{height:.1f}%"))
     boxes = "".join(
         f'<img alt="" src="data:image/png;base64,{base64.b64encode(paint.png(image)).decode()}" '
         f'style="position:fixed;pointer-events:none;z-index:9;{style}">'

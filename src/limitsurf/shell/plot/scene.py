@@ -436,7 +436,7 @@ def _curvature(surface: LimitSurface, kind: str, query: Query) -> tuple[Array, f
 def _of_function(function: Callable[..., ArrayLike], query: Query) -> Array:
     """What a function of the user returns at the places of a query."""
     face, u, v = (x.ravel() for x in np.broadcast_arrays(*query))
-    values = numbers(function(face, u, v), "what the function of (face, u, v) returns")
+    values = real_numbers(function(face, u, v), "what the function of (face, u, v) returns")
     if values.shape != face.shape:
         raise ValueError(
             f"the function of (face, u, v) must return as many values as it gets, "
@@ -447,7 +447,7 @@ def _of_function(function: Callable[..., ArrayLike], query: Query) -> Array:
 
 def _of_vertices(surface: LimitSurface, scalars: Any, query: Query) -> Array:
     """Values of the cage's vertices, (n_vertices,), at the places of a query."""
-    control = numbers(scalars, "scalars")
+    control = real_numbers(scalars, "scalars")
     if control.shape != (surface.mesh.n_vertices,):
         raise ValueError(
             f"scalars of the cage's vertices have shape ({surface.mesh.n_vertices},), "
@@ -457,7 +457,7 @@ def _of_vertices(surface: LimitSurface, scalars: Any, query: Query) -> Array:
     return values
 
 
-def numbers(values: Any, name: str) -> Array:
+def real_numbers(values: Any, name: str) -> Array:
     """An array of float64; ValueError if there is anything but real numbers in it."""
     try:
         found = np.asarray(values)
