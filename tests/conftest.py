@@ -4,7 +4,8 @@
 turn them red (test_wicked.py). ``pytest --cages=N`` judges the accuracy on N random cages,
 ``pytest --tagged=N`` tries every property of creases on N random tagged ones.
 ``pytest --hypothesis-profile=search`` tries new examples instead of the same ones every time.
-``pytest --shuffle=SEED`` runs the files, and the tests of each, in another order.
+``pytest --shuffle=SEED`` runs the files, and the tests of each, in another order. Tests that are
+marked as long come first in any order, so that none of them is waited for at the end.
 """
 
 import copy
@@ -137,7 +138,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Shuffle files, and tests within each, alike in all processes."""
+    """Shuffle files, and tests within each, alike in all processes; long tests come first."""
     if seed := config.getoption("shuffle"):
         chance = random.Random(seed)
         places = sorted({item.path for item in items})
@@ -145,3 +146,4 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         order = {path: place for place, path in enumerate(places)}
         chance.shuffle(items)
         items.sort(key=lambda item: order[item.path])
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)

@@ -44,6 +44,8 @@ from scipy.interpolate import BSpline
 
 MODES = ("edge_and_corner", "edge_only")
 
+CACHED = 10000  # neighbourhoods, which is more than the tests of one file meet
+
 CASES = Path(__file__).resolve().parents[2] / "shared" / "reference" / "cases"
 
 
@@ -417,7 +419,7 @@ def _apply(rows, columns):
     ]
 
 
-@functools.lru_cache(maxsize=4096)
+@functools.lru_cache(maxsize=CACHED)
 def _step(local, child, mode):
     """Refine a neighbourhood and cut out that of child ``child`` of its target.
 
@@ -451,7 +453,7 @@ class _Corner(NamedTuple):
         return self.faces == 2 or (self.faces == 1 and mode == "edge_and_corner")
 
 
-@functools.lru_cache(maxsize=4096)
+@functools.lru_cache(maxsize=CACHED)
 def _corners(local):
     faces = [list(face) for face in local]
     vertex_faces = _incidence(faces)[2]
@@ -468,7 +470,7 @@ def _corners(local):
     return corners
 
 
-@functools.lru_cache(maxsize=4096)
+@functools.lru_cache(maxsize=CACHED)
 def _control_grid(local, mode):
     """Control points {(a, b): Stencil}, a, b = -1 .. 2, if the target is a regular patch, or None.
 

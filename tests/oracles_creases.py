@@ -32,6 +32,7 @@ from typing import NamedTuple
 
 import mpmath
 from oracles import (
+    CACHED,
     CORNERS,
     Stencil,
     _apply,
@@ -356,7 +357,7 @@ class _Local:
         )
 
 
-_local = functools.lru_cache(maxsize=4096)(_Local)
+_local = functools.lru_cache(maxsize=CACHED)(_Local)
 
 
 def _cut_out(cage, vertex_faces, f, turn=0):
@@ -395,7 +396,7 @@ def _cut_out(cage, vertex_faces, f, turn=0):
     return _local(faces, sides, creases, corners, (cage.creasing, cage.triangles)), list(ids)
 
 
-@functools.lru_cache(maxsize=4096)
+@functools.lru_cache(maxsize=CACHED)
 def _step(local, child):
     """Refine a neighbourhood and cut out that of child ``child`` of its target.
 
@@ -431,7 +432,7 @@ class _Corner(NamedTuple):
         return self.settled and self.quads and shape in regular
 
 
-@functools.lru_cache(maxsize=4096)
+@functools.lru_cache(maxsize=CACHED)
 def _corners(local):
     creases, faces, sides = dict(local.creases), local.faces, local.sides
     edge_faces = _incidence(faces, sides)[0]
@@ -467,7 +468,7 @@ def _corners(local):
     return corners
 
 
-@functools.lru_cache(maxsize=4096)
+@functools.lru_cache(maxsize=CACHED)
 def _control_grid(local):
     """Control points {(a, b): Stencil}, a, b = -1 .. 2, if the target is a regular patch, or None.
 

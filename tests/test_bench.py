@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 BENCH = Path(__file__).parent / "bench"
 
 
@@ -14,6 +16,7 @@ def run(script: str, words: str) -> str:
     return done.stdout
 
 
+@pytest.mark.long
 def test_every_job_runs_and_is_reported(tmp_path: Path) -> None:
     small = "--queries 100 --samples 10 --grid-faces 2 --levels 1 --runs 1"
     printed = run("bench.py", f"16 {small}")

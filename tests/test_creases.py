@@ -376,7 +376,8 @@ def test_exact_next_to_special_corners(kind):
             a, b = (F(rng.randint(0, 4), 4) / 10**exponent for _ in "ab")
             queries += [(face, *at_corner(k, *ab)) for ab in ((a, b), (a, F(0)), (F(0), b))]
     some = rng.sample(queries, min(len(queries), 40))
-    assert_exact(surface, oracle, some, [(0, 0), (1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (3, 1)])
+    assert_exact(surface, oracle, some[::2], [(0, 0), (1, 0), (1, 1), (0, 2)])
+    assert_exact(surface, oracle, some[1::2], [(0, 0), (0, 1), (2, 0), (3, 1)])
 
 
 @at_special_corners
@@ -408,7 +409,8 @@ def test_normals_next_to_special_corners(kind, reach):
         there = there[3:]
     assert all(faces[f][0] == 0 for f in there)
     rng = random.Random(kind)
-    queries = [(f, a * reach, b * reach) for f in there for a, b in rng.sample(DIRECTIONS, 2)]
+    some = there if reach > 1e-100 else rng.sample(there, min(len(there), 3))
+    queries = [(f, a * reach, b * reach) for f in some for a, b in rng.sample(DIRECTIONS, 2)]
     queries += [(there[0], reach, 0.0), (there[-1], 0.0, reach)]
     assert compare_normals(surface, oracle, queries) == len(queries)
 

@@ -16,7 +16,6 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "limitsurf"
 MODULES = sorted(SOURCE.rglob("*.py"))
 DERIVATIONS = sorted((ROOT / "derivations").glob("*.py"))
-NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.py"))
 LINT_IMPORTS = Path(sysconfig.get_path("scripts")) / "lint-imports"
 
 
@@ -43,7 +42,7 @@ def run(*command: str | Path) -> str:
     [
         pytest.param([sys.executable, "-m", "ruff", "check"], id="ruff-check"),
         pytest.param([sys.executable, "-m", "ruff", "format", "--check"], id="ruff-format"),
-        pytest.param([sys.executable, "-m", "mypy"], id="mypy-strict"),
+        pytest.param([sys.executable, "-m", "mypy"], id="mypy-strict", marks=pytest.mark.long),
         pytest.param([LINT_IMPORTS, "--no-cache"], id="import-contract"),
     ],
 )
@@ -51,20 +50,14 @@ def test_style_types_and_rooms(command: list[str | Path]) -> None:
     run(*command)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", DERIVATIONS, ids=by_name)
 def test_derivation_holds(path: Path) -> None:
-    run(sys.executable, "-W", "error", path)
-
-
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=by_name)
-def test_notebook_runs(path: Path) -> None:
-    # in a process of its own, so that what the kernel's client leaves behind ends with it
-    run(sys.executable, ROOT / "tests" / "run_notebook.py", path)
+    run(sys.executable, "-W", "error", ROOT / "tests" / "run_derivation.py", path)
 
 
 def test_documents_were_found() -> None:
     assert DERIVATIONS
-    assert NOTEBOOKS
 
 
 def test_import_is_light() -> None:

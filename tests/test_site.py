@@ -1,4 +1,4 @@
-"""The documentation site: it builds offline, links resolve, scenes draw in a browser."""
+"""The documentation site: notebooks run, it builds offline, links resolve, scenes draw."""
 
 import functools
 import http.server
@@ -73,11 +73,14 @@ def build(target):
     """The folder of the site, built by the documented command from a copy of its sources.
 
     A build writes among them, which would disturb others, by hand or by another run of the tests.
+    It runs the notebooks and the cells of pages, not the derivations: test_project.py does.
     """
     for path in sources():
         copy = target / path.relative_to(ROOT)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, copy)
+    with (target / "notebooks" / "site" / "conf.py").open("a", encoding="utf-8") as settings:
+        settings.write('\nnb_execution_excludepatterns = ["derivations/*"]\n')
     command = ["-m", "sphinx", "-W", "-q", "notebooks/site", "build/site"]
     done = subprocess.run(
         [sys.executable, *command],
@@ -240,12 +243,16 @@ def look_at(folder, documents, scenes, chromium):
 
 
 # One test, so that the site is built once; where there is no browser, the next one says so.
+@pytest.mark.long
 def test_site(tmp_path):
     folder = build(tmp_path)
     pages = [Page(path) for path in sorted(folder.rglob("*.html")) if "_static" not in path.parts]
     scenes = {page.path.parent / scene for page in pages for scene in page.scenes}
     documents = [page for page in pages if page.path not in scenes and page.links]
     assert len(documents) > 30
+    for notebook in sorted((ROOT / "notebooks").glob("*.py")):
+        (page,) = folder.rglob(f"notebooks/{notebook.stem}.html")
+        assert "cell_output" in page.read_text(encoding="utf-8"), f"{notebook.name} was not run"
     assert scenes
     check_links(documents)
     if (found := browser.find()) is not None:

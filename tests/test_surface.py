@@ -1212,7 +1212,7 @@ def test_normals_where_a_row_of_points_coincides(repeat, seed, engine):
         found = surface.normal(face, 0.0, v)
         assert np.abs(found[1:-1] - expected).max() < 1e-12
         # beside it, and at the vertices from both faces
-        for u in (5e-324, 1e-200, 1e-30, 1e-18):
+        for u in (5e-324, 1e-200, 1e-30, 1e-18)[face:]:
             jet = precise.jet(face, F(u), F(0.25), order=1)
             off = surface.normal(face, u, 0.25) - direction(jet[1, 0], jet[0, 1])
             assert np.abs(off).max() < 1e-12
