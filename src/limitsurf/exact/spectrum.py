@@ -39,6 +39,7 @@ from limitsurf.exact.fixed import (
 from limitsurf.exact.matrices import SubdivisionMatrix, subdivision_matrix
 from limitsurf.exact.ring import FourierRing, fourier_ring
 from limitsurf.exact.sectors import DenseRing, carried_ring, dart_ring, open_ring
+from limitsurf.scheme.lattice import QUADS
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 
@@ -236,7 +237,7 @@ def _normal(
         return (1, 2) if frequency == [1, 1] and largest else ()
     # derivations/sectors.py: the Jacobian of the two keeps its sign on all faces of the sector
     limits = {"crease": (1, 4), "corner": (1, 2), "dart": (3, sector.faces)}
-    least, most = limits.get(sector.kind, (1, 0))
+    least, most = limits.get(sector.kind, (1, 0)) if sector.lattice is QUADS else (1, 0)
     if not least <= sector.faces <= most:
         return ()
     falling = sorted(
