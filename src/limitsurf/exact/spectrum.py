@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
+from math import lcm
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -212,12 +213,10 @@ def _links(
 
 def _polynomials(scheme: Scheme, control: Fixed) -> Fixed:
     """Coefficients (pieces, monomials, K) of patches from control points (pieces, points, K)."""
-    rows = [dict(enumerate(row)) for row in scheme.spline.pieces]
-    rows = [{k: w for k, w in row.items() if w} for row in rows]
-    length = control.shape[2]
-    return np.stack(
-        [[combine(row, dict(enumerate(piece)), length) for row in rows] for piece in control]
-    )
+    weights = scheme.spline.pieces
+    scale = lcm(*(w.denominator for row in weights for w in row))
+    integers = np.array([[int(w * scale) for w in row] for row in weights], dtype=object)
+    return np.stack([integers.dot(piece) // scale for piece in control])
 
 
 def _normal(
