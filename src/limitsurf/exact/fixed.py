@@ -83,7 +83,8 @@ def to_fixed(values: Any) -> Fixed:
     def one(x: Any) -> int:
         if isinstance(x, Fraction):
             return (x.numerator << BITS) // x.denominator
-        return int(fixed_point(mp.mpf(x)._mpf_, BITS))
+        x = to_mpf(x) if hasattr(x, "evalf") else mp.mpf(x)
+        return int(fixed_point(x._mpf_, BITS))
 
     array = np.array(values, dtype=object)
     flat = [one(x) for x in array.ravel()]
@@ -96,11 +97,16 @@ def product(left: Fixed, right: Fixed) -> Fixed:
     return np.asarray(left.dot(right) >> BITS)
 
 
-def combine(row: dict[int, Fraction], vectors: dict[int, Fixed], length: int) -> Fixed:
-    """Sparse rational row times those vectors that there are, (length,)."""
+def combine(row: dict[int, Any], vectors: dict[int, Fixed], length: int) -> Fixed:
+    """Sparse row times those vectors that there are, (length,); sums of rational terms exactly."""
     items = [(k, w) for k, w in row.items() if k in vectors]
-    scale = lcm(*(w.denominator for _, w in items))
+    known = [(k, w) for k, w in items if isinstance(w, Fraction)]
+    scale = lcm(*(w.denominator for _, w in known))
     total = np.zeros(length, dtype=object)
-    for k, w in items:
+    for k, w in known:
         total += int(w * scale) * vectors[k]
-    return np.asarray(total // scale)
+    total = total // scale
+    for k, w in items if len(known) < len(items) else ():
+        if not isinstance(w, Fraction):
+            total += vectors[k] * to_fixed([w])[0] >> BITS
+    return np.asarray(total)

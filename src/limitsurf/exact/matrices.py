@@ -140,19 +140,24 @@ class _LocalCage:
         self.sector, self.lattice, self.number = sector, sector.lattice, number
         self.face, self.edge, self.spoke, self.regular, self.own, self.curve = masks
         self.at = grid_index(sector)
+        self.ring_faces = [self._ring_face(j) for j in range(sector.faces)]
+        self.ring_face_points = [self.sum_of(self.face, c) for c in self.ring_faces if self.face]
 
     def combined(self, terms: list[tuple[Any, Row]]) -> Row:
         """A sum of rows."""
         total: Row = {}
         for weight, row in terms:
             for column, value in row.items():
-                total[column] = total.get(column, self.number(0)) + weight * value
+                term = weight * value
+                total[column] = total[column] + term if column in total else term
         return {column: value for column, value in sorted(total.items()) if value}
 
     def sum_of(self, weights: tuple[Any, ...], points: list[int]) -> Row:
         """A sum of control points."""
-        one = self.number(1)
-        return self.combined([(w, {k: one}) for w, k in zip(weights, points, strict=True)])
+        row: Row = {}
+        for k, weight in zip(points, weights, strict=True):
+            row[k] = row[k] + weight if k in row else weight
+        return {k: row[k] for k in sorted(row) if row[k]}
 
     # ---------------------------------------------------------------- the ring
 
@@ -161,7 +166,7 @@ class _LocalCage:
         sector, half = self.sector, self.curve[0]
         rows = [self._own_point()]
         for j in range(sector.faces + sector.open):
-            edge = self._ring_face(j)[1] if j < sector.faces else self._ring_face(j - 1)[-1]
+            edge = self.ring_faces[j][1] if j < sector.faces else self.ring_faces[-1][-1]
             first = j == 0 and (sector.open or sector.kind == "dart")
             if first or j == sector.faces:
                 rows.append(self.sum_of((half, half), [0, edge]))
@@ -176,8 +181,7 @@ class _LocalCage:
                         ]
                     )
                 )
-            if self.face and j < sector.faces:
-                rows.append(self.sum_of(self.face, self._ring_face(j)))
+            rows += self.ring_face_points[j : j + 1]
         if sector.carried:
             rows.append(self.sum_of((half, half), [0, sector.ring - 1]))
         return rows
@@ -190,8 +194,9 @@ class _LocalCage:
 
     def _across_spoke(self, j: int, corner: int) -> Row:
         """What face j has across an edge at the vertex: its face point, or a corner."""
-        corners = self._ring_face(j)
-        return self.sum_of(self.face, corners) if self.face else {corners[corner]: self.number(1)}
+        if self.face:
+            return self.ring_face_points[j]
+        return {self.ring_faces[j][corner]: self.number(1)}
 
     def _own_point(self) -> Row:
         """The point of the vertex."""
@@ -202,8 +207,8 @@ class _LocalCage:
             return self.sum_of((kept, beside, beside), [0, 1, sector.ring - 1])
         if sector.kind in ("corner", "cone"):
             return {0: self.number(1)}
-        faces = [self._ring_face(j) for j in range(sector.faces)]
-        return self._vertex_point(self.own, 0, [corners[1] for corners in faces], faces)
+        neighbours = [corners[1] for corners in self.ring_faces]
+        return self._vertex_point(self.own, 0, neighbours, self.ring_face_points)
 
     # ---------------------------------------------------------------- elsewhere
 
@@ -225,7 +230,8 @@ class _LocalCage:
             star = self.lattice.star[:: len(self.lattice.orbits)]
             ((i, j),) = element
             near = [self.at[i + x, j + y] for x, y in star]
-            return self._vertex_point(self.regular, points[0], near, faces)
+            around = [self.sum_of(self.face, corners) for corners in faces if self.face]
+            return self._vertex_point(self.regular, points[0], near, around)
         first, second, across = self.edge
         terms = [(self.number(1), self.sum_of((first, second), points))]
         for corners in faces:
@@ -245,9 +251,10 @@ class _LocalCage:
         ]
 
     def _vertex_point(
-        self, mask: tuple[Any, ...], v: int, neighbours: list[int], faces: list[list[int]]
+        self, mask: tuple[Any, ...], v: int, neighbours: list[int], face_points: list[Row]
     ) -> Row:
         own, neighbour, *around = mask
         row = self.sum_of((own, *(neighbour for _ in neighbours)), [v, *neighbours])
-        points = [self.sum_of(self.face, corners) for corners in faces if around]
-        return self.combined([(self.number(1), row), *((around[0], point) for point in points)])
+        return self.combined(
+            [(self.number(1), row), *((w, point) for w in around for point in face_points)]
+        )

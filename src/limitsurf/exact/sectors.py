@@ -103,7 +103,7 @@ def open_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseRing:
     brought = to_fixed(
         [[sum(rows[p].get(c, 0) * v for c, v in zip(curve, y, strict=True)) for y in vectors]
          for p in inner]
-    )  # fmt: skip
+    ).reshape(len(inner), 3)  # fmt: skip
     coupling = product(left[:, inner], brought)
     heads: dict[int, int] = {}
     gaps = [[to_mpf(value) - wave for value in values] for wave in waves]

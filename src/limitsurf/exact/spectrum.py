@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
+from math import lcm
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -232,12 +233,10 @@ def _links(
 
 def _polynomials(scheme: Scheme, control: Fixed) -> Fixed:
     """Coefficients (pieces, monomials, K) of patches from control points (pieces, points, K)."""
-    rows = [dict(enumerate(row)) for row in scheme.spline.pieces]
-    rows = [{k: w for k, w in row.items() if w} for row in rows]
-    length = control.shape[2]
-    return np.stack(
-        [[combine(row, dict(enumerate(piece)), length) for row in rows] for piece in control]
-    )
+    weights = scheme.spline.pieces
+    scale = lcm(*(w.denominator for row in weights for w in row))
+    integers = np.array([[int(w * scale) for w in row] for row in weights], dtype=object)
+    return np.stack([integers.dot(piece) // scale for piece in control])
 
 
 @lru_cache(maxsize=256)
@@ -253,6 +252,8 @@ def ring_normal(scheme: Scheme, kind: str, faces: int) -> tuple[int, ...]:
     ring = ring_basis(scheme, sector)
     outer = {to_mpf(d) for matrix in matrices.values() for d in outer_part(matrix)[0]}
     pair = leading_pair(ring.values, outer, ring.heads, _absent(sector, ring))
+    if not scheme.lattice.face_points:  # the sign of their minors is not looked for
+        return pair if sector.kind == "interior" else ()
     if not pair:
         return ()
     ends = {head: end for end, head in ring.heads.items()}

@@ -63,7 +63,7 @@ class SectorBasis(SymbolicBasis):
             still = SectorBasis(self._scheme, self.sector.still)._ring
             return CarriedRing(self._matrix, still, self._ends.get(self.sector.ring - 1))
         if self.sector.open:
-            return OpenRing(self._scheme, self._matrix)
+            return OpenRing(self._scheme, self._matrix, self._numeric.ring.heads)
         if self.sector.kind == "dart":
             return DartRing(self._scheme, self._matrix, self._numeric.ring.values)
         return super()._ring
@@ -82,7 +82,9 @@ class Sines:
         self._steps = list(islice(every, points))
         highs = (True, False)[: len(orbits)]
         self._names = [(f, high) for f in range(1, (valence + 1) // 2) for high in highs]
-        if valence % 2 == 0 and len(orbits) > 1:
+        # that of half the valence, which is rational; at edge neighbours it vanishes
+        self.half = len(self._names) if valence % 2 == 0 and len(orbits) > 1 else None
+        if self.half is not None:
             self._names.append((valence // 2, False))
 
     def __len__(self) -> int:
@@ -116,7 +118,7 @@ class Sines:
 class OpenRing:
     """The ring of a crease or corner sector: the vectors of the curve, then sines."""
 
-    def __init__(self, scheme: Scheme, matrix: SubdivisionMatrix) -> None:
+    def __init__(self, scheme: Scheme, matrix: SubdivisionMatrix, heads: dict[int, int]) -> None:
         rows, faces, size = matrix.rows, matrix.sector.faces, matrix.sector.ring
         zero, one = Fraction(0), Fraction(1)
         self.rotations: dict[int, tuple[Any, Any]] = {}
@@ -133,16 +135,17 @@ class OpenRing:
         self._columns = [[one] * size]
         # rational waves in which chains end, and what is left of them: the left eigenvectors
         self._ends: dict[int, tuple[list[Fraction], list[Fraction]]] = {}
-        for value, vector in zip(self._values[1:], vectors[1:], strict=True):
+        ends = {head: end for end, head in heads.items()}
+        for head, (value, vector) in enumerate(zip(self._values, vectors, strict=True)):
+            if head == 0:
+                continue
             sources = [*zip(self._curve, vector, strict=True)]
             brought = [sum((rows[p].get(c, zero) * y for c, y in sources), zero) for p in inner]
             shifted = [[value * (i == j) - x for j, x in enumerate(r)] for i, r in enumerate(block)]
             extended, wave, left = _extension(shifted, brought)
             self._columns.append([vector[0], vector[1], *extended, vector[2]])
             if any(wave):
-                # 1/2 is the higher eigenvalue of frequency k / 2; 1/4 that of frequency k, the last
-                end = 3 + (faces - 2 if value == half else len(self._sines) - 1)
-                self._ends[end] = [zero, zero, *wave, zero], left
+                self._ends[ends[head]] = [zero, zero, *wave, zero], left
 
     def eigenvalue(self, k: int) -> Any:
         """Eigenvalue k."""
@@ -182,7 +185,7 @@ class OpenRing:
             return self._columns[k]
         if k in self._ends:
             return self._ends[k][0]
-        if k == 2 + len(self._sines):
+        if k - 3 == self._sines.half:
             return [Fraction(int(x)) for x in (0, *self._sines.right(k - 3))]
         return None
 
@@ -258,6 +261,8 @@ class DartRing:
         self._sines = Sines(scheme, matrix.sector.faces, self._size - 1, norm=1)
         self._orbits = sectors.mirrored(matrix.sector)
         even = sectors.folded(matrix, self._orbits)
+        if not all(isinstance(x, Fraction) for row in even for x in row):
+            raise ArithmeticError(f"{matrix.sector}: symbols of a dart need rational masks")
         self._factors = even_factors([[QQ(x.numerator, x.denominator) for x in r] for r in even])
         # eigenvalue and factor of each even vector
         self._even: dict[int, tuple[Any, EvenFactor]] = {}
@@ -298,11 +303,7 @@ class DartRing:
     def rational(self, k: int) -> list[Fraction] | None:
         """Even vectors of rational eigenvalue, and the wave of frequency N / 2."""
         first = len(self._even)
-        if (
-            self._even[k][0].is_Rational
-            if k < first
-            else len(self._sines) % 2 and k == first + len(self._sines) - 1
-        ):
+        if self._even[k][0].is_Rational if k < first else k - first == self._sines.half:
             return [Fraction(int(x.p), int(x.q)) for x in self.right(k)]
         return None
 
@@ -403,6 +404,8 @@ def _extension(
 
     If the kernels have dimension 1, w x = 0, and w p = 1 unless p = 0. Otherwise p = 0.
     """
+    if not brought:
+        return [], [], []
     right = null_space(shifted)
     left = null_space([list(column) for column in zip(*shifted, strict=True)])
     zero, n = Fraction(0), len(brought)

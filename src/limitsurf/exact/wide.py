@@ -75,16 +75,14 @@ class Weights:
         ]
 
 
-def dart_limit(scheme: Scheme, faces: int) -> list[Fraction]:
+def dart_limit(scheme: Scheme, faces: int) -> list[Any]:
     """Exact weights of the points of a dart's ring in the limit of its vertex, (ring,)."""
+    if not scheme.lattice.face_points:
+        return _triangular_dart_limit(scheme, faces)
     w = Weights.of(scheme, faces, exact=True)
     g, k = _recurrence(w, Fraction(1))
     p = (1 - w.end - 2 * g) / g
-    # solutions 0 and 1 at the sharp edge: sines of an imaginary argument
-    sines = [Fraction(0), Fraction(1)]
-    for _ in range(faces - 1):
-        sines.append(p * sines[-1] - sines[-2])
-    near = [(x + y) / sines[-1] for x, y in zip(sines, sines[::-1], strict=True)]
+    near = _fading(p, faces)
     y = [k / g / (p - 2) * (1 - x) for x in near]  # 0 and `faces` are the sharp edge
     t = [(w.face * (y[j] + y[j + 1]) + w.around) / (1 - w.corner) for j in range(faces)]
     y[0] = (w.corner * (t[-1] + t[0]) + w.edge) / (1 - w.half)
@@ -93,6 +91,28 @@ def dart_limit(scheme: Scheme, faces: int) -> list[Fraction]:
         mask += [y[j], w.corner * t[j]]
     total = sum(mask)
     return [x / total for x in mask]
+
+
+def _triangular_dart_limit(scheme: Scheme, faces: int) -> list[Any]:
+    """The same where the edges alone make the recurrence: ``y_j = a y_j + b (y_(j-1) + y_(j+1)) +
+    n x``, with the weight b of an opposite corner in an edge point.
+    """
+    (end, across), (_, edge) = scheme.regular_edge, scheme.vertex_mask(faces)
+    p = (1 - end) / across
+    y = [(1 - x) / (p - 2) / across for x in _fading(p, faces)]  # of n = 1
+    y[0] = (across * (y[1] + y[faces - 1]) + 1) / (1 - scheme.boundary_edge)
+    mask = [Fraction(1), *(edge * x for x in y[:faces])]
+    total = 1 + edge * sum(y[:faces])
+    return [x / total for x in mask]
+
+
+def _fading(p: Fraction, faces: int) -> list[Fraction]:
+    """Solution of ``x_(j-1) + x_(j+1) = p x_j`` that is 1 at both sides of the sharp edge."""
+    # solutions 0 and 1 there: sines of an imaginary argument
+    sines = [Fraction(0), Fraction(1)]
+    for _ in range(faces - 1):
+        sines.append(p * sines[-1] - sines[-2])
+    return [(x + y) / sines[-1] for x, y in zip(sines, sines[::-1], strict=True)]
 
 
 def _recurrence(w: Weights, value: Any) -> tuple[Any, Any]:
