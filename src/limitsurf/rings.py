@@ -408,9 +408,7 @@ class RingValues:
         They are those after `level` + 1 steps, (A,), of which the three regular pieces consist.
         """
         fine, exponent, limit = self._refined(row, level)
-        return kernels.scale_by_two(
-            fine - limit[:, None, None], exponent[:, None, None, None]
-        )
+        return kernels.scale_by_two(fine - limit[:, None, None], exponent[:, None, None, None])
 
     def extent(self, row: Array, level: int) -> tuple[Array, Array]:
         """Bounds (A, d) of all points that patches depend on after some steps, at least one.
