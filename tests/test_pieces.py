@@ -21,6 +21,8 @@ from limitsurf.pieces import bernstein
 
 CAGES = {name: (*make(), {}) for name, make in zoo.ZOO.items()}
 CAGES |= {f"tagged_{name}": make() for name, make in zoo.TAGGED.items()}
+# of which there are exact rows over the cage too: long Fractions are slow
+ROWS = ("cube", "half_disk_5", "flower_3", "heptagon", "tagged_cone_4", "tagged_ring_2.5")
 # the corners of a square, by number
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
@@ -48,7 +50,9 @@ def places(patches, s, t):
 
 def polynomial(patches, s, t):
     along, across = bernstein_polynomials(s), bernstein_polynomials(t)
-    points = patches.points.reshape(len(patches), 4, 4, -1)
+    points = patches.points.reshape(
+        *patches.points.shape[:3], int(np.prod(patches.points.shape[3:]))
+    )
     terms = points * along[:, None, None] * across[:, None]
     return terms.sum(axis=(1, 2)).reshape(len(patches), *patches.points.shape[3:])
 
@@ -109,14 +113,14 @@ def test_floats_on_the_zoo(name):
     assert ((rest.upper - rest.lower).max(axis=1, initial=0) <= 4 * extent + 1e-12).all()
 
 
-@pytest.mark.parametrize("name", CAGES)
+@pytest.mark.parametrize("name", [*list(CAGES)[::3], *ROWS])
 def test_fractions_on_the_zoo(name):
     """Equality without a tolerance, of a few faces; corners that cells share are the same."""
     mesh = mesh_of(name)
     surface = ls.LimitSurface(exactly(mesh))
     rng = random.Random(name)
     face = rng.sample(range(len(surface.limit_faces)), min(3, len(surface.limit_faces)))
-    patches = ls.bezier_patches(surface, face=face, depth=2, weights=len(mesh.points) < 40)
+    patches = ls.bezier_patches(surface, face=face, depth=2, weights=name in ROWS)
     s, t = F(rng.randint(1, 9), 10), F(rng.randint(1, 9), 10)
     assert same(polynomial(patches, s, t), surface.evaluate(patches.face, *places(patches, s, t)))
     if patches.weights is not None:
@@ -204,18 +208,20 @@ def test_depth_counts_from_the_edges_of_the_cage():
         n_gon = surface.limit_faces.corner[rest.face] >= 0
         assert n_gon.any()
         assert (rest.size == np.where(n_gon, 2.0, 1.0)[:, None] * 0.5**depth).all()
-    # before corners are apart there are no rings
-    rest = ls.bezier_patches(surface, depth=0).rest
-    assert len(ls.bezier_patches(surface, depth=0)) == 0
-    assert rest.size.max() == 1
-    assert ls.bezier_patches(surface).rest.size.min() == 0.5**8
+    # until corners are apart there are no rings
+    cube = ls.LimitSurface(mesh_of("cube"))
+    for depth in (0, 1):
+        found = ls.bezier_patches(cube, depth=depth)
+        assert len(found) == 0
+        assert (found.rest.size == 0.5).all()
+    assert (ls.bezier_patches(cube).rest.size == 0.5**8).all()
 
 
 def test_some_faces_in_any_order():
     surface = ls.LimitSurface(mesh_of("tagged_mixed_carved_grid_uniform"))
-    whole = ls.bezier_patches(surface, weights=True)
+    whole = ls.bezier_patches(surface, depth=4, weights=True)
     face = np.random.default_rng(0).permutation(len(surface.limit_faces))[:7]
-    some = ls.bezier_patches(surface, face=face, weights=True)
+    some = ls.bezier_patches(surface, face=face, depth=4, weights=True)
     for x, y in ((some, whole), (some.rest, whole.rest)):
         place = np.concatenate([np.flatnonzero(y.face == f) for f in face])
         assert np.array_equal(x.face, y.face[place])
@@ -223,7 +229,7 @@ def test_some_faces_in_any_order():
             assert np.array_equal(getattr(x, field), getattr(y, field)[place])
     rows = (16 * np.concatenate([np.flatnonzero(whole.face == f) for f in face]))[:, None]
     assert (some.weights != whole.weights[(rows + np.arange(16)).ravel()]).nnz == 0
-    single = ls.bezier_patches(surface, face=int(face[0]))
+    single = ls.bezier_patches(surface, face=int(face[0]), depth=4)
     assert np.array_equal(single.points, some.points[: len(single)])
     empty = ls.bezier_patches(surface, face=[], weights=True)
     assert (len(empty), len(empty.rest), empty.weights.shape[0]) == (0, 0, 0)
@@ -254,7 +260,7 @@ def test_columns_and_channels():
 # --- Accuracy and bounds
 
 
-@pytest.mark.parametrize("name", ["local_cage_3", "local_cage_7", "tagged_crease_3_6"])
+@pytest.mark.parametrize("name", ["local_cage_7", "tagged_crease_3_3"])
 def test_deep_and_far(name):
     """Far from the origin, 52 rings deep, and at coordinates whose sums overflow."""
     mesh = mesh_of(name)
@@ -323,7 +329,7 @@ def test_bounds_for_negative_masks():
 
 @pytest.mark.parametrize("mistake", ["control", "turn", "piece"])
 def test_a_wrong_index_shows(mistake, monkeypatch):
-    true = ls.LimitSurface(mesh_of("flower_5_wide"))
+    true = ls.LimitSurface(mesh_of("carved_torus"))
     surface = ls.LimitSurface(true.mesh)
     assert gap(true, ls.bezier_patches(surface, depth=3)) < 1
     if mistake == "control":
