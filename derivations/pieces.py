@@ -145,8 +145,8 @@ for kind in tables.KINDS:
 # With negative weights at the vertex there is the sum over eigenfunctions $\varphi_k$: on ring $m$
 # a point differs from the limit of the vertex by $\sum_k \varphi_k\, (J^m c)_k$ with $k \ge 1$. Let
 # $f_k$ be the largest Bernstein coefficient of $\varphi_k$ on the first ring, in size. The entries
-# of $J^m$ are, in size, $\lambda^m$ on the diagonal, which falls with $m$; for complex pairs both of
-# $\lambda^m$ times a cosine or sine, so that $f_k + f_{k + 1}$ bounds both; and
+# of $J^m$ are, in size, $\lambda^m$ on the diagonal, which falls with $m$; for complex pairs both
+# of $\lambda^m$ times a cosine or sine, so that $f_k + f_{k + 1}$ bounds both; and
 # $m \lambda^{m - 1}$ beside it in Jordan blocks, which as a function of real $m$ has its maximum at
 # $m = -1 / \ln \lambda$ and falls from there on. So over all $m \ge n$ it is at most its value at
 # $\max(n, -1 / \ln \lambda)$.

@@ -43,8 +43,8 @@ class BezierRest:
         Least u and v, and lengths along u and v; exact.
     lower, upper : (m, ...)
         A box that holds the limit surface there, coordinate by coordinate: a bound, rounding
-        included, not an estimate. -inf and inf where none is known, which is so for schemes of
-        your own with negative weights at the corner.
+        included, not an estimate. -inf and inf where none is known: for a scheme of your own that
+        has negative weights, with Fractions or around more than 64 faces.
 
     Examples
     --------

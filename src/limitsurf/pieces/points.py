@@ -115,8 +115,8 @@ class FloatPoints:
         added = [table.coefficient_sizes(x) for x in np.moveaxis(np.abs(points), 2, 0)]
         sizes = np.abs(modes) + kernels.NOISE * np.stack(added, axis=2)
         reach = np.einsum("k,pkd->pd", most, sizes[:, 1:]) + kernels.NOISE * sizes[:, 0]
-        limit = np.asarray(modes[:, 0])
-        return np.asarray(limit - reach), np.asarray(limit + reach)
+        limit: Array = modes[:, 0]
+        return limit - reach, limit + reach
 
     # ------------------------------------------------------------------ shared rings
 
@@ -142,7 +142,7 @@ class FloatPoints:
         place = np.arange(SIZE)
         points = fine[:, j + place // side, i + place % side]  # (., 3, 16, d)
         found = np.matmul(self._local.bernstein.from_controls, points)
-        return found.reshape(len(rows), -1, SIZE, found.shape[3])
+        return np.asarray(found.reshape(len(rows), -1, SIZE, found.shape[3]))
 
     def _beyond(self, kind: int, rows: Array, count: int) -> tuple[Array, Array]:
         """Bounds (P, d) of what is beyond some rings, relative to the limit of the corner."""
