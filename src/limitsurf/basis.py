@@ -293,7 +293,7 @@ def _powered(table: EigenTable, functions: Array, powers: EigenPowers) -> Array:
 
 
 def on_rings(table: EigenTable, functions: Array, level: Array) -> Array:
-    """Combinations (Q, K - 1) of eigenfunctions after the first, on rings `level` (Q,): by J^n."""
+    """Rows (Q, K - 1) of eigenfunctions after the first on rings `level` (Q,): times J^n."""
     powers = EigenPowers.of(table, CornerPlace(level, level, level, level))
     high, low = table.rates[:, powers.lead].tolist()
     mantissa, exponent = kernels.scaled_power(high, low, level)

@@ -74,6 +74,8 @@ def turned_squares(origin: Array, size: Array, turn: Array) -> tuple[Array, Arra
     All (..., 2), and (...) turns: s = v and t = 1 - u at one, s = 1 - u and t = 1 - v at two,
     s = 1 - v and t = u at three.
     """
+    if not turn.any():
+        return origin, size
     (s, t), (a, b) = np.moveaxis(origin, -1, 0), np.moveaxis(size, -1, 0)
     u = np.choose(turn, [s, 1 - t - b, 1 - s - a, t])
     v = np.choose(turn, [t, s, 1 - t - b, 1 - s - a])

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-# numbers that are handled at once: what stays in cache, and in memory for rows of weights
-_CHUNK, _PORTION = 1 << 18, 1 << 24
+# patches and numbers that are handled at once: what stays in cache; in memory for rows of weights
+_PATCHES, _CHUNK, _PORTION = 512, 1 << 18, 1 << 24
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,8 +43,8 @@ class BezierRest:
         Least u and v, and lengths along u and v; exact.
     lower, upper : (m, ...)
         A box that holds the limit surface there, coordinate by coordinate: a bound, rounding
-        included, not an estimate. -inf and inf where none is known, which is so for schemes of
-        your own with negative weights at the corner.
+        included, not an estimate. -inf and inf where none is known: for a scheme of your own that
+        has negative weights, with Fractions or around more than 64 faces.
 
     Examples
     --------
@@ -165,19 +165,29 @@ def cut(
         cells = g.cells
         owner[cells] = covered.owner[g.members, None]
         origin[cells], size[cells] = cover.placed(covered, g, g.origin, g.size)
-        for part in _parts(g, _CHUNK // (SIZE * max(flat.shape[1], 1))):
-            found[cells[part]] = _turned(source.coefficients(g, part), g.turn[part])
+        for part in _parts(g, _CHUNK // (SIZE * max(flat.shape[1], 1)), _PATCHES):
+            values = _turned(source.coefficients(g, part), g.turn[part])
+            _write(found, cells[part], values)
     shape = n, *bernstein.SHAPE, *points.shape[1:]
     rows = _rows(local, groups, n) if weights else None
     rest = _rest(source, covered, groups, faces, points.shape[1:])
     return BezierPatches(faces[owner], origin, size, found.reshape(shape), rows, rest)
 
 
-def _parts(group: Group, cells: int) -> Iterator[slice]:
-    """Some patches of a group at a time, of no more than so many cells if that may be."""
-    step = max(1, cells // max(len(group.origin), 1))
+def _parts(group: Group, cells: int, most: int = _PORTION) -> Iterator[slice]:
+    """At most so many patches of a group, and if that may be so many cells, at a time."""
+    step = max(1, min(most, cells // max(len(group.origin), 1)))
     for start in range(0, len(group.rows) * bool(len(group.origin)), step):
         yield slice(start, min(start + step, len(group.rows)))
+
+
+def _write(found: Array, cells: Array, values: Array) -> None:
+    """Write the values (p, c, ...) of cells; as a run if they are one, which is faster."""
+    first, last = int(cells[0, 0]), int(cells[-1, -1]) + 1
+    if last - first == cells.size:
+        found[first:last] = values.reshape(cells.size, *values.shape[2:])
+    else:
+        found[cells] = values
 
 
 def _turned(values: Array, turn: Array) -> Array:
@@ -196,12 +206,8 @@ def _rows(local: LocalWeights, groups: list[Group], n: int) -> csr_array[Any] | 
         for part in _parts(g, _PORTION // (SIZE * width)):
             for here, ids, weights in local.of(g, part):
                 cells, turn = g.cells[here], g.turn[here]
-                shape = *cells.shape, *weights.shape[-2:]
-                values = _turned(np.broadcast_to(weights, shape), turn).reshape(-1, shape[-1])
-                row, column = np.nonzero(values)
-                patch = row // (len(g.origin) * SIZE)
-                entries = row, ids[patch, column], values[row, column]
-                total = sparse_operator(*entries, (len(values), patches.n_points))
+                shape = cells.size * SIZE, patches.n_points
+                total = sparse_operator(*_entries(weights, ids, turn), shape)
                 for operator in reversed(patches.extras):  # the last ones first
                     total = eliminated(total, operator)
                 parts.append(total)
@@ -216,6 +222,21 @@ def _rows(local: LocalWeights, groups: list[Group], n: int) -> csr_array[Any] | 
     if isinstance(total, ExactOperator):
         return ExactOperator(place[total.rows], total.columns, total.values, total.shape)
     return total[np.argsort(place)]
+
+
+def _entries(weights: Array, ids: Array, turn: Array) -> tuple[Array, Array, Array]:
+    """Rows, columns and values of weights of control points (p, K), (c, 16, K) or (p, c, 16, K)."""
+    n, each = len(ids), weights.shape[-3] * SIZE
+    if weights.ndim == 4 or turn.any():
+        shape = n, *weights.shape[-3:]
+        values = _turned(np.broadcast_to(weights, shape), turn).reshape(n * each, -1)
+        row, column = np.nonzero(values)
+        return row, ids[row // each, column], values[row, column]
+    # all alike
+    row, column = np.nonzero(weights.reshape(each, -1))
+    rows = each * np.arange(n)[:, None] + row
+    values = np.tile(weights.reshape(each, -1)[row, column], n)
+    return rows.ravel(), ids[:, column].ravel(), values
 
 
 def _rest(

@@ -39,6 +39,9 @@ class Cover:
     def of(cls, patches: PatchTable, faces: Array) -> Cover:
         """The patches of some limit faces; those without a limit have none."""
         owner, code = np.arange(len(faces)), patches.codes[faces]
+        if (code >= 0).all():  # as most are in most cages
+            none = np.zeros((len(faces), 2), dtype=np.int64)
+            return cls(owner, code, none[:, 0], none)
         place, level, found = np.zeros((len(faces), 2), dtype=np.int64), 0, []
         quadrants = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
         while True:
@@ -134,11 +137,13 @@ def _cells(kind: int, count: int) -> tuple[Array, Array]:
 
 
 def placed(cover: Cover, group: Group, origin: Array, size: Array) -> tuple[Array, Array]:
-    """Origins and sizes (P, c, 2) in limit faces of rectangles (c, 2) in the patches' (s, t)."""
+    """Origins and sizes (P, c, 2) in limit faces of rectangles (c, 2) in (s, t) of patches."""
     shape = len(group.members), len(origin)
     turn = np.broadcast_to(group.turn[:, None], shape)
     origin, size = (np.broadcast_to(x, (*shape, 2)) for x in (origin, size))
     origin, size = bernstein.turned_squares(origin, size, turn)
+    if not cover.level.any():
+        return origin, size
     down = -cover.level[group.members][:, None, None]
     origin = np.ldexp(cover.place[group.members][:, None] + origin, down)
     return origin, np.ldexp(size, down)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -46,9 +47,9 @@ class FloatPoints:
             ((_, ids, local),) = self._local.of(group, part)
             high, low, points = self._differences(ids, bernstein.NEAR)
             found = np.matmul(local, points[:, None])
-            if low.any():
-                found += low[:, None, None]
-            found += high[:, None, None]
+            flat = found.reshape(len(rows), -1)
+            for step in (low, high) if low.any() else (high,):
+                flat += _repeated(step, found.shape[1] * SIZE)
         else:
             sector = self._patches.sectors[kind]
             assert sector is not None
@@ -81,6 +82,8 @@ class FloatPoints:
             if hull is not None:
                 found = np.matmul(hull, points)
                 least, most = found.min(axis=1), found.max(axis=1)
+            else:
+                least, most = self._spectral_bounds(kind, points, group.count)
         with np.errstate(invalid="ignore"):
             least = np.nextafter(high + (low + least - error), -np.inf)
             most = np.nextafter(high + (low + most + error), np.inf)
@@ -94,12 +97,26 @@ class FloatPoints:
     def _differences(self, ids: Array, base: int) -> tuple[Array, Array, Array]:
         """A control point of each patch, high and low (P, d), and all relative to it (P, K, d)."""
         high, low, first = self._high, self._low, ids[:, base]
-        points = high[ids]
-        points -= high[first, None]
-        extra = (ids >= self._patches.n_vertices).any(axis=1)
-        if extra.any():
+        origin = high[first]
+        points = np.take(high, ids, axis=0, mode="clip")  # (not to be checked: faster)
+        flat = points.reshape(len(ids), -1)
+        flat -= _repeated(origin, ids.shape[1])
+        if self._patches.extras:
+            extra = (ids >= self._patches.n_vertices).any(axis=1)
             points[extra] += low[ids[extra]] - low[first[extra], None]
-        return high[first], low[first], points
+        return origin, low[first], points
+
+    def _spectral_bounds(self, kind: int, points: Array, count: int) -> tuple[Array, Array]:
+        """Bounds (P, d) of what is beyond some rings, from sizes of all eigenfunctions there."""
+        sector = self._patches.sectors[kind]
+        assert sector is not None
+        table = tables.eigen_table(self._local.scheme, sector)
+        modes, most = table.coefficients(points), weights.most_beyond(table, count)
+        added = [table.coefficient_sizes(x) for x in np.moveaxis(np.abs(points), 2, 0)]
+        sizes = np.abs(modes) + kernels.NOISE * np.stack(added, axis=2)
+        reach = np.einsum("k,pkd->pd", most, sizes[:, 1:]) + kernels.NOISE * sizes[:, 0]
+        limit: Array = modes[:, 0]
+        return limit - reach, limit + reach
 
     # ------------------------------------------------------------------ shared rings
 
@@ -125,7 +142,7 @@ class FloatPoints:
         place = np.arange(SIZE)
         points = fine[:, j + place // side, i + place % side]  # (., 3, 16, d)
         found = np.matmul(self._local.bernstein.from_controls, points)
-        return found.reshape(len(rows), -1, SIZE, found.shape[3])
+        return np.asarray(found.reshape(len(rows), -1, SIZE, found.shape[3]))
 
     def _beyond(self, kind: int, rows: Array, count: int) -> tuple[Array, Array]:
         """Bounds (P, d) of what is beyond some rings, relative to the limit of the corner."""
@@ -153,7 +170,8 @@ class ExactPoints:
         found = np.empty(shape, dtype=object)
         begin = part.indices(len(group.rows))[0]
         for here, ids, local in self._local.of(group, part):
-            found[here - begin] = weights.products(local, self._points[ids][:, None])
+            product = weights.products(local, self._points[ids][:, None])
+            found[here - begin] = weights.fractions(*product)
         return found
 
     def hull(self, group: Group) -> tuple[Array, Array]:
@@ -164,13 +182,24 @@ class ExactPoints:
         for here, columns, table in self._local.sectors(group.kind, group.rows):
             hull = weights.hull_weights(table, group.count, True)
             if hull is not None:
-                found = weights.products(hull, self._points[ids[here][:, columns]])
-                least[here], most[here] = found.min(axis=1), found.max(axis=1)
+                found, unit = weights.products(hull, self._points[ids[here][:, columns]])
+                for bound, extreme in ((least, found.min(axis=1)), (most, found.max(axis=1))):
+                    bound[here] = weights.fractions(extreme, unit[:, 0])
         return least, most
 
 
+def _repeated(values: Array, n: int) -> Array:
+    """Values (P, d) n times in each row, (P, n d): arrays whose last axis is long are fast."""
+    return np.asarray(np.take(values, _columns(values.shape[1], n), axis=1, mode="clip"))
+
+
+@lru_cache(maxsize=256)
+def _columns(d: int, n: int) -> Array:
+    return np.tile(np.arange(d), n)
+
+
 def control_points(patches: PatchTable, points: Array) -> tuple[Array, Array]:
-    """All control points as unevaluated sums high + low, both (n_points, d).
+    """All control points as unevaluated sums high + low, (n_points, d), from those of the cage.
 
     Those of deep patches are close to each other, and their differences have all digits.
     """

@@ -75,7 +75,7 @@ class LocalWeights:
         parameters of the patches, or (p, c, 16, K).
         """
         rows = group.rows[part]
-        here = np.arange(len(group.rows))[part]
+        here = np.arange(*part.indices(len(group.rows)))
         ids = self.patches.control_points(group.kind, rows)
         if group.kind == REGULAR:
             yield here, ids, self.bernstein.from_controls[None]
@@ -177,16 +177,30 @@ def hull_weights(table: RationalTable, count: int, exact: bool) -> Array | None:
     more, then all control points after these: ``derivations/pieces.py``.
     """
     size = len(PIECES) * SIZE
-    steps = _steps(table)
-    rows, unit = next(steps)
+    rows, unit = next(_steps(table))
     if not (rows >= 0).all():
         return None
     steps = _steps(table) if exact else _float_steps(table, (rows / unit).astype(float))
     found: list[Array] = []
     for rows, unit in islice(steps, count, count + AHEAD):
-        found.append(fractions(rows[:size], unit) if exact else rows[:size])
-    found.append(fractions(rows[size:], unit) if exact else rows[size:])
+        found.append(rows[:size] / unit if not exact else fractions(rows[:size], unit))
+    found.append(rows[size:] / unit if not exact else fractions(rows[size:], unit))
     return np.concatenate(found)
+
+
+@lru_cache(maxsize=256)
+def most_beyond(table: EigenTable, count: int) -> Array:
+    """Bounds (K - 1,) of the eigenfunctions after the first on ring `count` and all after it."""
+    pieces = Bernstein.of(False).from_powers @ table.pieces[:, :, 1:]
+    most, rate = np.abs(pieces).max(axis=(0, 1)), np.abs(table.rates[0, 1:])
+    heads, first = table.chains - 1, table.pairs - 1
+    most[first] = most[first + 1] = most[first] + most[first + 1]
+    # the entries n rate^(n - 1) of Jordan blocks are largest at n = -1 / log(rate), or later
+    n = np.maximum(count, -1 / np.log(rate[heads]))
+    beside = most[heads - 1] * n * rate[heads] ** (n - 1)
+    most = most * rate**count
+    most[heads] += beside
+    return np.asarray(most)
 
 
 def _steps(table: RationalTable) -> Iterator[tuple[Array, int]]:
@@ -230,12 +244,14 @@ def _square(table: RationalTable) -> tuple[Array, Array, Array]:
     return table.rows[square], table.numerators[square], starts
 
 
-def products(weights: Array, points: Array) -> Array:
-    """Exact weights (..., R, K) times points (..., K, d): integers are faster than Fractions."""
+def products(weights: Array, points: Array) -> tuple[Array, Array]:
+    """Exact weights (..., R, K) times points (..., K, d), as integers and denominators (..., 1, 1).
+
+    Integers are faster than Fractions, which `fractions` makes of both.
+    """
     rows, unit = _integers(weights)
     columns, other = _integers(points)
-    found = np.matmul(rows, columns)
-    return fractions(found, (unit * other)[..., None, None])
+    return np.matmul(rows, columns), np.asarray(unit * other)[..., None, None]
 
 
 def _integers(values: Array) -> tuple[Array, Array]:
@@ -246,7 +262,7 @@ def _integers(values: Array) -> tuple[Array, Array]:
     return (_numerator(flat) * (unit[..., None] // below)).reshape(values.shape), unit
 
 
-fractions = np.frompyfunc(Fraction, 2, 1)
+fractions: Any = np.frompyfunc(Fraction, 2, 1)
 _numerator = np.frompyfunc(lambda x: x.numerator, 1, 1)
 _denominator = np.frompyfunc(lambda x: x.denominator, 1, 1)
 _whole = np.frompyfunc(int, 1, 1)

@@ -1,0 +1,163 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: py:percent
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% tags=["remove-cell"]
+"""Faces as Bezier patches: changes of basis, turns, and bounds of what remains at a corner.
+
+Run this file: it says nothing unless an assertion fails.
+"""
+
+# %% [markdown]
+# # Bezier patches
+#
+# A limit face is a countable set of polynomial pieces: regular patches, strips, and around each
+# special corner three pieces to each ring $n = 0, 1, 2, \dots$, as
+# [eigenfunctions](eigenfunctions.py) has it. This document derives
+#
+# 1. Bernstein coefficients from the control points of a spline, and from powers;
+# 2. those of a patch that is turned against its limit face;
+# 3. that the limit beyond any ring lies in the convex hull of refined control points, reflections
+#    at sharp sides included;
+# 4. a bound for masks that are no convex combinations.
+#
+# - G. Farin, "Curves and Surfaces for CAGD", 5th edition, 2002: Bernstein polynomials, hulls.
+
+# %%
+from fractions import Fraction
+from itertools import product
+from math import log
+
+import numpy as np
+from limitsurf.exact.catmull_clark import CATMULL_CLARK
+from sympy import Matrix, Rational, binomial, expand, symbols
+
+from limitsurf import tables
+from limitsurf._kernels.reference import exact, spline_weights
+from limitsurf.pieces import bernstein, weights
+
+s, t, u, v = symbols("s t u v")
+B = [binomial(3, i) * t**i * (1 - t) ** (3 - i) for i in range(4)]
+
+# %% [markdown]
+# ## 1. Changes of basis
+#
+# The power $t^k$ has the Bernstein coefficients $\binom{i}{k} / \binom{3}{k}$, and the cubic
+# B-spline piece with control points $p_0, \dots, p_3$ has
+#
+# $$\tfrac16 (p_0 + 4 p_1 + p_2), \quad \tfrac13 (2 p_1 + p_2), \quad \tfrac13 (p_1 + 2 p_2),
+# \quad \tfrac16 (p_1 + 4 p_2 + p_3).$$
+
+# %%
+powers = Matrix(4, 4, lambda i, k: binomial(i, k) / binomial(3, k))
+for k in range(4):
+    assert expand(sum(powers[i, k] * B[i] for i in range(4)) - t**k) == 0
+
+controls = Matrix([[1, 4, 1, 0], [0, 4, 2, 0], [0, 2, 4, 0], [0, 1, 4, 1]]) / 6
+spline = [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]
+for k in range(4):
+    assert expand(sum(controls[i, k] * B[i] for i in range(4)) - spline[k] / 6) == 0
+for x in (Fraction(0), Fraction(2, 7), Fraction(1)):
+    found = spline_weights(exact([x]), 3)[0]
+    assert list(found) == [(p / 6).subs(t, Rational(x.numerator, x.denominator)) for p in spline]
+
+# %% [markdown]
+# The library has both as tensor products, row $4 i + j$ for $B_i(u) B_j(v)$, column $4 j + i$ for
+# control point or power $i$ along $u$ and $j$ along $v$.
+
+# %%
+matrices = bernstein.Bernstein.of(exact=True)
+for i, j, k, m in product(range(4), repeat=4):
+    assert matrices.from_controls[4 * i + j, 4 * m + k] == controls[i, k] * controls[j, m]
+    assert matrices.from_powers[4 * i + j, 4 * m + k] == powers[i, k] * powers[j, m]
+
+# %% [markdown]
+# ## 2. Turns
+#
+# A patch turned by one corner has $s = v$, $t = 1 - u$; by two $s = 1 - u$, $t = 1 - v$; by three
+# $s = 1 - v$, $t = u$. Since $B_i(1 - t) = B_{3 - i}(t)$, turns permute coefficients.
+
+# %%
+coefficients = Matrix(4, 4, symbols("c:16"))
+whole = sum(coefficients[i, j] * B[i].subs(t, s) * B[j] for i, j in product(range(4), repeat=2))
+for turn, (x, y) in enumerate([(u, v), (v, 1 - u), (1 - u, 1 - v), (1 - v, u)]):
+    order = bernstein.turned(np.array([turn]))[0]
+    same = sum(
+        coefficients[int(order[4 * i + j])] * B[i].subs(t, u) * B[j].subs(t, v)
+        for i, j in product(range(4), repeat=2)
+    )
+    assert expand(whole.subs({s: x, t: y}, simultaneous=True) - same) == 0
+    # the rectangle at (1/2, 0) of size 1/2 by 1/4 in (s, t)
+    square = np.array([[0.5, 0.0]]), np.array([[0.5, 0.25]])
+    (origin,), (size,) = bernstein.turned_squares(*square, np.array([turn]))
+    least, most = (
+        dict(zip((u, v), map(Rational, z), strict=True)) for z in (origin, origin + size)
+    )
+    assert {x.subs(least), x.subs(most)} == {Rational(1, 2), 1}
+    assert {y.subs(least), y.subs(most)} == {0, Rational(1, 4)}
+
+# %% [markdown]
+# ## 3. Convex hulls
+#
+# Let $C_n = A^n C$ be the control points around a corner after $n$ halvings, and $P C_n$ the
+# Bernstein coefficients of ring $n$. If no entry of $A$ and $P$ is negative, their rows, which sum
+# to one, are convex combinations: ring $m \ge n$ has the coefficients $P A^{m - n} C_n$ in the
+# convex hull of the rows of $C_n$, and so have its points. The limit of the vertex is one of
+# their limits. What remains beyond ring $n - 1$ is therefore in the hull of $C_n$; and in that of
+# $P C_n, \dots, P C_{n + 3}$ and $C_{n + 4}$, which is hardly larger than the surface there, since
+# $C_{n + 4}$, which reaches beyond it, has shrunk by $\lambda^4$.
+#
+# $P$ is not negative though a control point beyond a sharp side is a reflection,
+# $p_0 = 2 p_1 - p_2$: the coefficients become $p_1$, $\frac13 (2 p_1 + p_2)$,
+# $\frac13 (p_1 + 2 p_2)$ and $\frac16 (p_1 + 4 p_2 + p_3)$.
+
+# %%
+p1, p2, p3 = symbols("p1:4")
+reflected = controls * Matrix([2 * p1 - p2, p1, p2, p3])
+wanted = [p1, (2 * p1 + p2) / 3, (p1 + 2 * p2) / 3, (p1 + 4 * p2 + p3) / 6]
+assert [expand(x) for x in reflected] == [expand(x) for x in wanted]
+
+# %% [markdown]
+# That is looked up in the matrices of every kind of corner: here for those of up to six faces.
+
+# %%
+for kind in tables.KINDS:
+    for faces in range(2, 7):
+        for position in range(1 if tables.Sector(kind, faces).alike else faces):
+            table = tables.rational_table(CATMULL_CLARK, tables.Sector(kind, faces, position))
+            rows = weights.hull_weights(table, 0, True)
+            assert rows is not None
+            assert (rows >= 0).all()
+            assert (rows.sum(axis=1) == 1).all()
+
+# %% [markdown]
+# ## 4. Other masks
+#
+# With negative weights at the vertex there is the sum over eigenfunctions $\varphi_k$: on ring $m$
+# a point differs from the limit of the vertex by $\sum_k \varphi_k\, (J^m c)_k$ with $k \ge 1$. Let
+# $f_k$ be the largest Bernstein coefficient of $\varphi_k$ on the first ring, in size. The entries
+# of $J^m$ are, in size, $\lambda^m$ on the diagonal, which falls with $m$; for complex pairs both
+# of $\lambda^m$ times a cosine or sine, so that $f_k + f_{k + 1}$ bounds both; and
+# $m \lambda^{m - 1}$ beside it in Jordan blocks, which as a function of real $m$ has its maximum at
+# $m = -1 / \ln \lambda$ and falls from there on. So over all $m \ge n$ it is at most its value at
+# $\max(n, -1 / \ln \lambda)$.
+
+# %%
+for rate, n in product((0.25, 0.5, 0.9), (0, 1, 3, 20)):
+    m = max(n, -1 / log(rate))
+    assert max(k * rate ** (k - 1) for k in range(n, 400)) <= m * rate ** (m - 1) * (1 + 1e-12)
+
+for sector in (tables.Sector("interior", 5), tables.Sector("corner", 2), tables.Sector("dart", 2)):
+    table = tables.eigen_table(CATMULL_CLARK, sector)
+    for n in (0, 2):
+        rings = np.abs(weights.ring_functions(table, 12)[48 * n :])
+        assert (rings.max(axis=0) <= weights.most_beyond(table, n) * (1 + 1e-12)).all()
