@@ -93,6 +93,26 @@ def validate(surface: LimitSurface, levels: int = 4) -> NDArray[Any]:
     return table
 
 
+ROUNDING = 1e-12  # of the largest coordinate; what refinement adds up stays far below
+
+
+def agrees(surface: LimitSurface, table: NDArray[Any]) -> bool:
+    """Whether the limit errors in a table of `validate` are rounding alone.
+
+    Where no vertex has a limit, nothing disagrees.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> from limitsurf.query import agrees
+    >>> surface = ls.LimitSurface(ls.Mesh([[0, 0], [1, 0], [1, 1], [0, 2]], [[0, 1, 2, 3]]))
+    >>> agrees(surface, ls.validate(surface, 2))
+    True
+    """
+    points = surface.mesh.points[surface.mesh.indices]
+    return not table["limit_error"].max() > ROUNDING * np.abs(points).max()
+
+
 def on_refined(
     surface: LimitSurface, face: NDArray[Any], u: NDArray[Any], v: NDArray[Any]
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:

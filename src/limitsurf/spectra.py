@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,11 +10,30 @@ import numpy as np
 from limitsurf.caching import cached_property
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
-from limitsurf.tables import eigen_table, find_scheme
+from limitsurf.tables import FourierRing, eigen_table, find_scheme
 
 if TYPE_CHECKING:
     from limitsurf.exact.symbolic import SymbolicBasis
     from limitsurf.exact.symbolic_sectors import SectorBasis
+
+
+@dataclass(frozen=True)
+class EigenvalueGroup:
+    """What there is to say of one eigenvalue.
+
+    Attributes
+    ----------
+    places : tuple of int
+        Its indices among the eigenvalues of the basis, as often as it occurs.
+    jordan : tuple of int
+        Sizes of its Jordan blocks, the largest first.
+    origins : tuple of str
+        Which blocks of the subdivision matrix it belongs to, such as "frequency 1".
+    """
+
+    places: tuple[int, ...]
+    jordan: tuple[int, ...]
+    origins: tuple[str, ...]
 
 
 class Eigenbasis:
@@ -62,6 +82,68 @@ class Eigenbasis:
         from limitsurf.exact.symbolic_sectors import SectorBasis
 
         return SectorBasis(self.scheme, self.sector)
+
+    @property
+    def has_tangent_plane(self) -> bool:
+        """Whether general control points have a limit normal at the vertex."""
+        return len(self.float64.normal) > 0
+
+    @property
+    def has_bounded_curvature(self) -> bool:
+        """Whether the curvature of general control points stays bounded towards the vertex."""
+        return self.float64.has_bounded_curvature
+
+    @property
+    def growth(self) -> dict[str, float | None]:
+        """By what things are multiplied in general as the distance from the vertex is halved.
+
+        Keys: "first_derivatives", "second_derivatives", "curvature", and "normals", the distance of
+        normals from their limit, None where they have none.
+
+        Examples
+        --------
+        >>> import limitsurf as ls
+        >>> round(ls.eigenbasis("catmull-clark", valence=5).growth["first_derivatives"], 3)
+        1.1
+        """
+        return self.float64.growth
+
+    @cached_property
+    def groups(self) -> list[EigenvalueGroup]:
+        """The different eigenvalues, by decreasing modulus; of a complex pair both apart."""
+        table, groups = self.float64, dict[tuple[float, int], list[int]]()
+        pairs, chains = set(table.pairs.tolist()), set(table.chains.tolist())
+        for k, size in enumerate(table.rates[0].tolist()):
+            # of a complex pair it is the modulus
+            groups.setdefault((size, (k in pairs) - (k - 1 in pairs)), []).append(k)
+        found = []
+        for places in groups.values():
+            sizes: list[int] = []
+            for k in places:
+                if k in chains:
+                    sizes[-1] += 1
+                else:
+                    sizes.append(1)
+            origins = dict.fromkeys(map(self._origin, places))
+            jordan = tuple(sorted(sizes, reverse=True))
+            found.append(EigenvalueGroup(tuple(places), jordan, tuple(origins)))
+        return found
+
+    def _origin(self, k: int) -> str:
+        """Which block of the subdivision matrix an eigenvalue belongs to."""
+        table, sector = self.float64, self.sector
+        mode = int(table.order[k])
+        if mode >= sector.ring:
+            return "outer points"
+        if isinstance(table.ring, FourierRing):
+            return f"frequency {table.ring.frequency[mode]}"
+        if sector.carried and mode == sector.ring - 1:
+            return "curve"
+        if sector.kind == "pendant":
+            return f"frequency {(mode + 1) // 4}"
+        # vectors of the curve, or those even about the dart's edge; then waves, two of a frequency
+        first, name = (3, "curve") if sector.open else (sector.faces + 2, "even part")
+        return name if mode < first else f"wave {(mode - first) // 2 + 1}"
 
     def _distinct(self) -> list[tuple[float, int]]:
         values, counts = np.unique(self.float64.rates[0], return_counts=True)

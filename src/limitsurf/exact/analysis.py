@@ -112,8 +112,10 @@ def _zero(function: Callable[[Any], Any], start: complex) -> tuple[Any, Any]:
 
 def leading_pair(
     values: Sequence[Any], outer: Collection[Any], heads: Mapping[int, int], absent: Collection[int]
-) -> tuple[int, ...]:
+) -> tuple[tuple[int, ...], bool]:
     """The two modes of a ring that outweigh all others on the way to the vertex, or none.
+
+    Also whether they do so where the functions of the ends of their chains are 0.
 
     Parameters
     ----------
@@ -134,22 +136,24 @@ def leading_pair(
     # of a chain the end has the same function as the head: no plane, and a lower weight
     others = [k for k in modes[1:] if k != ends.get(first)]
     if not others:
-        return ()
+        return (), False
     second, *rest = others
-    rivals = [weight(k) for k in rest[:1]] + [(mp.nint(abs(x) / EQUAL), False) for x in outer]
-    alone = all(weight(second) > rival for rival in rivals)
+    least = [(mp.nint(abs(x) / EQUAL), False) for x in outer]
+    alone = all(weight(second) > rival for rival in [*map(weight, rest), *least])
+    rest = [k for k in rest if k != ends.get(second)]
+    without = all(weight(second)[0] > rival[0] for rival in [*map(weight, rest), *least])
     positive = all(isinstance(values[k], mp.mpf) and values[k] > EQUAL for k in (first, second))
-    return (first, second) if alone and positive else ()
+    return ((first, second) if alone and positive else ()), without
 
 
-def orientation(functions: Array, chained: bool, closed: bool, turns: int) -> int:
+def orientation(functions: Array, closed: bool, turns: int) -> int:
     """The sign of the minor of two eigenfunctions that are regular around a vertex, else 0.
 
     Parameters
     ----------
     functions : (F, 3, 16, 2 or 4) of int
-        Power coefficients ``4 j + i`` on the pieces of faces; if `chained` also the functions of
-        the same modes, where those of the first two are of the ends of their Jordan chains.
+        Power coefficients ``4 j + i`` on the pieces of faces; if there are four, the last
+        two are those of the modes themselves, of which the first two have the ends of chains.
     closed : whether the faces surround the vertex
     turns : how many faces are like each of these
     """
@@ -159,7 +163,7 @@ def orientation(functions: Array, chained: bool, closed: bool, turns: int) -> in
     net = sign * net
     noise = int(mp.mpf(int(np.abs(net).max())) * EQUAL)
     net[np.abs(net) <= noise] = 0
-    second = sign * minor(functions[..., 2], functions[..., 3]) if chained else None
+    second = sign * minor(functions[..., 2], functions[..., 3]) if functions.shape[-1] > 2 else None
     for face, piece in np.ndindex(net.shape[:2]):
         here = net[face, piece]
         beside = second is not None and _beside_zero(here, second[face, piece], noise)

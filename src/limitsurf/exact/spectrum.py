@@ -251,7 +251,7 @@ def ring_normal(scheme: Scheme, kind: str, faces: int) -> tuple[int, ...]:
     }
     ring = ring_basis(scheme, sector)
     outer = {to_mpf(d) for matrix in matrices.values() for d in outer_part(matrix)[0]}
-    pair = leading_pair(ring.values, outer, ring.heads, _absent(sector, ring))
+    pair, without = leading_pair(ring.values, outer, ring.heads, _absent(sector, ring))
     if not scheme.lattice.face_points:  # the sign of their minors is not looked for
         return pair if sector.kind == "interior" else ()
     if not pair:
@@ -263,10 +263,9 @@ def ring_normal(scheme: Scheme, kind: str, faces: int) -> tuple[int, ...]:
     for p in range(count):
         near = p if p in matrices else 1
         part = _joined(scheme, matrices[near], _PartOfRing(ring, which, p - near))
-        columns = [part.order.index(which.index(k)) for k in (*shown, *pair)]
-        functions.append(part.pieces[..., columns])
-    chained = pair != tuple(shown)
-    found = orientation(np.stack(functions), chained, not sector.open, faces // count)
+        modes = [*shown, *pair] if without and pair != tuple(shown) else shown
+        functions.append(part.pieces[..., [part.order.index(which.index(k)) for k in modes]])
+    found = orientation(np.stack(functions), not sector.open, faces // count)
     return {1: pair, -1: pair[::-1]}.get(found, ())
 
 

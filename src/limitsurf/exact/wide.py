@@ -265,10 +265,14 @@ def _slowest_even(w: Weights, faces: int) -> tuple[Array, Array] | None:
     least, most = turn * np.pi / faces, (turn + 1) * np.pi / faces
     angle = brentq(residual, least, most, xtol=1e-300, rtol=8 * np.finfo(float).eps)
     slowest = _wave(w, np.cos(max(angle / 2, np.pi / faces)))[0]
-    band, others = _wave(w, 1.0)[0], wide_dart_values(w, faces)
-    in_band = (np.abs(others.imag) < _SAME) & (others.real > 0) & (others.real < band + _SAME)
-    near_one = np.abs(others - 1) < _SAME
-    if (np.abs(others[~in_band & ~near_one]) > slowest - _SAME).any():
+    # positive ones beyond all waves change the sign of what is 1 at infinity
+    band = _wave(w, 1.0)[0]
+    beyond = band + (1 - band) * 0.5 ** np.arange(1, _SAMPLES)
+    if min(dart_factor(w, faces, x, np.sqrt) for x in beyond) <= 0:
+        return None
+    others = wide_dart_values(w, faces)
+    others = others[(np.abs(others.imag) > _SAME) | (others.real < 0)]
+    if (np.abs(others) > slowest - _SAME).any():
         return None
     _, _, y, z = vector(angle)
     # positive for a flat ring with the sharp edge along x

@@ -26,11 +26,8 @@ from limitsurf.shell import files
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from limitsurf.surface import LimitSurface
-
 # of the library that commands have by the same name
 OPTIONS = ("boundary", "creasing", "prim", "scheme", "triangles")
-ROUNDING = 1e-12  # of the largest coordinate; what refinement adds up stays far below
 STANDARD_OUTPUT = "standard output"
 GRACE = 1.0  # seconds
 
@@ -313,13 +310,6 @@ def say_validation(table: NDArray[Any]) -> None:
     """The table that ``validate`` returns."""
     names = [name.replace("_", " ") for name in table.dtype.names or ()]
     say_table([tuple(map(_short, row)) for row in table.tolist()], names)
-
-
-def agrees(surface: LimitSurface, table: NDArray[Any]) -> bool:
-    """Whether the limit errors that ``validate`` returns are rounding alone."""
-    points = surface.mesh.points[surface.mesh.indices]
-    # NaN, where no vertex has a limit, is no disagreement.
-    return not table["limit_error"].max() > ROUNDING * np.abs(points).max()
 
 
 def validation_rows(table: NDArray[Any]) -> list[dict[str, Any]]:

@@ -375,16 +375,18 @@ def validate(context: click.Context, cage: Cage, levels: int, as_json: bool) -> 
 
     Keys of --json: cage, agrees, levels (a list of objects: level, error, order, limit_error).
     """
+    from limitsurf.query import agrees
+
     surface = cage.surface()
     with terminal.working("refining"):
         table = ls.validate(surface, levels)
-    agrees = terminal.agrees(surface, table)
+    right = agrees(surface, table)
     if as_json:
         rows = terminal.validation_rows(table)
-        terminal.say_json({"cage": cage.path, "agrees": agrees, "levels": rows})
+        terminal.say_json({"cage": cage.path, "agrees": right, "levels": rows})
     else:
         terminal.say_validation(table)
-    if not agrees:
+    if not right:
         click.echo("limitsurf: the limit error is more than rounding", err=True)
         context.exit(1)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 import limitsurf as ls
 from limitsurf import _kernels
-from limitsurf.query import refinement_gap
+from limitsurf.query import agrees, refinement_gap
 from limitsurf.shell import terminal
 from limitsurf.shell.io import answers, queries
 
@@ -73,12 +73,10 @@ def run(folder: Path, n: int, seed: int, quiet: bool = False) -> dict[str, Any]:
         terminal.say(REFINER)
     with terminal.working("refining"):
         table = ls.validate(surface, LEVELS)
-    agrees = terminal.agrees(surface, table)
+    right = agrees(surface, table)
     if not quiet:
         terminal.say_validation(table)
-        terminal.say(
-            f"The limit error is {'rounding alone' if agrees else 'MORE than rounding'}.\n"
-        )
+        terminal.say(f"The limit error is {'rounding alone' if right else 'MORE than rounding'}.\n")
 
     results, picture = folder / "demo_results.npz", folder / "demo.png"
     with answers.writing(results, n) as write:
@@ -94,7 +92,7 @@ def run(folder: Path, n: int, seed: int, quiet: bool = False) -> dict[str, Any]:
     if not quiet:
         terminal.say("\n".join(map(str, written)))
     return {
-        "agrees": agrees,
+        "agrees": right,
         "output": [str(path) for path in written],
         "limit_faces": len(surface.limit_faces),
         "queries": n,

@@ -44,21 +44,16 @@ def spectrum_facts(basis: Eigenbasis, digits: int, latex: bool = False) -> Facts
         "limit_mask": _mask(basis, basis.exact.limit_mask, digits, latex),
         "tangent_masks": [_mask(basis, m, digits, latex) for m in basis.exact.tangent_masks],
     }
-    groups: dict[tuple[float, int], list[int]] = {}
-    pairs = set(basis.float64.pairs.tolist())
-    for k, size in enumerate(basis.float64.rates[0].tolist()):
-        # of a complex pair it is the modulus
-        groups.setdefault((size, (k in pairs) - (k - 1 in pairs)), []).append(k)
-    for places in groups.values():
-        value = basis.exact.eigenvalues[places[0]]
+    for group in basis.groups:
+        value = basis.exact.eigenvalues[group.places[0]]
         real, imaginary = map(float, value.evalf(20).as_real_imag())
         facts["eigenvalues"].append(
             {
                 "real": real,
                 "imaginary": imaginary,
-                "multiplicity": len(places),
-                "jordan": _jordan(basis, places),
-                "from": list(dict.fromkeys(_origin(basis, k) for k in places)),
+                "multiplicity": len(group.places),
+                "jordan": list(group.jordan),
+                "from": list(group.origins),
                 **_number(value, digits, latex),
             }
         )
@@ -74,35 +69,6 @@ def _number(value: Any, digits: int, latex: bool) -> Facts:
     if latex:
         facts["latex"] = value._repr_latex_().strip("$").removeprefix(r"\displaystyle ")
     return facts
-
-
-def _jordan(basis: Eigenbasis, places: list[int]) -> list[int]:
-    """Sizes of the Jordan blocks of an eigenvalue, the largest first."""
-    chains = set(basis.float64.chains.tolist())
-    sizes: list[int] = []
-    for k in places:
-        if k in chains:
-            sizes[-1] += 1
-        else:
-            sizes.append(1)
-    return sorted(sizes, reverse=True)
-
-
-def _origin(basis: Eigenbasis, k: int) -> str:
-    """Which block of the subdivision matrix an eigenvalue belongs to."""
-    table, sector = basis.float64, basis.sector
-    mode = int(table.order[k])
-    if mode >= sector.ring:
-        return "outer points"
-    if hasattr(table.ring, "frequency"):
-        return f"frequency {table.ring.frequency[mode]}"
-    if sector.carried and mode == sector.ring - 1:
-        return "curve"
-    if sector.kind == "pendant":
-        return f"frequency {(mode + 1) // 4}"
-    # vectors of the curve, or those even about the dart's edge; then waves, two of each frequency
-    first, name = (3, "curve") if sector.open else (sector.faces + 2, "even part")
-    return name if mode < first else f"wave {(mode - first) // 2 + 1}"
 
 
 def _points(basis: Eigenbasis) -> list[str]:
@@ -122,18 +88,9 @@ def _mask(basis: Eigenbasis, mask: tuple[Any, ...], digits: int, latex: bool) ->
 
 
 def _growth(basis: Eigenbasis) -> Facts:
-    """By what things grow as the distance from the vertex is halved; `LimitSurface` says why."""
+    """The eigenvalues after 1, and what grows by them."""
     values = basis.float64.rates[0, 1:4]
-    l1, l2, l3 = map(float, abs(values))
-    return {
-        "l1": float(values[0]),
-        "l2": float(values[1]),
-        "l3": float(values[2]),
-        "first_derivatives": 2 * l1,
-        "second_derivatives": 4 * (l3 if l1 == 0.5 else l1),
-        "curvature": l3 / l2**2,
-        "normals": l3 / l2 if len(basis.float64.normal) else None,
-    }
+    return {"l1": float(values[0]), "l2": float(values[1]), "l3": float(values[2])} | basis.growth
 
 
 def say(facts: Facts, exact: bool) -> None:
