@@ -71,6 +71,12 @@ class LimitSurface:
         Sharpness falls by 1 with each refinement (default), or is averaged along creases as well.
     triangles : {"catmull-clark", "smooth"}, optional
         Edges of triangles are like others (default), or have a smoother mask.
+    engine : {"auto", "reference", "compiled"}, optional
+        Who answers in float64: compiled kernels in large calls and NumPy in others ("auto"), NumPy
+        alone, or kernels in calls of any size, but for what they do not know: derivatives beyond
+        the second order, `tangents`, and points beyond 2^1000 or all below 2^-900. The argument,
+        else the environment variable ``LIMITSURF_ENGINE``, else "auto". A fixed one gives a query
+        the same digits in calls of any size, but for parameters that broadcast over faces.
 
     Attributes
     ----------
@@ -83,7 +89,7 @@ class LimitSurface:
     Raises
     ------
     ValueError
-        For an unknown option or scheme.
+        For an unknown option, engine or scheme.
 
     Notes
     -----
@@ -142,11 +148,11 @@ class LimitSurface:
 
     **Many queries**, 100,000 in a call and more, are answered by compiled kernels, in as many
     threads as `workers` says; fewer by NumPy, to spare small jobs the loading of a compiler
-    (`precompile` loads it at once). Both are equally accurate; last digits may differ. Any integers
-    and real numbers do, also strided, read-only and memory-mapped ones; float32 counts as the
-    float64 that it is. Request that broadcast all parameters over all faces, such as faces (n, 1)
-    and u, v (m,), are the fastest. Dask arrays of queries give Dask arrays, evaluated lazily; the
-    surface goes to each process once (extra ``dask``).
+    (`precompile` loads it at once, `engine` chooses one of both). Both are equally accurate; last
+    digits may differ. Any integers and real numbers do, also strided, read-only and memory-mapped
+    ones; float32 counts as the float64 that it is. Queries that broadcast all parameters over all
+    faces, such as faces (n, 1) and u, v (m,), are the fastest. Dask arrays of queries give Dask
+    arrays, evaluated lazily; the surface goes to each process once (extra ``dask``).
 
     **Numbers.** float64 points, u and v give float64. If any of them is an object array or a
     Fraction, ints and floats count as the rationals they are, and the result is exact.
@@ -418,7 +424,8 @@ class LimitSurface:
         face they are opposite. NaN where a derivative vanishes otherwise, up to rounding
         (degenerate points), and at smooth vertices of valence 2, where in general they oscillate.
 
-        Arguments, shapes and errors are those of `evaluate`.
+        Arguments, shapes and errors are those of `evaluate`; `workers` change nothing, for there
+        are no kernels and threads for directions.
 
         Raises
         ------
@@ -474,7 +481,8 @@ class LimitSurface:
         but 2 faces around a smooth vertex or a dart. `LimitSurface` has the table,
         ``derivations/limit_normals.py`` the proofs.
 
-        Arguments and errors are those of `evaluate`; the points must have shape (n, 3).
+        Arguments and errors are those of `evaluate`; the points, or the values of `channel`, must
+        have shape (n, 3).
 
         Raises
         ------
@@ -584,16 +592,18 @@ class LimitSurface:
 
         Parameters
         ----------
-        face, u, v, nu, workers
-            As for `evaluate`; the rows are the queries in C order of their broadcast shape.
+        face, u, v, nu, workers, channel
+            As for `evaluate`; the rows are the queries in C order of their broadcast shape. With
+            `channel` columns are its values, ``mesh.channels[channel][0]``, instead of the points.
 
         Returns
         -------
         csr_array or ExactOperator
-            Shape (n_queries, n_vertices), indices sorted; an `ExactOperator` if u, v or the points
-            are exact. Where `evaluate` gives NaN the row has a NaN; derivatives beyond float64's
-            range have infinite weights. Far from the origin `evaluate` is more accurate than the
-            product: it forms differences of nearby points first.
+            Shape (n_queries, n_vertices), or as many columns as the channel has values; indices
+            sorted; an `ExactOperator` if u, v or the points are exact. Where `evaluate` gives NaN
+            the row has a NaN; derivatives beyond float64's range have infinite weights. Far from
+            the origin `evaluate` is more accurate than the product: it forms differences of nearby
+            points first.
 
         Examples
         --------
@@ -627,7 +637,7 @@ class LimitSurface:
     def _inexact(
         self, face: ArrayLike, u: Numbers, v: Numbers, workers: int, what: str
     ) -> tuple[Request, Engine]:
-        """Request whose answers need square roots, and who gives these."""
+        """A request whose answers need square roots, and who gives these."""
         request = Request.of(face, u, v, self._exact, workers)
         if request.exact:
             request.check(len(self.limit_faces))

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf._kernels.doubt import NOISE, SCALED
 from limitsurf._kernels.jit import (
     bicubic,
     bits,
@@ -39,7 +40,7 @@ Array = NDArray[Any]
 TURN, FAR, KIND = 32, 34, 35
 STEP = 32  # powers n of eigenvalues are products of those of n % STEP and of n - n % STEP
 STEPS = 35  # 2^-1074 is the least float64
-NOISE, TINY = 16 * 2.0**-52, 2.0**-900  # as in the reference, but for less room
+TINY = 2.0**-900  # in place of that of the rule, for less room
 LANES = 4  # channels that are evaluated at once
 
 # fields of a special kind: number of eigenfunctions but the constant one, and that rounded up to
@@ -301,8 +302,7 @@ def _crossed(found: Array, noise: float, other: float, out: Array, query: int) -
     b0, b1, b2 = found[8] * b, found[9] * b, found[10] * b
     c0, c1, c2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
     length = sqrt(c0 * c0 + c1 * c1 + c2 * c2)
-    # the scaled vectors are at most sqrt(3) long, and so are errors of size 1
-    if not length > 6 * (noise * a + other * b):
+    if not length > SCALED * (noise * a + other * b):
         return False
     scale = 1 / length
     out[0, query, 0], out[0, query, 1], out[0, query, 2] = c0 * scale, c1 * scale, c2 * scale

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf._kernels.doubt import NOISE as NOISE
+from limitsurf._kernels.doubt import TINY as TINY
+from limitsurf._kernels.doubt import UNIT
 from limitsurf.numbers import FAR, type_of
 
 Array = NDArray[Any]
-
-NOISE = 16 * np.finfo(float).eps  # of sums of products of rounded numbers, relative
-TINY = 2.0**-1000  # beside what underflow takes from such sums
 
 
 def spline_weights(t: Array, degree: int) -> Array:
@@ -244,7 +244,7 @@ def unit_normals(along: Array, across: Array, noise: tuple[Array, Array]) -> Arr
     `noise`, two of (Q, 1), bounds the rounding errors of the vectors' components, from the sizes of
     what was added up to them, not of what is left. NaN where within these the vectors might be
     dependent: errors of unit vectors are at most sqrt(3) < 2 times as large, relative to the
-    largest component.
+    largest component; see ``doubt.py``.
     """
     with np.errstate(all="ignore"):
         angle = sum(
@@ -252,7 +252,7 @@ def unit_normals(along: Array, across: Array, noise: tuple[Array, Array]) -> Arr
             for x, n in zip((along, across), noise, strict=True)
         )
     cross = np.cross(unit(along, noise[0]), unit(across, noise[1]))
-    return unit(cross, 2 * np.asarray(angle))
+    return unit(cross, UNIT * np.asarray(angle))
 
 
 def nearly_dependent(along: Array, across: Array) -> Array:

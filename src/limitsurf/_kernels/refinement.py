@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf._kernels.doubt import NOISE, UNIT
 from limitsurf._kernels.jit import lean
 
 Array = NDArray[Any]
@@ -360,7 +361,7 @@ def limit_normals(
             at += 2
             beside += 2
             h = twin[begin + (h + 3) % 4]
-        noise, other_noise = 16 * 2.0**-52 * noise, 16 * 2.0**-52 * other_noise
+        noise, other_noise = NOISE * noise, NOISE * other_noise
         # largest component first: neither overflow nor underflow in the squares
         a, b = max(abs(ax), abs(ay), abs(az)), max(abs(bx), abs(by), abs(bz))
         if not (a > noise and b > other_noise):
@@ -370,7 +371,7 @@ def limit_normals(
         scale = sqrt(ax * ax + ay * ay + az * az) * sqrt(bx * bx + by * by + bz * bz)
         nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
         size = max(abs(nx), abs(ny), abs(nz))
-        if not size > 2 * (noise / a + other_noise / b) * scale:
+        if not size > UNIT * (noise / a + other_noise / b) * scale:
             continue
         nx, ny, nz = nx / size, ny / size, nz / size
         scale = sqrt(nx * nx + ny * ny + nz * nz)

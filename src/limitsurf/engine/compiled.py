@@ -108,7 +108,7 @@ class Compiled:
         return type(found)((both.data, *parts), shape=both.shape)
 
     def _without_rows(self, flat: Request) -> Array | None:
-        """Request whose rows of weights only the reference can give; None if there are none.
+        """Queries whose rows of weights only the reference can give; None if there are none.
 
         Complains of what is out of range before it looks.
         """

@@ -252,7 +252,7 @@ class Corners(Kind):
             wanted.update(turned[-1][0])
         needed = sorted(wanted)
         parts = np.empty((len(g.query), len(needed), values.channels))
-        for c in self._parts(values, g):
+        for c in self.parts(values, g):
             weights = partial(basis.eigen_weights, self.table, c.place, c.powers)
             eigen = list(map(weights, needed))
             rows = np.stack(list(map(attrgetter("rows"), eigen)), axis=1)  # (q, orders, K - 1)
@@ -277,7 +277,7 @@ class Corners(Kind):
 
     def directions(self, values: Values, g: Group) -> list[Array]:
         found, errors = np.empty((2, len(g.query), values.channels)), np.empty((2, len(g.query), 1))
-        for c in self._parts(values, g):
+        for c in self.parts(values, g):
             found[:, c.query], errors[:, c.query] = basis.eigen_directions(
                 self.table, c.place, c.powers, c.modes, self._added(values, c), c.which
             )
@@ -285,7 +285,7 @@ class Corners(Kind):
 
     def normals(self, values: Values, g: Group) -> list[Array]:
         result = np.empty((len(g.query), 3))
-        for c in self._parts(values, g):
+        for c in self.parts(values, g):
             found, error = basis.eigen_normals(
                 self.table, c.place, c.powers, c.modes, self._added(values, c), c.which
             )
@@ -296,7 +296,7 @@ class Corners(Kind):
         (normal,) = self.normals(values, g)
         form, axis = np.full((3, len(normal)), np.nan), np.full((len(normal), 3), np.nan)
         exponent = np.zeros(len(normal), dtype=np.int64)
-        for c in self._parts(values, g):
+        for c in self.parts(values, g):
             sizes = np.abs(c.points) + values.errors[c.ids]
             added = np.stack(
                 [self.table.coefficient_sizes(x) for x in np.moveaxis(sizes, 2, 0)], axis=2
@@ -309,7 +309,7 @@ class Corners(Kind):
     def jets(self, values: Values, g: Group) -> tuple[Array, Array, Array]:
         shape = len(g.query), 4, 4, values.channels
         found, error, exponent = np.zeros(shape), np.zeros(shape[:3]), g.depth.copy()
-        for c in self._parts(values, g):
+        for c in self.parts(values, g):
             added = self._added(values, c)[c.which, 1:]
             rows = [basis.eigen_rows(self.table, c.place, c.powers, nu) for nu in _ORDERS]
             rows = [np.where((c.place.level < 0)[:, None], np.nan, x) for x in rows]
@@ -327,7 +327,7 @@ class Corners(Kind):
                 bounds[here, *nu] = error[here, *order]
         return turned, bounds, exponent
 
-    def _parts(self, values: Values, g: Group) -> list[_Part]:
+    def parts(self, values: Values, g: Group) -> list[_Part]:
         """Queries parted by the first eigenfunction that occurs in their patch at all.
 
         That is the second, but for degenerate points.

@@ -66,7 +66,7 @@ class Limits:
     def _at_side(self, g: Group, side: Array, away: Array) -> Array:
         """Limits (q, 3) of normals towards sides of limit faces on which derivatives vanish.
 
-        Request of a group on the sides v = 0, u = 1, v = 1, u = 0, of numbers `side` 0 to 3 (q,),
+        Queries of a group on the sides v = 0, u = 1, v = 1, u = 0, of numbers `side` 0 to 3 (q,),
         of which the normal is wanted so far `away` (q,) from the side; NaN where there is none.
         Derived in ``derivations/limit_normals.py``, section 8.
         """

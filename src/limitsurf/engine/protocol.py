@@ -100,7 +100,7 @@ class Request:
 class Engine(Protocol):
     """One implementation; Q request, d channels of the points.
 
-    Request out of range raise an IndexError or a ValueError, whoever answers.
+    Queries out of range raise an IndexError or a ValueError, whoever answers.
     """
 
     def derivatives(self, request: Request, orders: Sequence[Order]) -> Sequence[Array]:

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from limitsurf import numbers
 from limitsurf.caching import cached_property
+from limitsurf.engine import places as places_
 from limitsurf.engine.groups import CHUNK
 from limitsurf.engine.limits import Limits
+from limitsurf.engine.places import CharacteristicJets, PlaceJets, Places
 from limitsurf.engine.protocol import Order, Request
 from limitsurf.engine.topology import Topology
 from limitsurf.engine.values import Values
@@ -112,6 +114,20 @@ class Reference:
                 total = eliminated(total, operator)
             parts.append(total)
         return stacked(parts)
+
+    def place_jets(self, places: Places, orders: Sequence[Order]) -> PlaceJets:
+        """Derivatives of these orders in (s, t) at places, with powers of eigenvalues apart."""
+        groups = self._groups
+        return places_.jets(groups.patches, groups.kinds, self.values, places, orders)
+
+    def characteristic_jets(self, places: Places) -> CharacteristicJets:
+        """Derivatives in the coordinates of characteristic maps, with powers apart."""
+        groups = self._groups
+        return places_.characteristic(groups.patches, groups.kinds, self.values, places)
+
+    def corner_rates(self, patch: Array) -> Array:
+        """The eigenvalues that rule what happens towards the corners of patches, (3, Q)."""
+        return places_.corner_rates(self._groups.patches, self._groups.kinds, patch)
 
     def _answers(
         self, request: Request, widths: Sequence[int], method: str, *given: Any
