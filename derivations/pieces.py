@@ -38,7 +38,7 @@ from itertools import product
 from math import log
 
 import numpy as np
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from sympy import Matrix, Rational, binomial, expand, symbols
 
 from limitsurf import tables

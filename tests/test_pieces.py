@@ -8,7 +8,7 @@ import numpy as np
 import oracles
 import pytest
 import zoo
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from test_properties import same
 from test_rings import KINDS, around
 from test_wicked import altered
