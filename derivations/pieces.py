@@ -42,7 +42,8 @@ from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from sympy import Matrix, Rational, binomial, expand, symbols
 
 from limitsurf import tables
-from limitsurf._kernels.reference import exact, spline_weights
+from limitsurf._kernels.reference import spline_weights
+from limitsurf.numbers import RATIONAL
 from limitsurf.pieces import bernstein, weights
 
 s, t, u, v = symbols("s t u v")
@@ -67,7 +68,7 @@ spline = [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 
 for k in range(4):
     assert expand(sum(controls[i, k] * B[i] for i in range(4)) - spline[k] / 6) == 0
 for x in (Fraction(0), Fraction(2, 7), Fraction(1)):
-    found = spline_weights(exact([x]), 3)[0]
+    found = spline_weights(RATIONAL.array([x]), 3)[0]
     assert list(found) == [(p / 6).subs(t, Rational(x.numerator, x.denominator)) for p in spline]
 
 # %% [markdown]

@@ -311,8 +311,8 @@ def test_masks_without_a_limit_are_refused(kind, n):
 @pytest.mark.parametrize("kind", ["interior", "dart"])
 @pytest.mark.parametrize("n", [5, 70])
 def test_masks_without_a_tangent_plane_are_warned_of_once(kind, n, monkeypatch):
-    monkeypatch.setattr(tables, "_memory", {})
-    monkeypatch.setattr(tables, "_warned", set())
+    monkeypatch.setattr(tables.cache, "_memory", {})
+    monkeypatch.setattr(tables.cache, "_warned", set())
     tables.ring_masks.cache_clear()
     mesh, scheme = fan(kind, n), wild(F(-3, 4))
     with pytest.warns(
@@ -336,7 +336,7 @@ def test_catmull_clark_never_warns():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for kind, faces in (("interior", 2), ("dart", 2), ("cone", 3), ("crease", 6)):
-            tables._warn_once(CATMULL_CLARK, Sector(kind, faces))
+            tables.cache.warn_once(CATMULL_CLARK, Sector(kind, faces))
 
 
 def test_a_minor_of_either_sign_is_seen_inside_of_pieces():

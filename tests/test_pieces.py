@@ -14,7 +14,7 @@ from test_rings import KINDS, around
 from test_wicked import altered
 
 import limitsurf as ls
-from limitsurf import tables
+from limitsurf import numbers, tables
 from limitsurf._kernels import reference
 from limitsurf.patches import REGULAR
 from limitsurf.pieces import bernstein
@@ -33,7 +33,7 @@ def mesh_of(name):
 
 
 def exactly(mesh):
-    return mesh.with_points(reference.exact(mesh.points))
+    return mesh.with_points(numbers.RATIONAL.array(mesh.points))
 
 
 def bernstein_polynomials(t):
@@ -44,7 +44,7 @@ def places(patches, s, t):
     """(u, v) of s, t in each rectangle; in Fractions if these are."""
     origin, size = patches.origin, patches.size
     if isinstance(s, F):
-        origin, size = reference.exact(origin), reference.exact(size)
+        origin, size = numbers.RATIONAL.array(origin), numbers.RATIONAL.array(size)
     return origin[:, 0] + size[:, 0] * s, origin[:, 1] + size[:, 1] * t
 
 
@@ -271,7 +271,7 @@ def test_deep_and_far(name):
         value = wanted.points.astype(float)
         size = np.ptp(moved.points, axis=0).max()
         allowed = 1e-14 * size + 2 * np.spacing(np.abs(value))
-        errors = np.abs((reference.exact(found.points) - wanted.points).astype(float))
+        errors = np.abs((numbers.RATIONAL.array(found.points) - wanted.points).astype(float))
         assert (errors <= allowed).all()
         assert (found.rest.lower <= wanted.rest.lower).all()
         assert (found.rest.upper >= wanted.rest.upper).all()
