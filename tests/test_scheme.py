@@ -518,3 +518,12 @@ def test_a_wrong_table_of_triangles_is_not_believed():
     assert not tables.cache._holds(dataclasses.replace(table, pieces=pieces))
     normal = table.normal[::-1]
     assert not tables.cache._holds(dataclasses.replace(table, normal=normal))
+
+
+def test_masks_as_arrays():
+    found = tables.vertex_weights(LOOP, np.array([6, 3, 6]), object)
+    rows = {3: [F(7, 16), F(3, 16)], 6: [F(5, 8), F(1, 16)]}
+    assert found.tolist() == [rows[6], rows[3], rows[6]]
+    assert tables.vertex_weights(LOOP, np.array([], dtype=int), float).shape == (0, 2)
+    assert tables.vertex_weights(LOOP, np.array([5]), float)[0] @ [1, 5] == pytest.approx(1)
+    assert tables.limit_mask(LOOP, "interior", 3, object).tolist() == [F(2, 5), *[F(1, 5)] * 3]

@@ -65,7 +65,7 @@ def vertex_weights(scheme: Scheme, valences: Array, dtype: Any) -> Array:
     """Weights of interior vertices, their edge neighbours, their face points, (n, 3)."""
     unique, kind = np.unique(valences, return_inverse=True)
     table = numbers([w for n in unique.tolist() for w in _vertex_mask(scheme, n)], dtype)
-    return np.asarray(table.reshape(len(unique), -1)[kind])
+    return np.asarray(table.reshape(-1, 1 + len(scheme.lattice.orbits))[kind])
 
 
 def limit_mask(scheme: Scheme, kind: str, faces: int, dtype: Any) -> Array:
