@@ -38,13 +38,13 @@ from itertools import product
 from math import log
 
 import numpy as np
-from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from sympy import Matrix, Rational, binomial, expand, symbols
 
 from limitsurf import tables
 from limitsurf._kernels.reference import spline_weights
 from limitsurf.numbers import RATIONAL
 from limitsurf.pieces import bernstein, weights
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 
 s, t, u, v = symbols("s t u v")
 B = [binomial(3, i) * t**i * (1 - t) ** (3 - i) for i in range(4)]

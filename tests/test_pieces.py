@@ -8,16 +8,15 @@ import numpy as np
 import oracles
 import pytest
 import zoo
-from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from test_properties import same
 from test_rings import KINDS, around
 from test_wicked import altered
 
 import limitsurf as ls
 from limitsurf import numbers, tables
-from limitsurf._kernels import reference
 from limitsurf.patches import REGULAR
 from limitsurf.pieces import bernstein
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 
 CAGES = {name: (*make(), {}) for name, make in zoo.ZOO.items()}
 CAGES |= {f"tagged_{name}": make() for name, make in zoo.TAGGED.items()}
@@ -282,12 +281,12 @@ def test_deep_and_far(name):
 @pytest.mark.parametrize("kind", KINDS)
 def test_shared_rings(kind, monkeypatch):
     """The same patches, rows and bounds as from eigenbases, for both number types."""
-    monkeypatch.setattr(tables, "MOST_FACES", 8)
     mesh = around(kind, 12)
     face = [0, 5, 11]
     found = []
     for most in (12, 8):
-        monkeypatch.setattr(tables, "MOST_FACES", most)
+        for module in (tables, tables.masks):
+            monkeypatch.setattr(module, "MOST_FACES", most)
         surface = ls.LimitSurface(mesh)
         assert bool(surface.patches.rings) == (most == 8)
         found.append(ls.bezier_patches(surface, face=face, depth=5, weights=True))

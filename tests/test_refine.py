@@ -268,7 +268,7 @@ def test_parents(name):
     for levels in range(1 + deepest(faces)):
         fine = ls.refined(mesh, levels)
         used = np.flatnonzero(fine.vertex_faces > 0).tolist()
-        some = random.Random(name).sample(used, min(len(used), 40))
+        some = random.Random(name).sample(used, min(len(used), 16))
         parents = fine.parent_face[some], fine.parent_u[some], fine.parent_v[some]
         assert (surface.evaluate(*parents) == fine.limit_points[some]).all()
 

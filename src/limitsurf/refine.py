@@ -82,19 +82,23 @@ class ExactOperator:
             entry = np.repeat(np.arange(len(self.rows)), counts)
             place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
             place += other.indptr[self.columns[entry]]
-            return ExactOperator(
+            values, others, unit = _over_common_denominators(self.values, other.values)
+            product = ExactOperator(
                 self.rows[entry],
                 other.columns[place],
-                self.values[entry] * other.values[place],
+                values[entry] * others[place],
                 (self.shape[0], other.shape[1]),
             )
+            product.values = product.values * unit
+            return product
         dense = numbers.RATIONAL.array(other)
         flat = dense.reshape(len(dense), -1)
         result = np.full((self.shape[0], flat.shape[1]), Fraction(0), dtype=object)
         if len(self.rows):
             present, first = np.unique(self.rows, return_index=True)
-            terms = self.values[:, None] * flat[self.columns]
-            result[present] = np.add.reduceat(terms, first, axis=0)
+            values, flat, unit = _over_common_denominators(self.values, flat)
+            terms = values[:, None] * flat[self.columns]
+            result[present] = np.add.reduceat(terms, first, axis=0) * unit
         return result.reshape(self.shape[0], *dense.shape[1:])
 
     def toarray(self) -> Array:
@@ -105,6 +109,26 @@ class ExactOperator:
 
     def __repr__(self) -> str:
         return f"<ExactOperator of shape {self.shape} with {len(self.rows)} entries>"
+
+
+def _over_common_denominators(a: Array, b: Array) -> tuple[Array, Array, Fraction | int]:
+    """Integers and the unit of their products, where Fractions allow short ones; else a, b and 1.
+
+    Sums of products are then reduced once, not term by term.
+    """
+    unit, scaled = Fraction(1), []
+    for values in (a, b):
+        if not all(type(x) is Fraction for x in values.flat):
+            return a, b, 1
+        D = 1
+        for x in {x.denominator for x in values.flat}:
+            D = math.lcm(D, x)
+            if D.bit_length() > 1000:
+                return a, b, 1
+        integers = (x.numerator * (D // x.denominator) for x in values.flat)
+        scaled.append(np.fromiter(integers, object, values.size).reshape(values.shape))
+        unit /= D
+    return scaled[0], scaled[1], unit
 
 
 def sparse_operator(rows: Array, columns: Array, values: Array, shape: tuple[int, int]) -> Any:
