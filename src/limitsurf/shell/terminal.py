@@ -323,7 +323,7 @@ def agrees(surface: LimitSurface, table: NDArray[Any]) -> bool:
 
 
 def validation_rows(table: NDArray[Any]) -> list[dict[str, Any]]:
-    """The same table as objects."""
+    """The table that ``validate`` returns as objects, one for each level."""
     return [dict(zip(table.dtype.names or (), row, strict=True)) for row in table.tolist()]
 
 
