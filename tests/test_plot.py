@@ -421,7 +421,7 @@ def test_curvature_at_the_ends_of_float64(factor, draw):
         field = scene_of(surface, scalars="gaussian").field
         assert -field.limits[0] == field.limits[1] > 0
         assert np.isfinite(field.limits[1] - field.limits[0])
-        assert (field.parts[np.isfinite(field.values)] <= 1).all()
+        assert (field.shades[np.isfinite(field.values)] <= 1).all()
         draw(surface, scalars="gaussian", n=2)
 
 

@@ -313,7 +313,7 @@ def say_validation(table: NDArray[Any]) -> None:
 
 
 def validation_rows(table: NDArray[Any]) -> list[dict[str, Any]]:
-    """The same table as objects."""
+    """The table that ``validate`` returns as objects, one for each level."""
     return [dict(zip(table.dtype.names or (), row, strict=True)) for row in table.tolist()]
 
 
