@@ -163,8 +163,10 @@ def cut(
     found = np.empty((n, SIZE, flat.shape[1]), dtype=points.dtype)
     for g in groups:
         cells = g.cells
-        owner[cells] = covered.owner[g.members, None]
-        origin[cells], size[cells] = cover.placed(covered, g, g.origin, g.size)
+        squares = cover.placed(covered, g, g.origin, g.size)
+        owners = np.broadcast_to(covered.owner[g.members, None], cells.shape)
+        for array, values in ((owner, owners), (origin, squares[0]), (size, squares[1])):
+            _write(array, cells, values)
         for part in _parts(g, _CHUNK // (SIZE * max(flat.shape[1], 1)), _PATCHES):
             values = _turned(source.coefficients(g, part), g.turn[part])
             _write(found, cells[part], values)
@@ -183,7 +185,7 @@ def _parts(group: Group, cells: int, most: int = _PORTION) -> Iterator[slice]:
 
 def _write(found: Array, cells: Array, values: Array) -> None:
     """Write the values (p, c, ...) of cells; as a run if they are one, which is faster."""
-    first, last = int(cells[0, 0]), int(cells[-1, -1]) + 1
+    first, last = (int(cells[0, 0]), int(cells[-1, -1]) + 1) if cells.size else (0, 0)
     if last - first == cells.size:
         found[first:last] = values.reshape(cells.size, *values.shape[2:])
     else:

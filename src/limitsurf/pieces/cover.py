@@ -115,11 +115,11 @@ def grouped(
     end = np.cumsum(n_cells)
     first = end - n_cells
     groups = []
-    for code in np.unique(kind.astype(np.int64) << 16 | count).tolist():
-        here = np.flatnonzero((kind == code >> 16) & (count == code & 0xFFFF))
-        cells = _cells(code >> 16, code & 0xFFFF)
-        known = row[here], turn[here], code & 0xFFFF, *cells, first[here]
-        groups.append(Group(code >> 16, here, *known))
+    for one in np.flatnonzero(np.bincount(kind)).tolist():
+        alike = np.flatnonzero(kind == one)
+        for n in np.flatnonzero(np.bincount(count[alike])).tolist():
+            here = alike[count[alike] == n]
+            groups.append(Group(one, here, row[here], turn[here], n, *_cells(one, n), first[here]))
     return int(end[-1]) if len(end) else 0, groups
 
 
