@@ -75,8 +75,9 @@ class LimitSurface:
         Who answers in float64: compiled kernels in large calls and NumPy in others ("auto"), NumPy
         alone, or kernels in calls of any size, but for what they do not know: derivatives beyond
         the second order, `tangents`, and points beyond 2^1000 or all below 2^-900. The argument,
-        else the environment variable ``LIMITSURF_ENGINE``, else "auto". A fixed one gives a query
-        the same digits in calls of any size, but for parameters that broadcast over faces.
+        else the environment variable ``LIMITSURF_ENGINE``, else "auto". Equal calls get the same
+        digits of either; kernels also give a query the same whatever else is in the call, but where
+        parameters broadcast over faces, as NumPy, whose last digits may depend on it, does not.
 
     Attributes
     ----------
