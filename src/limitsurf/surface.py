@@ -161,7 +161,8 @@ class LimitSurface:
     where it must be, until each piece has one special corner (``limitsurf/patches.py``). Where
     more than 64 faces meet, the ring around them is refined as deep as queries go
     (``limitsurf/rings.py``). The eigenstructure is derived in ``derivations/eigenstructure.py`` and
-    ``derivations/sectors.py``, the table in ``derivations/limit_normals.py``.
+    ``derivations/sectors.py``, the table in ``derivations/limit_normals.py``; that it is what the
+    spectra say is asserted in ``derivations/analysis.py``.
 
     Examples
     --------
