@@ -20,7 +20,7 @@ import limitsurf as ls
 from limitsurf.shell import picture as pictures
 from limitsurf.shell import render
 from limitsurf.shell import scene as scenes
-from limitsurf.shell.modes import Fan, predicted_order
+from limitsurf.spectra.fan import Fan, predicted_order
 
 SIZE = (160, 120)
 PAINTED = "painted by Matplotlib"

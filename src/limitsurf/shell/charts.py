@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.shell import paint
-from limitsurf.shell.modes import Fan, Mode
 from limitsurf.shell.paint import Image
 from limitsurf.shell.scene import INK
+from limitsurf.spectra.fan import Fan, Mode
 
 Array: TypeAlias = NDArray[np.float64]
 

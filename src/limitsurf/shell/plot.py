@@ -21,7 +21,6 @@ from limitsurf.shell import charts
 from limitsurf.shell import picture as pictures
 from limitsurf.shell.files import Path
 from limitsurf.shell.formats import _pyvista
-from limitsurf.shell.modes import Fan, Mode, predicted_order
 from limitsurf.shell.picture import Picture
 from limitsurf.shell.scene import (
     COLOR,
@@ -33,6 +32,7 @@ from limitsurf.shell.scene import (
     build,
     numbers,
 )
+from limitsurf.spectra.fan import Fan, Mode, predicted_order
 
 if TYPE_CHECKING:
     from limitsurf.exact.scheme import Scheme
