@@ -21,7 +21,7 @@ import limitsurf as ls
 from limitsurf.shell.plot import picture as pictures
 from limitsurf.shell.plot import render
 from limitsurf.shell.plot import scene as scenes
-from limitsurf.shell.plot.modes import Fan, predicted_order
+from limitsurf.spectra.fan import Fan, predicted_order
 
 SIZE = (160, 120)
 PAINTED = "painted by Matplotlib"

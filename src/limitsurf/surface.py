@@ -162,9 +162,9 @@ class LimitSurface:
     values", SIGGRAPH 1998; sharpness after DeRose, Kass and Truong, SIGGRAPH 1998. A face is cut,
     where it must be, until each piece has one special corner (``limitsurf/patches.py``). Where
     more than 64 faces meet, the ring around them is refined as deep as queries go
-    (``limitsurf/rings.py``). The eigenstructure is derived in
-    ``derivations/eigenstructure.py`` and ``derivations/sectors.py``, the table in
-    ``derivations/limit_normals.py``.
+    (``limitsurf/rings.py``). The eigenstructure is derived in ``derivations/eigenstructure.py`` and
+    ``derivations/sectors.py``, the table in ``derivations/limit_normals.py``; that it is what the
+    spectra say is asserted in ``derivations/analysis.py``.
 
     Examples
     --------

@@ -73,8 +73,22 @@ class Scheme:
     ValueError
         When a mask is not rational or does not sum to one (a `face` or `vertex` mask: when it is
         first needed), when the masks of a regular vertex are not those of the `spline`,
-        and, as `UnsupportedSpectrum` where a valence is first used, when refinement around an
-        extraordinary vertex does not converge or has complex eigenvalues.
+        and, as `UnsupportedSpectrum` where a smooth vertex or a dart of so many faces is first
+        used, when refinement there does not converge (an eigenvalue other than 1 has modulus 1 or
+        more) or, at a smooth vertex, has complex eigenvalues of frequency 0.
+
+    Warns
+    -----
+    UserWarning
+        Once for each number of faces at which limits exist, but no tangent plane: there the surface
+        is not C1, and normals at the vertex are NaN.
+
+    Notes
+    -----
+    There is a tangent plane where two single eigenvalues are real, positive and larger in modulus
+    than all that follow, and the map by their eigenfunctions is regular and goes around the vertex
+    once (Reif 1995). Both this and convergence are decided from the spectrum of each ring, in exact
+    numbers or to 60 digits; derived in ``derivations/analysis.py``.
 
     Examples
     --------

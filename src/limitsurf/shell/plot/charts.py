@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.shell.plot import paint
-from limitsurf.shell.plot.modes import Fan, Mode
 from limitsurf.shell.plot.paint import Image
 from limitsurf.shell.plot.scene import INK
+from limitsurf.spectra.fan import Fan, Mode
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -21,7 +21,6 @@ from limitsurf.shell.files import Path
 from limitsurf.shell.io.vtk import imported_pyvista
 from limitsurf.shell.plot import charts
 from limitsurf.shell.plot import picture as pictures
-from limitsurf.shell.plot.modes import Fan, Mode, predicted_order
 from limitsurf.shell.plot.picture import Picture
 from limitsurf.shell.plot.scene import (
     COLOR,
@@ -33,6 +32,7 @@ from limitsurf.shell.plot.scene import (
     build,
     real_numbers,
 )
+from limitsurf.spectra.fan import Fan, Mode, predicted_order
 
 if TYPE_CHECKING:
     from limitsurf.scheme.scheme import Scheme

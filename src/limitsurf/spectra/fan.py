@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from limitsurf.mesh import Mesh
 from limitsurf.refine import refined
-from limitsurf.spectra import eigenbasis
+from limitsurf.spectra.basis import eigenbasis
 from limitsurf.surface import LimitSurface
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class Fan:
 
     Examples
     --------
-    >>> from limitsurf.shell.plot.modes import Fan
+    >>> from limitsurf.spectra.fan import Fan
     >>> fan = Fan("catmull-clark", "interior", 5)
     >>> x, y = fan.characteristic_map().T
     >>> surface = fan.surface(x)
