@@ -24,8 +24,7 @@ def spline_weights(t: Array, degree: int) -> Array:
 
     Sums of products of non-negative numbers (de Boor 1978, chapter X): no cancellation.
     """
-    number = type_of(t)
-    weights = number.full((len(t), 1), number.one)
+    weights = (1 + 0 * t)[:, None]  # ones of their type
     for p in range(1, degree + 1):
         raised = np.zeros((len(t), p + 1), dtype=t.dtype)
         for k in range(p):
@@ -120,7 +119,7 @@ def split_strip(t: Array, depth: Array, up: Array) -> tuple[Array, Array, Array]
 def monomials(x: Array, degree: int) -> Array:
     """Powers 0 to `degree` of x (Q,), (Q, degree + 1)."""
     powers = np.empty((len(x), degree + 1), dtype=x.dtype)
-    powers[:, 0] = type_of(x).one
+    powers[:, 0] = 1 + 0 * x  # ones of their type
     for k in range(degree):
         powers[:, k + 1] = powers[:, k] * x
     return powers
