@@ -87,7 +87,7 @@ def bezier_patches(
     (48, (48, 4, 4, 3))
     >>> patches.rest
     BezierRest(4 squares)
-    >>> patches.rest.size.max()
+    >>> float(patches.rest.size.max())
     0.03125
     """
     if not isinstance(surface, LimitSurface):
