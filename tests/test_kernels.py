@@ -24,6 +24,7 @@ import limitsurf as ls
 from limitsurf import _kernels, basis, tables
 from limitsurf._kernels import evaluation, jit, reference
 from limitsurf.engine import packing
+from limitsurf.numbers import FLOAT64
 from limitsurf.patches import STRIP
 
 TERMS = [(m - j, j) for m in range(3) for j in range(m + 1)]
@@ -688,7 +689,7 @@ def test_turned():
 def test_strip_weights(sharpness):
     """Across a semi-sharp crease, against the exact splines."""
     scheme = tables.SCHEMES["catmull-clark"]
-    strips = tables.strip_tables(scheme, np.array([0.5, sharpness]), np.dtype(float))
+    strips = tables.strip_tables(scheme, np.array([0.5, sharpness]), FLOAT64)
     pieces = np.array(strips.pieces, dtype=float).reshape(-1)
     first, depth = int(strips.first[1]), int(strips.depth[1])
     found = np.empty(12)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import memory
+from limitsurf import memory, numbers
 from limitsurf.caching import cached_property
 from limitsurf.checks import checked_integer
 from limitsurf.mesh import Mesh
@@ -69,7 +69,7 @@ def validate(surface: LimitSurface, levels: int = 4) -> NDArray[Any]:
     levels = checked_integer("levels", levels, 1)
     if not isinstance(surface, LimitSurface):
         raise TypeError(f"validate needs a LimitSurface, got {type(surface).__name__}")
-    if surface.points.dtype == object:
+    if numbers.type_of(surface.points).exact:
         raise TypeError("distances need square roots: give float64 points")
     table = np.zeros(
         levels,
@@ -420,7 +420,7 @@ def tessellate(
     most = math.isqrt(int(min(memory.available() / POLYGON, 2**62)) // max(faces, 1))
     advice = f"up to n={most} fits" if most else "none fits"
     memory.refuse_beyond(faces * n * n, POLYGON, "polygons", advice)
-    if surface.points.dtype == object:
+    if numbers.type_of(surface.points).exact:
         raise TypeError("polygons need float64 points, these are exact: convert them first")
     sites = _Sites(surface, n)
     corners, sizes = sites.corners()

@@ -151,7 +151,7 @@ def refinement_stages(
     """
     V, E, F = mesh.n_vertices, mesh.n_edges, mesh.n_faces
     dtype, one, zero = number.dtype, number.one, number.zero
-    edge, crease_edge, crease_vertex = tables.rule_weights(rules.scheme, dtype)
+    edge, crease_edge, crease_vertex = tables.rule_weights(rules.scheme, number)
     # vertex points: shares of the smooth, crease and corner masks; unused vertices stay
     smooth, share = number.full(V, one), number.full(V, zero)
     masks = (x.astype(dtype) for x in sharpness.vertex_masks)
@@ -159,7 +159,7 @@ def refinement_stages(
     unused = mesh.vertex_faces == 0
     smooth[unused], share[unused] = zero, one
     rough = np.flatnonzero(smooth == 0)
-    weights = _vertex_weights(mesh, rules, rough, dtype)[mesh.vertex_faces]
+    weights = _vertex_weights(mesh, rules, rough, number)[mesh.vertex_faces]
     weights *= smooth[:, None]
     end, other = sharpness.sharp_ends
     on = np.flatnonzero(along != 0)
@@ -171,7 +171,7 @@ def refinement_stages(
     middle[mesh.corner_edge[sharpness.sharp_edges]] = sharpness.edge_masks.astype(dtype)
     towards = np.zeros(E, dtype=dtype)
     inner = np.flatnonzero((mesh.edge_corners[:, 1] >= 0) & (middle != 1))
-    contribution = tables.edge_face_weights(rules.scheme, rules.triangles == "smooth", dtype)
+    contribution = tables.edge_face_weights(rules.scheme, rules.triangles == "smooth", number)
     if (contribution == contribution[1]).all():
         towards[inner] = contribution[1]
     else:
@@ -195,7 +195,7 @@ def refinement_stages(
         found, here = np.unique(end, return_index=True)
         parts.append((found, other[here], along[here] * crease_vertex[1]))
         end, other, along = (np.delete(x, here) for x in (end, other, along))
-    corner_weights = _corner_weights(mesh, rules, dtype)
+    corner_weights = _corner_weights(mesh, rules, number)
     shapes = (F, V), (V + E + F, V + F)
     if compiled is None:
         compiled = not number.exact and mesh._large
@@ -250,18 +250,18 @@ def _csr(starts: Array, columns: Array, values: Array, shape: tuple[int, int]) -
     return csr_array((values, columns.astype(short, copy=False), starts.astype(short)), shape=shape)
 
 
-def _corner_weights(mesh: Mesh, rules: Rules, dtype: Any) -> Array:
+def _corner_weights(mesh: Mesh, rules: Rules, number: NumberType) -> Array:
     """Weight of every face corner in its face point, (n_corners,)."""
     if mesh._steps[0] == 4:
-        return np.tile(tables.corner_weights(rules.scheme, np.array([4]), dtype), mesh.n_faces)
-    return tables.corner_weights(rules.scheme, mesh.sizes, dtype)
+        return np.tile(tables.corner_weights(rules.scheme, np.array([4]), number), mesh.n_faces)
+    return tables.corner_weights(rules.scheme, mesh.sizes, number)
 
 
-def _vertex_weights(mesh: Mesh, rules: Rules, rough: Array, dtype: Any) -> Array:
+def _vertex_weights(mesh: Mesh, rules: Rules, rough: Array, number: NumberType) -> Array:
     """Smooth masks by number of faces at a vertex, (largest + 1, 3); 0 where all are `rough`."""
     most, valences = _smooth_valences(mesh, rough)
-    table = np.zeros((most + 1, 3), dtype=dtype)
-    table[valences] = tables.vertex_weights(rules.scheme, np.array(valences, dtype=int), dtype)
+    table = np.zeros((most + 1, 3), dtype=number.dtype)
+    table[valences] = tables.vertex_weights(rules.scheme, np.array(valences, dtype=int), number)
     return table
 
 
@@ -300,7 +300,7 @@ def refined_values(
 
     smooth, _, along = (x.astype(float, copy=False) for x in sharpness.vertex_masks)
     middle = sharpness.edge_masks.astype(float, copy=False)
-    _, crease_edge, crease_vertex = tables.rule_weights(rules.scheme, float)
+    _, crease_edge, crease_vertex = tables.rule_weights(rules.scheme, numbers.FLOAT64)
     offsets = quad_offsets(mesh)
     result = np.empty((mesh.n_vertices + mesh.n_edges + mesh.n_faces, values.shape[1]))
     known = (
@@ -352,14 +352,14 @@ def _rounded_masks(
     rules: Rules, sizes: tuple[int, ...], most: int, valences: tuple[int, ...]
 ) -> tuple[Array, Array, Array, Array]:
     """Masks in float64 of faces of some sizes, and of vertices of some numbers of faces."""
-    number = np.array(sizes)
-    start = np.zeros(number[-1] + 1, dtype=np.int64)
-    start[number] = np.cumsum(number) - number
+    number, corners = numbers.FLOAT64, np.array(sizes)
+    start = np.zeros(corners[-1] + 1, dtype=np.int64)
+    start[corners] = np.cumsum(corners) - corners
     weights = np.zeros((most + 1, 2))
     faces = np.array(valences, dtype=int)
-    weights[faces] = tables.vertex_weights(rules.scheme, faces, float)[:, 1:]
-    contribution = tables.edge_face_weights(rules.scheme, rules.triangles == "smooth", float)
-    masks = start, tables.corner_weights(rules.scheme, number, float), weights, contribution
+    weights[faces] = tables.vertex_weights(rules.scheme, faces, number)[:, 1:]
+    contribution = tables.edge_face_weights(rules.scheme, rules.triangles == "smooth", number)
+    masks = start, tables.corner_weights(rules.scheme, corners, number), weights, contribution
     return read_only(masks)
 
 
@@ -371,7 +371,7 @@ def _limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arr
     for kind, faces, fans in sectors.groups(np.flatnonzero(wanted[vertex] & (sectors.kind >= 0))):
         own = points[vertex[fans]]
         step = np.zeros_like(own)
-        mask = tables.limit_mask(rules.scheme, kind, faces, points.dtype)
+        mask = tables.limit_mask(rules.scheme, kind, faces, sharpness.number)
         if tables.Sector(kind, faces).carried:  # the last point is the middle of two
             mask = np.append(mask[:-1], [mask[-1] / 2] * 2)
         ring = sectors.ring(kind, faces, fans)[:, 1:]
@@ -489,7 +489,7 @@ def _ring_weights(mesh: Mesh, rules: Rules, rough: Array) -> Array:
     most, valences = _smooth_valences(mesh, rough)
     weights = np.zeros((most + 1, 2))
     for N in valences:
-        weights[N] = tables.limit_mask(rules.scheme, "interior", N, float)[1:3]
+        weights[N] = tables.limit_mask(rules.scheme, "interior", N, numbers.FLOAT64)[1:3]
     return read_only(weights)
 
 

@@ -720,7 +720,7 @@ def _ones(n: int) -> Digits:
 
 def _averaged(sharpness: Rationals, place: Array) -> Rationals:
     """Sharpness at the ends of edges averaged with that of the others in the same places."""
-    share = Fraction(tables.chaikin_weights(object)[1])
+    share = Fraction(tables.chaikin_weights(numbers.RATIONAL)[1])
     total = sharpness.summed(place, int(place.max()) + 1).take(place)
     others = np.bincount(place)[place] - 1
     common = lcm(1, *np.unique(others[others > 0]).tolist())

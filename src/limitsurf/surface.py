@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import _kernels, lazy
+from limitsurf import _kernels, lazy, numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.channels import ChannelMesh
 from limitsurf.checks import checked_integer
@@ -200,7 +200,7 @@ class LimitSurface:
         self._mesh, self._topology, self._choice = mesh, topology, choice
         self._channels = channels
         self._answers = Answers(topology, mesh, choice)
-        self._exact = mesh.points.dtype == object
+        self._exact = numbers.type_of(mesh.points).exact
 
     def with_points(self, points: ArrayLike) -> LimitSurface:
         """The surface of the same cage with other points, (n_vertices, ...); nothing is rebuilt.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf import numbers
 from limitsurf.caching import cached_property
 from limitsurf.engine.kinds import Corners, Group, Kind, Regular, Rings, Strip
 from limitsurf.patches import REGULAR, STRIP, PatchTable
@@ -86,7 +87,7 @@ class Groups:
         if `dense`.
         """
         patches = self.patches
-        if u.dtype == object:
+        if numbers.type_of(u).exact:
             finite = np.array([x == x and y == y for x, y in zip(u, v, strict=True)], dtype=bool)
         else:
             finite = np.isfinite(u) & np.isfinite(v)

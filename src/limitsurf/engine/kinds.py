@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import basis, rings, tables
+from limitsurf import basis, numbers, rings, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.engine.protocol import JET, Order
@@ -65,7 +65,7 @@ class Kind(ABC):
         self.controls, self.exact = controls, exact
         self.widths = controls.shape[1], controls.shape[1]
         self._scheme = scheme
-        self._dtype = np.dtype(object if exact else float)
+        self._number = numbers.RATIONAL if exact else numbers.FLOAT64
 
     def ids(self, row: Array) -> Array:
         """All control points of some patches, (n, K)."""
@@ -118,7 +118,7 @@ class Spline(Kind):
         """Weights (q, 16), but for the depth of the patch."""
 
     def weights(self, g: Group, nu: Order) -> Array:
-        scale = kernels.scale_by_two(np.ones(len(g.s), dtype=self._dtype), g.depth * sum(nu))
+        scale = kernels.scale_by_two(np.ones(len(g.s), dtype=self._number.dtype), g.depth * sum(nu))
         return np.asarray(self.patch_weights(g, nu) * scale[:, None])
 
     def derivatives(self, values: Values, g: Group, orders: Sequence[Order]) -> list[Array]:
@@ -185,13 +185,13 @@ class Strip(Spline):
     def tables(self) -> tuple[tables.StripTables, Array]:
         """Splines across creases, and which of them each strip has."""
         sharpness, index = np.unique(self._sharpness, return_inverse=True)
-        return tables.strip_tables(self._scheme, sharpness, self._dtype), index
+        return tables.strip_tables(self._scheme, sharpness, self._number), index
 
     def patch_weights(self, g: Group, nu: Order) -> Array:
         strips, index = self.tables
         turned, sign = basis.turned(nu)
         up = (g.turn == 1) | (g.turn == 2)  # where t grows against u or v
-        result = np.empty((len(g.s), 16), dtype=self._dtype)
+        result = np.empty((len(g.s), 16), dtype=self._number.dtype)
         for order in set(turned):
             here = np.flatnonzero(np.array([o == order for o in turned])[g.turn])
             which = index[g.row[here]]
@@ -229,9 +229,9 @@ class Corners(Kind):
 
     def weights(self, g: Group, nu: Order) -> Array:
         turned, sign = basis.turned(nu)
-        scale = kernels.scale_by_two(sign[g.turn].astype(self._dtype), g.depth * sum(nu))
+        scale = kernels.scale_by_two(sign[g.turn].astype(self._number.dtype), g.depth * sum(nu))
         place, table = basis.CornerPlace.of(g.s, g.t, g.turn), self.table
-        result = np.empty((len(g.s), table.size), dtype=self._dtype)
+        result = np.empty((len(g.s), table.size), dtype=self._number.dtype)
         for order in set(turned):
             here = np.array([o == order for o in turned])[g.turn]
             sub = place[here]
@@ -376,9 +376,11 @@ class Rings(Kind):
 
     def weights(self, g: Group, nu: Order) -> Array:
         turned, sign = basis.turned(nu)
-        scale = kernels.scale_by_two(sign[g.turn].astype(self._dtype), g.depth * sum(nu))
+        scale = kernels.scale_by_two(sign[g.turn].astype(self._number.dtype), g.depth * sum(nu))
         place, position = basis.CornerPlace.of(g.s, g.t, g.turn), self.shared.position[g.row]
-        result = np.empty((len(g.s), self.shared.points.shape[1] + len(OUTER)), dtype=self._dtype)
+        result = np.empty(
+            (len(g.s), self.shared.points.shape[1] + len(OUTER)), dtype=self._number.dtype
+        )
         for order in set(turned):
             here = np.flatnonzero(np.array([o == order for o in turned])[g.turn])
             if not self.exact:

@@ -53,7 +53,7 @@ class Request:
             faces = faces.astype(np.int64)
         if faces.dtype.kind not in "iu":
             raise TypeError(f"faces must be integers, got {faces.dtype}")
-        if exact or us.dtype == object or vs.dtype == object:
+        if exact or numbers.RATIONAL.dtype in (us.dtype, vs.dtype):
             us, vs, exact = numbers.RATIONAL.array(us), numbers.RATIONAL.array(vs), True
         else:
             for name, x in (("u", us), ("v", vs)):

@@ -32,7 +32,7 @@ class Reference:
     def __init__(self, topology: Topology, mesh: Mesh, exact: bool) -> None:
         self._topology, self._mesh, self._exact = topology, mesh, exact
         self._groups = topology.exact_groups if exact else topology.groups
-        self._dtype = np.dtype(object if exact else float)
+        self._dtype = (numbers.RATIONAL if exact else numbers.FLOAT64).dtype
 
     @property
     def points(self) -> Array:

@@ -59,7 +59,7 @@ def strips(polynomials: Array) -> Array:
 
     `polynomials` (n, 4, 4) are the splines across them, as in `StripTables.pieces`.
     """
-    controls, powers = _lines(polynomials.dtype == object)
+    controls, powers = _lines(numbers.type_of(polynomials).exact)
     return _tensor(controls, powers @ polynomials)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import memory
+from limitsurf import memory, numbers
 from limitsurf.patches import STRIP, PatchTable
 from limitsurf.pieces import bernstein, cover
 from limitsurf.pieces.bernstein import SIZE
@@ -149,7 +149,7 @@ def cut(
     weights : bool
         Whether rows of weights are wanted.
     """
-    exact = points.dtype == object
+    exact = numbers.type_of(points).exact
     flat = points.reshape(len(points), -1)
     local = LocalWeights(patches, scheme, exact)
     covered = Cover.of(patches, faces)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import basis, rings, tables
+from limitsurf import basis, numbers, rings, tables
 from limitsurf.caching import cached_property
 from limitsurf.patches import REGULAR, STRIP, PatchTable
 from limitsurf.pieces import bernstein
@@ -61,12 +61,12 @@ class LocalWeights:
     def strips(self) -> tuple[tables.StripTables, Array]:
         """Splines across the creases of strips, and which of them each strip has."""
         sharpness, index = np.unique(self.patches.sharpness, return_inverse=True)
-        return tables.strip_tables(self.scheme, sharpness, self.dtype), index
+        return tables.strip_tables(self.scheme, sharpness, numbers.type_of(self.dtype)), index
 
     @property
     def dtype(self) -> Any:
         """The type of the weights."""
-        return np.dtype(object if self.exact else float)
+        return (numbers.RATIONAL if self.exact else numbers.FLOAT64).dtype
 
     def of(self, group: Group, part: slice) -> Iterator[tuple[Array, Array, Array]]:
         """Weights for some patches of a group, of those alike at a time.

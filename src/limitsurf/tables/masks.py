@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from limitsurf.exact.creases import CHAIKIN, INFINITE
+from limitsurf.numbers import FLOAT64, NumberType
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 from limitsurf.tables.cache import eigen_table, warn_once
-from limitsurf.tables.records import Array, RingMasks, StripTables, numbers
+from limitsurf.tables.records import Array, RingMasks, StripTables
 
 # Special corners of more faces have no eigen tables, their rings are refined (`RingMasks`): tables
 # of all positions, and copies of the ring in all patches, cost the square of this number. What
@@ -20,18 +20,18 @@ from limitsurf.tables.records import Array, RingMasks, StripTables, numbers
 MOST_FACES = 64
 
 
-def strip_tables(scheme: Scheme, sharpness: Array, dtype: Any) -> StripTables:
+def strip_tables(scheme: Scheme, sharpness: Array, number: NumberType) -> StripTables:
     """Pieces of the splines across creases of the given sharpnesses, each in (0, INFINITE)."""
     from limitsurf.exact.creases import strip_pieces
 
     depth = np.array([-(-s // 1) for s in sharpness], dtype=np.int64)
     share = sharpness - (depth - 1)
-    share = numbers([Fraction(s) for s in share.tolist()], dtype)
+    share = number.array([Fraction(s) for s in share.tolist()])
     first = np.cumsum(depth + 1) - depth - 1
-    pieces = np.zeros((int((depth + 1).sum()), 4, 4), dtype=dtype)
+    pieces = np.zeros((int((depth + 1).sum()), 4, 4), dtype=number.dtype)
     for level in np.unique(depth).tolist():
         smooth, sharp = (
-            numbers([x for p in strip_pieces(scheme, level, w) for row in p for x in row], dtype)
+            number.array([x for p in strip_pieces(scheme, level, w) for row in p for x in row])
             for w in (Fraction(0), Fraction(1))
         )
         here = np.flatnonzero(depth == level)
@@ -51,24 +51,24 @@ def _vertex_mask(scheme: Scheme, valence: int) -> tuple[Fraction, ...]:
     return tuple(scheme.vertex_mask(valence))
 
 
-def corner_weights(scheme: Scheme, sizes: Array, dtype: Any) -> Array:
+def corner_weights(scheme: Scheme, sizes: Array, number: NumberType) -> Array:
     """Weight of every face corner in its face point, (sum of sizes,)."""
     unique, kind = np.unique(sizes, return_inverse=True)
-    table = numbers([w for n in unique.tolist() for w in _face_mask(scheme, n)], dtype)
+    table = number.array([w for n in unique.tolist() for w in _face_mask(scheme, n)])
     # row starts of the masks in `table`, of the faces in the result
     mask_start = np.concatenate([[0], np.cumsum(unique)[:-1]])
     position = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
     return np.asarray(table[np.repeat(mask_start[kind], sizes) + position])
 
 
-def vertex_weights(scheme: Scheme, valences: Array, dtype: Any) -> Array:
+def vertex_weights(scheme: Scheme, valences: Array, number: NumberType) -> Array:
     """Weights of interior vertices, their edge neighbours, their face points, (n, 3)."""
     unique, kind = np.unique(valences, return_inverse=True)
-    table = numbers([w for n in unique.tolist() for w in _vertex_mask(scheme, n)], dtype)
+    table = number.array([w for n in unique.tolist() for w in _vertex_mask(scheme, n)])
     return np.asarray(table.reshape(-1, 1 + len(scheme.lattice.orbits))[kind])
 
 
-def limit_mask(scheme: Scheme, kind: str, faces: int, dtype: Any) -> Array:
+def limit_mask(scheme: Scheme, kind: str, faces: int, number: NumberType) -> Array:
     """Weights of the ring in the limit position of its vertex, (ring,).
 
     Raises a ValueError, `UnsupportedSpectrum`, for masks that do not converge there.
@@ -78,11 +78,11 @@ def limit_mask(scheme: Scheme, kind: str, faces: int, dtype: Any) -> Array:
     from limitsurf.exact.wide import rounded_dart_limit
 
     check_convergence(scheme, kind, faces)
-    if kind == "dart" and faces > MOST_FACES and dtype != object:
+    if kind == "dart" and faces > MOST_FACES and not number.exact:
         edges, around = rounded_dart_limit(scheme, faces)
         own = 1 - edges.sum() - around.sum()
         return np.concatenate([[own], np.stack([edges, around], axis=1).ravel()])
-    return numbers(limit_weights(scheme, scheme.sector(kind, faces)), dtype)
+    return number.array(limit_weights(scheme, scheme.sector(kind, faces)))
 
 
 def normal_masks(scheme: Scheme, kind: str, faces: int) -> Array:
@@ -143,7 +143,7 @@ def ring_masks(scheme: Scheme, kind: str, faces: int) -> RingMasks:
     from limitsurf.exact.wide import Weights, slowest_waves
 
     weights = Weights.of(scheme, faces)
-    limit = limit_mask(scheme, kind, faces, float)
+    limit = limit_mask(scheme, kind, faces, FLOAT64)
     waves = slowest_waves(scheme, kind, faces)
     for array in (limit, *waves):
         array.flags.writeable = False
@@ -154,30 +154,25 @@ def ring_masks(scheme: Scheme, kind: str, faces: int) -> RingMasks:
     return made
 
 
-def one(dtype: Any) -> Array:
-    """The weight 1, (1,)."""
-    return numbers([Fraction(1)], dtype)
-
-
-def rule_weights(scheme: Scheme, dtype: Any) -> tuple[Array, Array, Array]:
+def rule_weights(scheme: Scheme, number: NumberType) -> tuple[Array, Array, Array]:
     """Edge mask (2,), boundary edge mask (1,), boundary vertex mask (2,)."""
     return (
-        numbers(list(scheme.regular_edge), dtype),
-        numbers([scheme.boundary_edge], dtype),
-        numbers(list(scheme.boundary_vertex), dtype),
+        number.array(list(scheme.regular_edge)),
+        number.array([scheme.boundary_edge]),
+        number.array(list(scheme.boundary_vertex)),
     )
 
 
-def edge_face_weights(scheme: Scheme, smooth_triangles: bool, dtype: Any) -> Array:
+def edge_face_weights(scheme: Scheme, smooth_triangles: bool, number: NumberType) -> Array:
     """What a triangle and what another face contributes to the face weight of its edges, (2,)."""
     face = scheme.regular_edge[1]
     triangle = scheme.smooth_triangle if smooth_triangles else None
-    return numbers([face if triangle is None else triangle, face], dtype)
+    return number.array([face if triangle is None else triangle, face])
 
 
-def chaikin_weights(dtype: Any) -> Array:
+def chaikin_weights(number: NumberType) -> Array:
     """Shares of an edge's own sharpness and of the others' mean, (2,)."""
-    return numbers(list(CHAIKIN), dtype)
+    return number.array(list(CHAIKIN))
 
 
 def is_infinite(sharpness: Array) -> Array:

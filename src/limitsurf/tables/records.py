@@ -369,10 +369,3 @@ def rounded(fixed: Array) -> Array:
     array = np.array(numbers, dtype=float).reshape(fixed.shape)
     array.flags.writeable = False
     return array
-
-
-def numbers(values: list[Fraction], dtype: Any) -> Array:
-    """Fractions in an object array, or float64 correctly rounded."""
-    array = np.empty(len(values), dtype=object)
-    array[:] = values
-    return array if dtype == object else array.astype(float)
