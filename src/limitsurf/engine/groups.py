@@ -87,17 +87,15 @@ class Groups:
         if `dense`.
         """
         patches = self.patches
-        if numbers.type_of(u).exact:
-            finite = np.array([x == x and y == y for x, y in zip(u, v, strict=True)], dtype=bool)
-        else:
-            finite = np.isfinite(u) & np.isfinite(v)
+        number = numbers.type_of(u)
+        finite = number.finite(u) & number.finite(v)
         finite &= patches.codes[face] != -1
         defined, undefined = finite.nonzero()[0], (~finite).nonzero()[0]
         patch, s, t, depth = patches.locate(face[defined], u[defined], v[defined])
-        numbers, groups = patches.kind[patch], []
-        for number in np.unique(numbers).tolist():
-            here = (numbers == number).nonzero()[0]
-            kind, turn = self.kinds[number], patches.turn[patch[here]]
+        kinds, groups = patches.kind[patch], []
+        for which in np.unique(kinds).tolist():
+            here = (kinds == which).nonzero()[0]
+            kind, turn = self.kinds[which], patches.turn[patch[here]]
             sides = [s[here], t[here], 1 - s[here], 1 - t[here]]
             x, y = np.choose(turn, sides), np.choose(turn, sides[1:] + sides[:1])
             group = Group(kind, defined[here], patches.row[patch[here]], x, y, depth[here], turn)
