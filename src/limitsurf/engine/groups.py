@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import numbers
 from limitsurf.caching import cached_property
 from limitsurf.engine.kinds import Corners, Group, Kind, Regular, Rings, Strip
+from limitsurf.numbers import NumberType
 from limitsurf.patches import REGULAR, STRIP, PatchTable
 from limitsurf.tables import EigenTable, StripTables, eigen_table, ring_masks
 
@@ -24,15 +24,15 @@ _GATHER = 1 << 22
 
 
 class Groups:
-    """Queries by kind of patch, for numbers of one type: float64, or Fractions if `exact`.
+    """Queries by kind of patch, for numbers of one type.
 
     Shared by surfaces of one topology. What the kinds need is looked up when they are first asked
     for, once.
     """
 
-    def __init__(self, patches: PatchTable, scheme: Scheme, exact: bool) -> None:
+    def __init__(self, patches: PatchTable, scheme: Scheme, number: NumberType) -> None:
         self.patches = patches
-        self.exact = exact
+        self.number = number
         self._scheme = scheme
 
     @cached_property
@@ -50,7 +50,7 @@ class Groups:
         patches, scheme = self.patches, self._scheme
         found: list[Kind] = []
         for kind, (sector, table) in enumerate(zip(patches.sectors, self.tables, strict=True)):
-            controls, own = patches.controls[kind], (self.exact, scheme)
+            controls, own = patches.controls[kind], (self.number, scheme)
             if kind == REGULAR:
                 found.append(Regular(controls, *own))
             elif kind == STRIP:
@@ -87,8 +87,7 @@ class Groups:
         if `dense`.
         """
         patches = self.patches
-        number = numbers.type_of(u)
-        finite = number.finite(u) & number.finite(v)
+        finite = self.number.finite(u) & self.number.finite(v)
         finite &= patches.codes[face] != -1
         defined, undefined = finite.nonzero()[0], (~finite).nonzero()[0]
         patch, s, t, depth = patches.locate(face[defined], u[defined], v[defined])

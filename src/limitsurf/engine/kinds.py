@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import basis, numbers, rings, tables
+from limitsurf import basis, rings, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.engine.protocol import JET, Order
 from limitsurf.engine.values import Values
+from limitsurf.numbers import NumberType
 from limitsurf.patches import OUTER, SharedRings
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class Group:
 
 
 class Kind(ABC):
-    """Patches of one kind, for numbers of one type: float64, or Fractions if `exact`.
+    """Patches of one kind, for numbers of one type.
 
     Attributes
     ----------
@@ -61,11 +62,10 @@ class Kind(ABC):
 
     special: ClassVar[bool] = True
 
-    def __init__(self, controls: Array, exact: bool, scheme: Scheme) -> None:
-        self.controls, self.exact = controls, exact
+    def __init__(self, controls: Array, number: NumberType, scheme: Scheme) -> None:
+        self.controls, self.number = controls, number
         self.widths = controls.shape[1], controls.shape[1]
         self._scheme = scheme
-        self._number = numbers.RATIONAL if exact else numbers.FLOAT64
 
     def ids(self, row: Array) -> Array:
         """All control points of some patches, (n, K)."""
@@ -118,7 +118,7 @@ class Spline(Kind):
         """Weights (q, 16), but for the depth of the patch."""
 
     def weights(self, g: Group, nu: Order) -> Array:
-        scale = kernels.scale_by_two(np.ones(len(g.s), dtype=self._number.dtype), g.depth * sum(nu))
+        scale = kernels.scale_by_two(np.ones(len(g.s), dtype=self.number.dtype), g.depth * sum(nu))
         return np.asarray(self.patch_weights(g, nu) * scale[:, None])
 
     def derivatives(self, values: Values, g: Group, orders: Sequence[Order]) -> list[Array]:
@@ -177,21 +177,23 @@ class Regular(Spline):
 class Strip(Spline):
     """Patches along semi-sharp creases, of some `sharpness` (patches,)."""
 
-    def __init__(self, controls: Array, exact: bool, scheme: Scheme, sharpness: Array) -> None:
-        super().__init__(controls, exact, scheme)
+    def __init__(
+        self, controls: Array, number: NumberType, scheme: Scheme, sharpness: Array
+    ) -> None:
+        super().__init__(controls, number, scheme)
         self._sharpness = sharpness
 
     @cached_property
     def tables(self) -> tuple[tables.StripTables, Array]:
         """Splines across creases, and which of them each strip has."""
         sharpness, index = np.unique(self._sharpness, return_inverse=True)
-        return tables.strip_tables(self._scheme, sharpness, self._number), index
+        return tables.strip_tables(self._scheme, sharpness, self.number), index
 
     def patch_weights(self, g: Group, nu: Order) -> Array:
         strips, index = self.tables
         turned, sign = basis.turned(nu)
         up = (g.turn == 1) | (g.turn == 2)  # where t grows against u or v
-        result = np.empty((len(g.s), 16), dtype=self._number.dtype)
+        result = np.empty((len(g.s), 16), dtype=self.number.dtype)
         for order in set(turned):
             here = np.flatnonzero(np.array([o == order for o in turned])[g.turn])
             which = index[g.row[here]]
@@ -218,9 +220,9 @@ class Corners(Kind):
     """Patches with a special corner that has an eigenbasis, its `table`."""
 
     def __init__(
-        self, controls: Array, exact: bool, scheme: Scheme, table: tables.EigenTable
+        self, controls: Array, number: NumberType, scheme: Scheme, table: tables.EigenTable
     ) -> None:
-        super().__init__(controls, exact, scheme)
+        super().__init__(controls, number, scheme)
         self.table = table
 
     @cached_property
@@ -229,13 +231,13 @@ class Corners(Kind):
 
     def weights(self, g: Group, nu: Order) -> Array:
         turned, sign = basis.turned(nu)
-        scale = kernels.scale_by_two(sign[g.turn].astype(self._number.dtype), g.depth * sum(nu))
+        scale = kernels.scale_by_two(sign[g.turn].astype(self.number.dtype), g.depth * sum(nu))
         place, table = basis.CornerPlace.of(g.s, g.t, g.turn), self.table
-        result = np.empty((len(g.s), table.size), dtype=self._number.dtype)
+        result = np.empty((len(g.s), table.size), dtype=self.number.dtype)
         for order in set(turned):
             here = np.array([o == order for o in turned])[g.turn]
             sub = place[here]
-            if self.exact:
+            if self.number.exact:
                 at_corner = basis.corner_derivative(table, order)
                 result[here] = basis.rational_weights(self._rational, sub, order, at_corner)
             else:
@@ -359,12 +361,12 @@ class Rings(Kind):
     def __init__(
         self,
         controls: Array,
-        exact: bool,
+        number: NumberType,
         scheme: Scheme,
         shared: SharedRings,
         masks: tables.RingMasks,
     ) -> None:
-        super().__init__(controls, exact, scheme)
+        super().__init__(controls, number, scheme)
         self.shared, self.masks = shared, masks
         outer = controls.shape[1]
         self.widths = 25 + outer, shared.points.shape[1] + outer  # (5 x 5 refined points)
@@ -376,14 +378,14 @@ class Rings(Kind):
 
     def weights(self, g: Group, nu: Order) -> Array:
         turned, sign = basis.turned(nu)
-        scale = kernels.scale_by_two(sign[g.turn].astype(self._number.dtype), g.depth * sum(nu))
+        scale = kernels.scale_by_two(sign[g.turn].astype(self.number.dtype), g.depth * sum(nu))
         place, position = basis.CornerPlace.of(g.s, g.t, g.turn), self.shared.position[g.row]
         result = np.empty(
-            (len(g.s), self.shared.points.shape[1] + len(OUTER)), dtype=self._number.dtype
+            (len(g.s), self.shared.points.shape[1] + len(OUTER)), dtype=self.number.dtype
         )
         for order in set(turned):
             here = np.flatnonzero(np.array([o == order for o in turned])[g.turn])
-            if not self.exact:
+            if not self.number.exact:
                 s, t, turn = g.s[here], g.t[here], g.turn[here]
                 result[here] = rings.weights(self.masks, position[here], s, t, turn, order)
                 continue

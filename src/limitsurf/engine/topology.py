@@ -47,13 +47,13 @@ class Topology:
         self.limit_faces = LimitFaces.of(mesh)
         self.patches = PatchTable(mesh, rules, numbers.FLOAT64) if patches is None else patches
         self.mesh = mesh.with_points(np.zeros((mesh.n_vertices, 0)))
-        self.groups = Groups(self.patches, rules.scheme, False)
+        self.groups = Groups(self.patches, rules.scheme, numbers.FLOAT64)
 
     @cached_property
     def exact_groups(self) -> Groups:
         """The same in Fractions."""
         patches = PatchTable(self.mesh, self.rules, numbers.RATIONAL)
-        return Groups(patches, self.rules.scheme, True)
+        return Groups(patches, self.rules.scheme, numbers.RATIONAL)
 
     @cached_property
     def own_vertices(self) -> Array:
