@@ -54,6 +54,7 @@ class Kind(ABC):
     ----------
     controls : (patches, K)
         Their control points.
+    number : NumberType
     widths : (int, int)
         How many control points a patch has, but for those of shared rings, and with them.
     special : bool
