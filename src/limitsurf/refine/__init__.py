@@ -1,0 +1,10 @@
+"""Recursive refinement: mesh and masks to refined mesh and sparse refinement operator."""
+
+from limitsurf.refine.operators import ExactOperator as ExactOperator
+from limitsurf.refine.operators import eliminated as eliminated
+from limitsurf.refine.operators import sparse_operator as sparse_operator
+from limitsurf.refine.operators import stacked as stacked
+from limitsurf.refine.recursion import RefinedMesh as RefinedMesh
+from limitsurf.refine.recursion import refined as refined
+from limitsurf.refine.recursion import refuse_levels as refuse_levels
+from limitsurf.refine.stages import refinement_stages as refinement_stages

@@ -1,0 +1,179 @@
+"""Limit positions and normals of vertices by masks, after as many levels as sharpness lasts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf import numbers, tables
+from limitsurf._kernels import reference as kernels
+from limitsurf.mesh import Mesh, read_only
+from limitsurf.refine.operators import entries, identity, sparse_operator, stacked
+from limitsurf.refine.stages import refined_values, refinement_stages, smooth_valences
+from limitsurf.rules import PENDING, Rules, Sectors, Sharpness
+from limitsurf.topology import (
+    MeshPart,
+    child_mesh,
+)
+
+if TYPE_CHECKING:
+    from limitsurf.scheme.scheme import Scheme
+
+Array = NDArray[Any]
+
+
+def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Array) -> Array:
+    """Limits of the `wanted` (n_vertices,) bool vertices of an all-quad mesh, NaN elsewhere."""
+    sectors = Sectors.of(sharpness)
+    vertex = sectors.fans.vertex
+    result = np.full_like(points, np.nan)
+    for kind, faces, fans in sectors.groups(np.flatnonzero(wanted[vertex] & (sectors.kind >= 0))):
+        own = points[vertex[fans]]
+        step = np.zeros_like(own)
+        mask = tables.limit_mask(rules.scheme, kind, faces, sharpness.number)
+        if tables.Sector(kind, faces).carried:  # the last point is the middle of two
+            mask = np.append(mask[:-1], [mask[-1] / 2] * 2)
+        ring = sectors.ring(kind, faces, fans)[:, 1:]
+        if faces > tables.MOST_FACES:
+            step = (mask[1:, None] * (points[ring] - own[:, None])).sum(axis=1)
+        else:
+            for weight, beside in zip(mask[1:], ring.T, strict=True):
+                step = step + weight * (points[beside] - own)
+        result[vertex[fans]] = own + step
+    # where something is semi-sharp, the limit is that after one more refinement
+    pending = np.zeros(len(wanted), dtype=bool)
+    pending[vertex[sectors.kind == PENDING]] = True
+    pending &= wanted
+    if pending.any():
+        near = MeshPart.of(sharpness.mesh, sharpness.neighbours(pending[sharpness.mesh.indices]))
+        inner = sharpness.part(near)
+        compiled = not numbers.type_of(points).exact and near.mesh._large
+        finer = refined_values(near.mesh, rules, inner, points[near.vertices], compiled)
+        later = np.zeros(len(finer), dtype=bool)
+        later[: near.mesh.n_vertices] = pending[near.vertices]
+        inner = inner.children(child_mesh(near.mesh, finer))
+        limits = limit_points(inner, rules, finer, later)
+        result[pending] = limits[later]
+    return result
+
+
+def _normal_operators(
+    sharpness: Sharpness, rules: Rules, wanted: Array, masks: Callable[[Scheme, str, int], Array]
+) -> list[Any]:
+    """Operators (n_fans, n_vertices) on differences from the vertex of an all-quad mesh.
+
+    They give pairs of vectors for each fan of the `Sectors`, two if `masks` are those of
+    `tables.normal_masks`, and four of `tables.collapsed_masks`. A fan without a normal has no
+    entries, nor have others than those `wanted` (n_fans,) bool.
+    """
+    mesh, sectors = sharpness.mesh, Sectors.of(sharpness)
+    parts: list[list[tuple[Array, Array, Array]]] = [[] for _ in range(8)]
+    for kind, faces, fans in sectors.groups(np.flatnonzero(wanted & (sectors.kind >= 0))):
+        ring = sectors.ring(kind, faces, fans)
+        rows = masks(rules.scheme, kind, faces)
+        for part, mask in zip(parts, rows.reshape(-1, rows.shape[2]), strict=False):
+            used = np.flatnonzero(mask != 0)
+            values = np.broadcast_to(mask[used], (len(fans), len(used)))
+            part.append((np.repeat(fans, len(used)), ring[:, used].ravel(), values.ravel()))
+    # where something is semi-sharp, the limit is that after one more refinement
+    pending = np.flatnonzero(wanted & (sectors.kind == PENDING))
+    if len(pending):
+        near = MeshPart.of(mesh, sharpness.neighbours(np.isin(sectors.fans.fan, pending)))
+        inner = sharpness.part(near)
+        faces_stage, stage = refinement_stages(near.mesh, rules, inner, numbers.FLOAT64)
+        child = child_mesh(near.mesh, np.zeros(stage.shape[0]))
+        later = inner.children(child)
+        first = np.searchsorted(near.corners, sectors.fans.corners[sectors.fans.offsets[pending]])
+        child_fans = Sectors.of(later).fans
+        fan = np.full(len(child_fans.vertex), -1)
+        fan[child_fans.fan[4 * first]] = pending
+        both = stacked([identity(near.mesh.n_vertices, numbers.FLOAT64), faces_stage])
+        limits = _normal_operators(later, rules, fan >= 0, masks)
+        for part, finer in zip(parts, limits, strict=True):
+            rows, columns, values = entries((finer @ stage) @ both)
+            part.append((fan[rows], near.vertices[columns], values))
+    operators = []
+    for part in parts:
+        part.append((np.zeros(0, int), np.zeros(0, int), np.zeros(0)))
+        rows, columns, values = (np.concatenate(x) for x in zip(*part, strict=True))
+        operators.append(sparse_operator(rows, columns, values, (len(wanted), mesh.n_vertices)))
+    return operators
+
+
+def limit_normals(
+    sharpness: Sharpness, rules: Rules, points: Array, errors: Array, wanted: Array
+) -> Array:
+    """Limit normals by corner, (n_corners, 3), at the `wanted` vertices of an all-quad mesh.
+
+    `errors` (n_vertices,) bound those of the points, in units of `NOISE`.
+    """
+    fans = Sectors.of(sharpness).fans
+
+    def vectors(wanted: Array, masks: Callable[[Scheme, str, int], Array]) -> list[Array]:
+        found = []
+        for operator in _normal_operators(sharpness, rules, wanted, masks):
+            vector, size, error = _from_own(operator, points, errors, fans.vertex)
+            found += [vector, kernels.NOISE * (size + error), kernels.NOISE * error]
+        return found
+
+    def crossed(found: list[Array], k: int) -> Array:
+        (a, noise, _), (b, other, _) = (found[3 * j : 3 * j + 3] for j in (2 * k, 2 * k + 1))
+        return kernels.unit_normals(a, b, (noise, other))
+
+    wanted = wanted[fans.vertex]
+    found = vectors(wanted, tables.normal_masks)
+    # the second where the first pair is dependent
+    result = crossed(found, 0)
+    result = np.where(np.isnan(result), crossed(found, 1), result)
+    lost = wanted & np.isnan(result[:, 0])
+    if lost.any():
+        found = vectors(lost, tables.collapsed_masks)
+        first, second = ((np.abs(found[j]) <= found[j + 2]).all(axis=1) for j in (18, 21))
+        cases = first & second, first & ~second, second & ~first
+        for k, case in enumerate(cases):
+            result = np.where((lost & case)[:, None], crossed(found, k), result)
+    return np.asarray(result[fans.fan])
+
+
+def ring_weights(mesh: Mesh, rules: Rules, rough: Array) -> Array:
+    """Weights of each edge neighbour and face corner in a limit, by number of faces at a vertex."""
+    most, valences = smooth_valences(mesh, rough)
+    weights = np.zeros((most + 1, 2))
+    for N in valences:
+        weights[N] = tables.limit_mask(rules.scheme, "interior", N, numbers.FLOAT64)[1:3]
+    return read_only(weights)
+
+
+def normal_weights(mesh: Mesh, rules: Rules, rough: Array) -> tuple[Array, Array, Array]:
+    """Number of faces at a vertex, where its masks begin, -1 for none, and all masks."""
+    most, valences = smooth_valences(mesh, rough)
+    start, masks = np.full(most + 1, -1), [np.zeros(0)]
+    for N in valences:
+        found = tables.normal_masks(rules.scheme, "interior", N)[:1].ravel()
+        if len(found):
+            start[N] = sum(map(len, masks))
+            masks.append(found)
+    return read_only((mesh.vertex_faces, start, np.concatenate(masks)))
+
+
+def _from_own(
+    operator: Any, points: Array, errors: Array, own: Array
+) -> tuple[Array, Array, Array]:
+    """Each row of an operator applied to differences from a point of its own, (rows, d).
+
+    Also the size of what is added up, and what errors of the points do to it, both (rows, 1).
+    """
+    result = np.zeros((operator.shape[0], points.shape[1] + 2))
+    used = np.diff(operator.indptr) > 0
+    starts, columns = operator.indptr[np.concatenate([used, [True]])], operator.indices
+    rows = starts, columns, operator.data
+    result[used, :-2] = kernels.differences(*rows, points, np.zeros_like(points), own[used])
+    if len(columns):
+        near, weights = np.repeat(own[used], np.diff(starts)), np.abs(operator.data)
+        sizes = np.abs(points[columns] - points[near]).max(axis=1, initial=0)
+        for k, terms in ((-2, sizes), (-1, errors[columns] + errors[near])):
+            result[used, k] = np.add.reduceat(weights * terms, starts[:-1])
+    return result[:, :-2], result[:, -2:-1], result[:, -1:]

@@ -1,0 +1,397 @@
+"""Recursive refinement: meshes that know what they were refined from."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Literal, Self, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from limitsurf import _kernels, memory, numbers
+from limitsurf._kernels import reference as kernels
+from limitsurf.caching import cached_property
+from limitsurf.channels import ChannelMesh
+from limitsurf.checks import checked_integer
+from limitsurf.mesh import Mesh, read_only
+from limitsurf.refine.limits import limit_normals, limit_points, normal_weights, ring_weights
+from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
+from limitsurf.refine.stages import channel_groups, refined_values, refinement_stages
+from limitsurf.rules import Rules, Sharpness
+from limitsurf.topology import (
+    MeshPart,
+    child_mesh,
+    first_limit_face,
+    without_points,
+)
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+    from limitsurf.scheme.scheme import Scheme
+
+Array = NDArray[Any]
+
+
+class RefinedMesh(Mesh):
+    """A refined mesh that remembers where it came from.
+
+    Attributes
+    ----------
+    parent_face, parent_u, parent_v : (n_vertices,)
+        A limit face of the original mesh and the parameters in it whose limit each vertex
+        approaches (float64; exact to 50 levels); -1 and NaN at unused vertices.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> fine = ls.refined(ls.Mesh([[0], [8], [8], [0]], [[0, 1, 2, 3]]))
+    >>> place = fine.parent_face[8], fine.parent_u[8], fine.parent_v[8]
+    >>> [x.item() for x in place], fine.limit_points[8].tolist()
+    ([0, 0.5, 0.5], [4.0])
+    """
+
+    _rules: Rules
+    _sharpness: Sharpness
+    _channel_meshes: dict[str, ChannelMesh]
+    _lineage: tuple[Mesh, ...]  # from the cage to this mesh, without points
+    _rounded: bool  # whether the points come from refinement, and not from outside
+
+    @cached_property
+    def _parents(self) -> tuple[Array, Array, Array]:
+        """Parent face and parameters, taken in a vertex's first face, one with a limit if any."""
+        limit_face, uv = _cage_parameters(self._lineage[0])
+        for mesh in self._lineage[:-1]:
+            limit_face, uv = _child_parameters(mesh, limit_face, uv)
+        face = np.full(self.n_vertices, -1)
+        u, v = np.full((2, self.n_vertices), np.nan)
+        without = self._rules.without_limit(self)[self.corner_face]
+        # the last to be written stays
+        for corners in (np.flatnonzero(without)[::-1], np.flatnonzero(~without)[::-1]):
+            vertex = self.indices[corners]
+            face[vertex] = limit_face[corners]
+            u[vertex], v[vertex] = uv[corners].T
+        return read_only((face, u, v))
+
+    @property
+    def parent_face(self) -> Array:
+        """Limit face of the original mesh that each vertex is on."""
+        return self._parents[0]
+
+    @property
+    def parent_u(self) -> Array:
+        """First parameter of each vertex in its limit face."""
+        return self._parents[1]
+
+    @property
+    def parent_v(self) -> Array:
+        """Second parameter of each vertex in its limit face."""
+        return self._parents[2]
+
+    def __getstate__(self) -> dict[str, Any]:
+        _ = self._parents
+        return {name: x for name, x in super().__getstate__().items() if name != "_lineage"}
+
+    @cached_property
+    def limit_points(self) -> Array:
+        """Limit positions of the vertices by limit masks, the shape of `points`.
+
+        Exact rationals if the points are. NaN at vertices without a limit: unused ones, and those
+        on untagged boundaries under boundary="none".
+        """
+        if self._steps[0] != 4:
+            finer = refined(self, **vars(self._rules))
+            return np.asarray(finer.limit_points[: self.n_vertices])
+        points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
+        rules = self._rules
+        sharpness = Sharpness.of(self, rules, numbers.type_of(points))
+        if sharpness.number.exact or not self._large:
+            result = limit_points(sharpness, rules, points, self.vertex_faces > 0)
+        else:
+            from limitsurf._kernels import refinement
+
+            result = np.empty_like(points)
+            masks = ring_weights(self, rules, sharpness.concerned)
+            for first, channels in channel_groups(points.shape[1]):
+                known = points, self.indices, self.vertex_faces, masks
+                refinement.limit_points(*known, first, channels, result)
+            result[self.vertex_faces == 0] = np.nan
+            rough = sharpness.sharp_vertices
+            if rough.any():
+                near = MeshPart.of(self, rough[self.indices])
+                inner, own = sharpness.part(near), rough[near.vertices]
+                limits = limit_points(inner, rules, points[near.vertices], own)
+                result[near.vertices[own]] = limits[own]
+        result[rules.loose_vertices(self)] = np.nan
+        if balance:
+            result = np.ldexp(result, -balance)
+        return np.asarray(result.reshape(self.points.shape))
+
+    @cached_property
+    def limit_normals(self) -> Array:
+        """Unit limit normals by face corner, (n_corners, 3), by tangent masks.
+
+        At creases the faces on each side have their own. NaN where no limit normal exists: at
+        interior vertices and darts of valence 2, boundary and crease vertices with 5 or more faces
+        on that side, sharp corners with 3 or more, sharp vertices amid smooth faces, faces at a
+        crease that does not bound them; where vectors might be dependent within their rounding
+        errors, those of refined points included; faces without a limit. Where the points of
+        boundaries and creases coincide they are limits all the same. See `LimitSurface.normal`.
+
+        Raises
+        ------
+        TypeError
+            For points that are not float64 and three-dimensional.
+        """
+        if numbers.type_of(self.points).exact or self.points.shape[1:] != (3,):
+            raise TypeError(
+                "limit normals need points of shape (n, 3) in numbers that have square roots, "
+                f"float64: got {self.points.dtype} {self.points.shape}"
+            )
+        if self._steps[0] != 4:
+            finer = refined(self, **vars(self._rules))
+            # the first corner of child h is corner h
+            return np.asarray(finer.limit_normals[::4])
+        rules, sharpness = self._rules, Sharpness.of(self, self._rules, numbers.FLOAT64)
+        points = np.ldexp(self.points, kernels.balance(self.points))
+        # what refinement rounded; a cage is exact
+        errors = np.abs(points).max(axis=1) * self._rounded
+        if not self._large:
+            result = limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
+        else:
+            from limitsurf._kernels import refinement
+
+            by_vertex, seen = np.empty((self.n_vertices, 3)), sharpness.sharp_vertices
+            masks = normal_weights(self, rules, sharpness.concerned)
+            known = points, errors, self.indices, self.twin
+            refinement.limit_normals(*known, *masks, seen, by_vertex)
+            result = by_vertex.take(self.indices, axis=0)
+            # sharp ones, and those for which the first pair of vectors will not do
+            rough = sharpness.sharp_vertices
+            rough[np.isnan(by_vertex[:, 0]) & (self.vertex_faces > 0)] = True
+            if rough.any():
+                near = MeshPart.of(self, rough[self.indices])
+                inner, own = sharpness.part(near), rough[near.vertices]
+                around = points[near.vertices], errors[near.vertices]
+                normals = limit_normals(inner, rules, *around, own)
+                own = own[near.mesh.indices]
+                result[near.corners[own]] = normals[own]
+        result.reshape(-1, 4, 3)[rules.without_limit(self)] = np.nan
+        return np.asarray(result)
+
+    def with_points(self, points: ArrayLike) -> Self:
+        """A copy with other points, (n_vertices, ...); limits are computed afresh."""
+        mesh = super().with_points(points)
+        for name in ("limit_points", "limit_normals"):
+            mesh.__dict__.pop(name, None)
+        mesh._rounded = False
+        return mesh
+
+
+@overload
+def refined(
+    mesh: Mesh,
+    levels: int = 1,
+    *,
+    operator: Literal[False] = False,
+    scheme: str | Scheme | None = None,
+    boundary: str | None = None,
+    creasing: str | None = None,
+    triangles: str | None = None,
+) -> RefinedMesh: ...
+@overload
+def refined(
+    mesh: Mesh,
+    levels: int = 1,
+    *,
+    operator: Literal[True],
+    scheme: str | Scheme | None = None,
+    boundary: str | None = None,
+    creasing: str | None = None,
+    triangles: str | None = None,
+) -> tuple[RefinedMesh, csr_array[Any] | ExactOperator]: ...
+def refined(
+    mesh: Mesh,
+    levels: int = 1,
+    *,
+    operator: bool = False,
+    scheme: str | Scheme | None = None,
+    boundary: str | None = None,
+    creasing: str | None = None,
+    triangles: str | None = None,
+) -> RefinedMesh | tuple[RefinedMesh, csr_array[Any] | ExactOperator]:
+    """Refine a mesh recursively by its subdivision rules.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Points of shape (n_vertices, ...); objects (Fractions) are refined exactly.
+    levels : int
+        How often, 0 or more. Every level has four times as many faces.
+    operator : bool
+        Whether to return also R with ``R @ mesh.points == fine.points``, of shape
+        (fine.n_vertices, mesh.n_vertices): a ``csr_array``, or an `ExactOperator` if the points
+        are objects.
+    scheme, boundary, creasing, triangles
+        As for `LimitSurface`: the argument, else the mesh's, else the default.
+
+    Returns
+    -------
+    RefinedMesh or (RefinedMesh, operator)
+        Its vertices are the vertex points, then the edge points in the order of ``mesh.edges``,
+        then the face points; unused vertices are kept. Its faces are the children of each face in
+        the order of its corners, with corner 0 at that corner, corner 1 the midpoint of the edge
+        to the next one and corner 2 the face point. Children of holes are holes, and so are those
+        of boundary faces under boundary="none". Creases and corners carry their sharpness on, and
+        channels are refined with their seams.
+        It also has `parent_face`, `parent_u`, `parent_v`, `limit_points` and `limit_normals`.
+
+    Raises
+    ------
+    ValueError
+        For levels that are not an integer >= 0, or an unknown option.
+    MemoryError
+        At once, for more faces than there is memory for; it says how many levels fit.
+
+    Notes
+    -----
+    Rules: Catmull and Clark 1978; boundaries, creases and corners after DeRose, Kass and Truong
+    1998. Boundary vertices follow the boundary curve, a cubic B-spline; under "edge_and_corner"
+    those of a single face stay fixed. ``exact/creases.py`` has the table of all rules, also of
+    non-manifold cages.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> square = ls.Mesh([[0, 0], [4, 0], [4, 4], [0, 4]], [[0, 1, 2, 3]])
+    >>> fine, R = ls.refined(square, operator=True)
+    >>> fine.n_faces, R.shape
+    (4, (9, 4))
+    >>> fine.points[4:].tolist()
+    [[2.0, 0.0], [0.0, 2.0], [4.0, 2.0], [2.0, 4.0], [2.0, 2.0]]
+    """
+    levels = checked_integer("levels", levels, 0)
+    refuse_levels(mesh, levels, operator)
+    rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
+    number = numbers.type_of(mesh.points)
+    points, balance = _balanced(mesh.points.reshape(mesh.n_vertices, -1))
+    total = identity(mesh.n_vertices, number) if operator else None
+    # decided once, so that equal calls have equal results, to the last digit
+    compiled = not number.exact and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
+    coarse, holes = mesh, np.flatnonzero(rules.without_limit(mesh))
+    first = sharpness = Sharpness.of(mesh, rules, number)
+    lineage = []
+    for _ in range(levels):
+        if operator:
+            faces, vertices = refinement_stages(coarse, rules, sharpness, number, compiled)
+            both = stacked([total, multiplied(faces, total, compiled)])
+            total = multiplied(vertices, both, compiled)
+        points = refined_values(coarse, rules, sharpness, points, compiled)
+        holes = _corners(coarse, holes)
+        lineage.append(without_points(coarse))
+        coarse = child_mesh(coarse, points)
+        sharpness = sharpness.children(coarse)
+    if balance:
+        points = np.ldexp(points, -balance)
+    channels = {
+        name: _refined_channel(ChannelMesh.of(mesh, name, rules, first), levels, holes)
+        for name in mesh.channels
+    }
+    fine = RefinedMesh._from_valid(
+        points.reshape(len(points), *mesh.points.shape[1:]),
+        coarse.sizes,
+        coarse.indices,
+        coarse._connectivity,
+        scheme=scheme if scheme is not None else mesh.scheme,
+        boundary=boundary if boundary is not None else mesh.boundary,
+        creasing=creasing if creasing is not None else mesh.creasing,
+        triangles=triangles if triangles is not None else mesh.triangles,
+        units=mesh.units,
+        up=mesh.up,
+    )
+    # valid as they are made: no edge is looked for
+    tags: dict[str, Any] = {**sharpness.tags()}
+    tags["holes"] = holes if levels else mesh.holes
+    tags["_channels"] = {
+        name: (channel.points, channel.indices, mesh.channels[name][2])
+        for name, channel in channels.items()
+    }
+    vars(fine).update(read_only(tags))
+    fine._rules, fine._sharpness, fine._channel_meshes = rules, sharpness, channels
+    fine._lineage = *lineage, without_points(coarse)
+    fine._rounded = levels > 0 or getattr(mesh, "_rounded", False)
+    return (fine, total) if operator else fine
+
+
+def _balanced(points: Array) -> tuple[Array, int]:
+    """Points times a power of two, where their sums might overflow, and its exponent; or exact."""
+    if numbers.type_of(points).exact:
+        return numbers.RATIONAL.array(points), 0
+    balance = kernels.balance(points)
+    return (np.ldexp(points, balance) if balance else points), balance
+
+
+def refuse_levels(mesh: Mesh, levels: int, operator: bool = False) -> None:
+    """Refuse, by a MemoryError, so many refinements if there is no room for their faces.
+
+    What a face takes is the least that has been measured: a vertex, four corners with their
+    neighbours, and with an operator some 16 entries twice.
+    """
+    columns = max(math.prod(mesh.points.shape[1:]), 1)
+    each = 100 + (100 if numbers.type_of(mesh.points).exact else 8) * columns
+    each += 32 * len(mesh.channels) + 400 * operator
+    fit = memory.available() / (each * mesh.n_corners)
+    most = 0 if fit < 1 else int(math.log(fit, 4)) + 1 if math.isfinite(fit) else levels
+    advice = f"up to {most} levels fit" if most else "no level fits"
+    faces = mesh.n_corners * 4 ** max(min(levels, 400) - 1, 0)  # more than any machine holds
+    if levels:
+        memory.refuse_beyond(faces, each, f"faces of {levels} levels", advice)
+
+
+def _corners(mesh: Mesh, faces: Array) -> Array:
+    """All corners of some faces."""
+    if not len(faces):
+        return faces
+    sizes = mesh.sizes[faces]
+    place = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return np.asarray(np.repeat(mesh.offsets[faces], sizes) + place)
+
+
+def _refined_channel(channel: ChannelMesh, levels: int, holes: Array) -> ChannelMesh:
+    """The values of a channel, refined."""
+    number = numbers.type_of(channel.points)
+    values, balance = _balanced(channel.points.reshape(channel.n_vertices, -1))
+    mesh: Mesh = channel
+    sharpness = Sharpness.of(channel, channel._rules, number)
+    compiled = not number.exact and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
+    coarser = None
+    for _ in range(levels):
+        sharpness = sharpness if coarser is None else coarser.children(mesh)
+        values = refined_values(mesh, channel._rules, sharpness, values, compiled)
+        mesh, coarser = child_mesh(mesh, values), sharpness
+    if balance:
+        values = np.ldexp(values, -balance)
+    values = values.reshape(len(values), *channel.points.shape[1:])
+    return channel.refined(mesh, values, sharpness, coarser is not None, holes)
+
+
+_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+def _cage_parameters(mesh: Mesh) -> tuple[Array, Array]:
+    """Limit face (n_corners,) and parameters (n_corners, 2) of every corner of a cage."""
+    corner = np.arange(mesh.n_corners) - mesh.offsets[mesh.corner_face]
+    quad = mesh.sizes[mesh.corner_face] == 4
+    limit_face = first_limit_face(mesh)[mesh.corner_face] + np.where(quad, 0, corner)
+    return limit_face, _SQUARE[np.where(quad, corner, 0)]
+
+
+def _child_parameters(mesh: Mesh, limit_face: Array, uv: Array) -> tuple[Array, Array]:
+    """The same for the corners of the children, from those of `mesh`."""
+    after, before = mesh.next_corner, mesh.previous_corner
+    opposite = after[after]
+    children = np.stack(
+        [uv, (uv + uv[after]) / 2, (uv + uv[opposite]) / 2, (uv + uv[before]) / 2], axis=1
+    )
+    children[mesh.sizes[mesh.corner_face] != 4] = _SQUARE
+    return np.repeat(limit_face, 4), children.reshape(-1, 2)

@@ -1,0 +1,274 @@
+"""One level of refinement: from masks to operators, or to values at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf import numbers, tables
+from limitsurf.mesh import Mesh, read_only
+from limitsurf.numbers import NumberType
+from limitsurf.refine.operators import csr, sparse_operator
+from limitsurf.rules import Rules, Sharpness
+from limitsurf.topology import quad_offsets
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+Array = NDArray[Any]
+
+
+def refinement_stages(
+    mesh: Mesh, rules: Rules, sharpness: Sharpness, number: NumberType, compiled: bool | None = None
+) -> tuple[Any, Any]:
+    """One level of refinement as two sparse operators.
+
+    The first gives the face points from the vertices, (F, V); the second the refined points from
+    vertices and face points, (V + E + F, V + F). A face of n corners costs n entries in each; in
+    their product it would cost n^2.
+    """
+    V, F = mesh.n_vertices, mesh.n_faces
+    vertices = _VertexMasks.of(mesh, rules, sharpness, number)
+    edges = _EdgeMasks.of(mesh, rules, sharpness, number)
+    parts = _single_entries(mesh, vertices, edges, number)
+    corner_weights = _corner_weights(mesh, rules, number)
+    shapes = (F, V), (V + mesh.n_edges + F, V + F)
+    if compiled is None:
+        compiled = not number.exact and mesh._large
+    if compiled:
+        faces = csr(mesh.offsets, mesh.indices, corner_weights, shapes[0])
+        return faces, _compiled_stage(mesh, vertices, edges, parts)
+    # by corner: the edge neighbours and the face points around vertices, the faces of edges
+    tail, head = mesh.indices, mesh.indices[mesh.next_corner]
+    h = np.flatnonzero((vertices.smooth != 0)[tail])
+    parts.append((tail[h], head[h], vertices.weights[tail[h], 1]))
+    parts.append((tail[h], V + mesh.corner_face[h], vertices.weights[tail[h], 2]))
+    h = np.flatnonzero((edges.towards != 0)[mesh.corner_edge])
+    edge = mesh.corner_edge[h]
+    parts.append((V + edge, V + mesh.corner_face[h], edges.towards[edge]))
+    rows, columns, values = (np.concatenate(x) for x in zip(*parts, strict=True))
+    faces = sparse_operator(mesh.corner_face, mesh.indices, corner_weights, shapes[0])
+    return faces, sparse_operator(rows, columns, values, shapes[1])
+
+
+@dataclass(frozen=True, eq=False)
+class _VertexMasks:
+    """What the points of vertices are made of.
+
+    Attributes
+    ----------
+    smooth : (V,)
+        Shares of the smooth masks.
+    weights : (V, 3)
+        These masks times their shares: of the vertex, each edge neighbour, each face point.
+    own : (V,)
+        All of the weight of the vertex itself.
+    end, other, along : (n,)
+        Vertices on creases, their neighbours there, and these neighbours' weights.
+    """
+
+    smooth: Array
+    weights: Array
+    own: Array
+    end: Array
+    other: Array
+    along: Array
+
+    @classmethod
+    def of(cls, mesh: Mesh, rules: Rules, sharpness: Sharpness, number: NumberType) -> Self:
+        """Those of all vertices; unused ones stay."""
+        _, _, (own, beside) = tables.rule_weights(rules.scheme, number)
+        smooth, share = (number.full(mesh.n_vertices, x) for x in (number.one, number.zero))
+        masks = (x.astype(number.dtype) for x in sharpness.vertex_masks)
+        smooth[sharpness.concerned], share[sharpness.concerned], along = masks
+        unused = mesh.vertex_faces == 0
+        smooth[unused], share[unused] = number.zero, number.one
+        weights = _vertex_weights(mesh, rules, np.flatnonzero(smooth == 0), number)
+        weights = weights[mesh.vertex_faces]
+        weights *= smooth[:, None]
+        end, other = sharpness.sharp_ends
+        on = np.flatnonzero(along != 0)
+        end, other, along = end[on], other[on], along[on]
+        # each of the two ends of a crease brings half of its mask
+        np.add.at(share, end, along * (own / 2))
+        return cls(smooth, weights, weights[:, 0] + share, end, other, along * beside)
+
+
+@dataclass(frozen=True, eq=False)
+class _EdgeMasks:
+    """What the points of edges are made of: weights of each end and of each face point, (E,)."""
+
+    ends: Array
+    towards: Array
+
+    @classmethod
+    def of(cls, mesh: Mesh, rules: Rules, sharpness: Sharpness, number: NumberType) -> Self:
+        """Those of all edges."""
+        edge, (half,), _ = tables.rule_weights(rules.scheme, number)
+        middle, towards = np.zeros((2, mesh.n_edges), dtype=number.dtype)
+        middle[mesh.corner_edge[sharpness.sharp_edges]] = sharpness.edge_masks.astype(number.dtype)
+        inner = np.flatnonzero((mesh.edge_corners[:, 1] >= 0) & (middle != 1))
+        contribution = tables.edge_face_weights(rules.scheme, rules.triangles == "smooth", number)
+        if (contribution == contribution[1]).all():
+            towards[inner] = contribution[1]
+        else:
+            both = mesh.corner_face[mesh.edge_corners[inner]]
+            towards[inner] = contribution[(mesh.sizes != 3).astype(int)[both]].sum(axis=1) / 2
+        ends = np.full(mesh.n_edges, edge[0], dtype=number.dtype)
+        ends[inner] += edge[1] - towards[inner]
+        ends = (1 - middle) * ends + middle * half
+        towards *= 1 - middle
+        return cls(ends, towards)
+
+
+def _single_entries(
+    mesh: Mesh, vertices: _VertexMasks, edges: _EdgeMasks, number: NumberType
+) -> list[tuple[Array, Array, Array]]:
+    """Rows, columns and values; in each part no row is met twice, and no entry in any other."""
+    V, E, F = mesh.n_vertices, mesh.n_edges, mesh.n_faces
+    rows, every = np.flatnonzero(vertices.own != 0), np.arange(max(E, F))
+    parts = [
+        (rows, rows, vertices.own[rows]),
+        (V + every[:E], mesh.edges[:, 0], edges.ends),
+        (V + every[:E], mesh.edges[:, 1], edges.ends),
+        (V + E + every[:F], V + every[:F], number.full(F, number.one)),
+    ]
+    end, other, along = vertices.end, vertices.other, vertices.along
+    while len(end):
+        found, here = np.unique(end, return_index=True)
+        parts.append((found, other[here], along[here]))
+        end, other, along = (np.delete(x, here) for x in (end, other, along))
+    return parts
+
+
+def _compiled_stage(
+    mesh: Mesh,
+    vertices: _VertexMasks,
+    edges: _EdgeMasks,
+    parts: list[tuple[Array, Array, Array]],
+) -> csr_array[Any]:
+    """The second operator of `refinement_stages`, its entries by corner filled in by a kernel."""
+    from limitsurf._kernels import refinement
+
+    V, E, F = mesh.n_vertices, mesh.n_edges, mesh.n_faces
+    counts = np.zeros(V + E + F, dtype=np.int64)
+    counts[:V] = 2 * mesh.vertex_faces * (vertices.weights[:, 1:] != 0).any(axis=1)
+    counts[V : V + E] = 2 * (edges.towards != 0)
+    for rows, _, _ in parts:
+        counts[rows] += 1
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    columns, values = np.empty(starts[-1], np.int32), np.empty(starts[-1])
+    place = starts[:-1].copy()
+    for rows, column, value in parts:
+        at = place[rows]
+        columns[at], values[at] = column, value
+        place[rows] += 1
+    known = mesh.indices, quad_offsets(mesh), mesh.corner_edge
+    refinement.operator_rows(*known, vertices.weights, edges.towards, place, columns, values)
+    stage = csr(starts, columns, values, (V + E + F, V + F))
+    if mesh._repeats or (vertices.smooth[vertices.end] != 0).any():
+        # an edge neighbour may be met twice
+        stage.sum_duplicates()
+    return stage
+
+
+def _corner_weights(mesh: Mesh, rules: Rules, number: NumberType) -> Array:
+    """Weight of every face corner in its face point, (n_corners,)."""
+    if mesh._steps[0] == 4:
+        return np.tile(tables.corner_weights(rules.scheme, np.array([4]), number), mesh.n_faces)
+    return tables.corner_weights(rules.scheme, mesh.sizes, number)
+
+
+def _vertex_weights(mesh: Mesh, rules: Rules, rough: Array, number: NumberType) -> Array:
+    """Smooth masks by number of faces at a vertex, (largest + 1, 3); 0 where all are `rough`."""
+    most, valences = smooth_valences(mesh, rough)
+    table = np.zeros((most + 1, 3), dtype=number.dtype)
+    table[valences] = tables.vertex_weights(rules.scheme, np.array(valences, dtype=int), number)
+    return table
+
+
+def refined_values(
+    mesh: Mesh, rules: Rules, sharpness: Sharpness, values: Array, compiled: bool
+) -> Array:
+    """One level of refinement of values at the vertices, (n_vertices, d)."""
+    if not compiled:
+        faces, vertices = refinement_stages(mesh, rules, sharpness, numbers.type_of(values), False)
+        return np.asarray(vertices @ np.concatenate([values, faces @ values]))
+    from limitsurf._kernels import refinement
+
+    smooth, _, along = (x.astype(float, copy=False) for x in sharpness.vertex_masks)
+    middle = sharpness.edge_masks.astype(float, copy=False)
+    _, crease_edge, crease_vertex = tables.rule_weights(rules.scheme, numbers.FLOAT64)
+    offsets = quad_offsets(mesh)
+    result = np.empty((mesh.n_vertices + mesh.n_edges + mesh.n_faces, values.shape[1]))
+    known = (
+        read_only(values),
+        mesh.indices,
+        offsets,
+        mesh.corner_face if len(offsets) else offsets,
+        mesh.twin,
+        mesh.corner_edge,
+        mesh.vertex_faces,
+        mesh.n_edges,
+        _smooth_masks(mesh, rules, sharpness.concerned[smooth == 0]),
+    )
+    for first, channels in channel_groups(values.shape[1]):
+        refinement.refined_points(*known, first, channels, result)
+    # what is sharp moves less towards the smooth point, and along creases
+    place, (end, other) = sharpness.concerned, sharpness.sharp_ends
+    result[place] = values[place] + smooth[:, None] * (result[place] - values[place])
+    on = np.flatnonzero(along)
+    step = (along[on] * crease_vertex[1])[:, None] * (values[other[on]] - values[end[on]])
+    np.add.at(result, end[on], step)
+    # the points of edges without a twin are midpoints
+    side = sharpness.sharp_edges
+    inner = np.flatnonzero(mesh.twin[side] >= 0)
+    edge, share = mesh.n_vertices + mesh.corner_edge[side[inner]], middle[inner, None]
+    ends = crease_edge * (values[end[inner]] + values[other[inner]])
+    result[edge] = share * ends + (1 - share) * result[edge]
+    return result
+
+
+def channel_groups(count: int) -> Iterator[tuple[int, tuple[int, ...]]]:
+    """The first of each three channels, and three numbers, then of each that is left, and one."""
+    first = 0
+    while first < count:
+        channels = (0, 0, 0) if count - first >= 3 else (0,)
+        yield first, channels
+        first += len(channels)
+
+
+def _smooth_masks(mesh: Mesh, rules: Rules, rough: Array) -> tuple[Array, Array, Array, Array]:
+    """The masks that the kernel `refined_points` needs, but for those of `rough` vertices."""
+    sizes = [4] if mesh._steps[0] == 4 else np.flatnonzero(np.bincount(mesh.sizes)).tolist()
+    most, valences = smooth_valences(mesh, rough)
+    return _rounded_masks(rules, tuple(sizes), most, tuple(valences))
+
+
+@lru_cache(maxsize=64)
+def _rounded_masks(
+    rules: Rules, sizes: tuple[int, ...], most: int, valences: tuple[int, ...]
+) -> tuple[Array, Array, Array, Array]:
+    """Masks in float64 of faces of some sizes, and of vertices of some numbers of faces."""
+    number, corners = numbers.FLOAT64, np.array(sizes)
+    start = np.zeros(corners[-1] + 1, dtype=np.int64)
+    start[corners] = np.cumsum(corners) - corners
+    weights = np.zeros((most + 1, 2))
+    faces = np.array(valences, dtype=int)
+    weights[faces] = tables.vertex_weights(rules.scheme, faces, number)[:, 1:]
+    contribution = tables.edge_face_weights(rules.scheme, rules.triangles == "smooth", number)
+    masks = start, tables.corner_weights(rules.scheme, corners, number), weights, contribution
+    return read_only(masks)
+
+
+def smooth_valences(mesh: Mesh, rough: Array) -> tuple[int, list[int]]:
+    """The most faces at a vertex; the numbers of faces at any but the `rough` vertices."""
+    faces = np.bincount(mesh.vertex_faces)
+    most = len(faces) - 1
+    faces -= np.bincount(mesh.vertex_faces[rough], minlength=len(faces))
+    return most, (1 + np.flatnonzero(faces[1:])).tolist()
