@@ -22,9 +22,9 @@ from limitsurf import basis, rings, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.engine.protocol import JET, Order
-from limitsurf.engine.values import Values
 from limitsurf.numbers import NumberType
 from limitsurf.patches import OUTER, SharedRings
+from limitsurf.values import Values
 
 if TYPE_CHECKING:
     from limitsurf.scheme.scheme import Scheme

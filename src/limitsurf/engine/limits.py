@@ -14,9 +14,9 @@ from limitsurf.engine.groups import CHUNK
 from limitsurf.engine.kinds import Group
 from limitsurf.engine.protocol import Request
 from limitsurf.engine.topology import Topology
-from limitsurf.engine.values import Values
 from limitsurf.mesh import Mesh
 from limitsurf.refine import refined
+from limitsurf.values import Values
 
 Array = NDArray[Any]
 

@@ -18,8 +18,8 @@ from limitsurf import basis
 from limitsurf._kernels import reference as kernels
 from limitsurf.engine.kinds import Corners, Group, Kind
 from limitsurf.engine.protocol import JET, Order
-from limitsurf.engine.values import Values
 from limitsurf.patches import PatchTable
+from limitsurf.values import Values
 
 Array = NDArray[Any]
 

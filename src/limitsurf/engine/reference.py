@@ -16,9 +16,9 @@ from limitsurf.engine.limits import Limits
 from limitsurf.engine.places import CharacteristicJets, PlaceJets, Places
 from limitsurf.engine.protocol import Order, Request
 from limitsurf.engine.topology import Topology
-from limitsurf.engine.values import Values
 from limitsurf.mesh import Mesh
 from limitsurf.refine import eliminated, sparse_operator, stacked
+from limitsurf.values import Values
 
 Array = NDArray[Any]
 

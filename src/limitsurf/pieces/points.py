@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -10,11 +9,11 @@ from numpy.typing import NDArray
 
 from limitsurf import rings, tables
 from limitsurf._kernels import reference as kernels
-from limitsurf.caching import cached_property
-from limitsurf.patches import REGULAR, STRIP, PatchTable
+from limitsurf.patches import REGULAR, STRIP
 from limitsurf.pieces import bernstein, weights
 from limitsurf.pieces.bernstein import PIECES, SIZE
 from limitsurf.pieces.cover import Group
+from limitsurf.values import Values, repeated
 
 Array = NDArray[Any]
 
@@ -32,9 +31,8 @@ class FloatPoints:
 
     def __init__(self, local: weights.LocalWeights, points: Array) -> None:
         self._local, self._patches = local, local.patches
-        self._balance = kernels.balance(points)
-        self._high, self._low = control_points(self._patches, np.ldexp(points, self._balance))
-        self._around: dict[int, rings.RingValues] = {}
+        self._values = Values(self._patches, points)
+        self._high, self._low = self._values.control_points
 
     def coefficients(self, group: Group, part: slice) -> Array:
         """Coefficients (p, c, 16, d) of some patches of a group, in their parameters."""
@@ -45,32 +43,33 @@ class FloatPoints:
             found += self._corner(kind, rows)[0][:, None, None]
         elif kind in (REGULAR, STRIP):
             ((_, ids, local),) = self._local.of(group, part)
-            high, low, points = self._differences(ids, bernstein.NEAR)
+            high, low, points = self._values.differences(ids, bernstein.NEAR)
             found = np.matmul(local, points[:, None])
             flat = found.reshape(len(rows), -1)
+            places = repeated(found.shape[1] * SIZE, found.shape[3])
             for step in (low, high) if low.any() else (high,):
-                flat += _repeated(step, found.shape[1] * SIZE)
+                flat += np.take(step, places, axis=1, mode="clip")
         else:
             sector = self._patches.sectors[kind]
             assert sector is not None
             table = tables.eigen_table(self._local.scheme, sector)
-            high, low, points = self._differences(self._patches.controls[kind][rows], 0)
+            high, low, points = self._values.differences(self._patches.controls[kind][rows], 0)
             modes = table.coefficients(points)
             found = np.matmul(weights.ring_functions(table, group.count), modes[:, 1:])
             for step in (modes[:, 0], low, high):
                 found += step[:, None]
             found = found.reshape(len(rows), -1, SIZE, found.shape[2])
-        return np.ldexp(found, -self._balance) if self._balance else np.asarray(found)
+        return np.ldexp(found, -self._values.balance) if self._values.balance else np.asarray(found)
 
     def hull(self, group: Group) -> tuple[Array, Array]:
         """Bounds (P, d) of what is beyond the rings of special patches, -inf and inf if unknown."""
         kind, rows = group.kind, group.rows
         ids = self._patches.control_points(kind, rows)
-        high, low, points = self._differences(ids, 0)
+        high, low, points = self._values.differences(ids, 0)
         size = np.abs(points).max(axis=1)
         # sums of K products at each step, of numbers that sum to one; and what made the points
         terms = (group.count + weights.AHEAD + 4) * (ids.shape[1] + 2)
-        error = terms * _EPS * size + kernels.NOISE * self._errors[ids].max(axis=1)
+        error = terms * _EPS * size + kernels.NOISE * self._values.errors[ids].max(axis=1)
         least, most = np.full((2, *size.shape), [[[-np.inf]], [[np.inf]]])
         if kind in self._patches.rings:
             if rings.is_convex(self._local.masks(kind)):
@@ -87,24 +86,7 @@ class FloatPoints:
         with np.errstate(invalid="ignore"):
             least = np.nextafter(high + (low + least - error), -np.inf)
             most = np.nextafter(high + (low + most + error), np.inf)
-        return np.ldexp(least, -self._balance), np.ldexp(most, -self._balance)
-
-    @cached_property
-    def _errors(self) -> Array:
-        """Bounds (n_points, d) of what rounding did to control points, in units of `NOISE`."""
-        return kernels.errors(self._patches.extras, self._high, self._low)
-
-    def _differences(self, ids: Array, base: int) -> tuple[Array, Array, Array]:
-        """A control point of each patch, high and low (P, d), and all relative to it (P, K, d)."""
-        high, low, first = self._high, self._low, ids[:, base]
-        origin = high[first]
-        points = np.take(high, ids, axis=0, mode="clip")  # (not to be checked: faster)
-        flat = points.reshape(len(ids), -1)
-        flat -= _repeated(origin, ids.shape[1])
-        if self._patches.extras:
-            extra = (ids >= self._patches.n_vertices).any(axis=1)
-            points[extra] += low[ids[extra]] - low[first[extra], None]
-        return origin, low[first], points
+        return np.ldexp(least, -self._values.balance), np.ldexp(most, -self._values.balance)
 
     def _spectral_bounds(self, kind: int, points: Array, count: int) -> tuple[Array, Array]:
         """Bounds (P, d) of what is beyond some rings, from sizes of all eigenfunctions there."""
@@ -120,23 +102,21 @@ class FloatPoints:
 
     # ------------------------------------------------------------------ shared rings
 
-    def _values(self, kind: int) -> rings.RingValues:
+    def _rings(self, kind: int) -> rings.RingValues:
         """Values around the shared rings of a kind."""
-        if kind not in self._around:
-            known = self._patches.rings[kind], self._patches.controls[kind], self._high, self._low
-            self._around[kind] = rings.RingValues(self._local.masks(kind), *known)
-        return self._around[kind]
+        known = self._patches.rings[kind], self._patches.controls[kind]
+        return self._values.around(self._local.masks(kind), *known)
 
     def _corner(self, kind: int, rows: Array) -> tuple[Array, Array]:
         """Limits of the special corners of patches, high and low, (P, d) each."""
         shared = self._patches.rings[kind]
         vertex = shared.points[shared.ring[rows], 0]
-        return self._high[vertex], self._low[vertex] + self._values(kind).limits(rows)
+        return self._high[vertex], self._low[vertex] + self._rings(kind).limits(rows)
 
     def _on_rings(self, kind: int, rows: Array, levels: range) -> Array:
         """Coefficients (P, 3 levels, 16, d) on some rings, relative to the limit of the corner."""
         level = np.tile(np.array(levels, dtype=np.int64), len(rows))
-        fine = self._values(kind).refined(np.repeat(rows, len(levels)), level)
+        fine = self._rings(kind).refined(np.repeat(rows, len(levels)), level)
         i, j = PIECES[:, :, None].swapaxes(0, 1)
         side = bernstein.SHAPE[0]
         place = np.arange(SIZE)
@@ -149,7 +129,7 @@ class FloatPoints:
         last = count + weights.AHEAD
         found = self._on_rings(kind, rows, range(count, last))
         points = found.reshape(len(rows), -1, found.shape[3])
-        least, most = self._values(kind).extent(rows, last)
+        least, most = self._rings(kind).extent(rows, last)
         return np.minimum(points.min(axis=1), least), np.maximum(points.max(axis=1), most)
 
 
@@ -186,32 +166,3 @@ class ExactPoints:
                 for bound, extreme in ((least, found.min(axis=1)), (most, found.max(axis=1))):
                     bound[here] = weights.fractions(extreme, unit[:, 0])
         return least, most
-
-
-def _repeated(values: Array, n: int) -> Array:
-    """Values (P, d) n times in each row, (P, n d): arrays whose last axis is long are fast."""
-    return np.asarray(np.take(values, _columns(values.shape[1], n), axis=1, mode="clip"))
-
-
-@lru_cache(maxsize=256)
-def _columns(d: int, n: int) -> Array:
-    return np.tile(np.arange(d), n)
-
-
-def control_points(patches: PatchTable, points: Array) -> tuple[Array, Array]:
-    """All control points as unevaluated sums high + low, (n_points, d), from those of the cage.
-
-    Those of deep patches are close to each other, and their differences have all digits.
-    """
-    done = len(points)
-    high, low = np.zeros((2, patches.n_points, points.shape[1]))
-    high[:done] = points
-    for operator in patches.extras:
-        first = operator.indices[operator.indptr[:-1]]
-        rows = operator.indptr, operator.indices, operator.data
-        step = kernels.differences(*rows, high, low, first)
-        new = slice(done, done + operator.shape[0])
-        high[new], error = kernels.two_sum(high[first], step)
-        low[new] = low[first] + error
-        done = new.stop
-    return high, low

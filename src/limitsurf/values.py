@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -64,15 +65,23 @@ class Values:
 
     def differences(self, ids: Array, base: int) -> tuple[Array, Array, Array]:
         """A control point of each patch, high and low (P, d), and all relative to it (P, K, d)."""
-        high, low = self.control_points
-        first = ids[:, base]
-        points = high[ids]
-        points -= high[first, None]
-        extra = (ids >= len(self._points)).any(axis=1)
-        if extra.any():
+        (high, low), first = self.control_points, ids[:, base]
+        origin = high[first]
+        points = np.take(high, ids, axis=0, mode="clip")  # (not to be checked: faster)
+        flat = points.reshape(len(ids), -1)
+        # (arrays whose last axis is long are fast)
+        flat -= np.take(origin, repeated(*ids.shape[1:], origin.shape[1]), axis=1, mode="clip")
+        if self._patches.extras:
+            extra = (ids >= len(self._points)).any(axis=1)
             points[extra] += low[ids[extra]] - low[first[extra], None]
-        return high[first], low[first], points
+        return origin, low[first], points
 
     def sizes(self, points: Array, ids: Array) -> Array:
         """Sizes (P, K) of control points `ids` relative to one of them, their errors included."""
         return np.asarray((np.abs(points) + self.errors[ids]).max(axis=2, initial=0))
+
+
+@lru_cache(maxsize=256)
+def repeated(n: int, d: int) -> Array:
+    """Places of the values of d columns, n times: (n d,)."""
+    return np.tile(np.arange(d), n)
