@@ -31,7 +31,7 @@ INTERPOLATION = ("none", "corners_only", "corners_plus1", "corners_plus2", "boun
 CHOICES = ("scheme", "boundary", "creasing", "triangles", "units", "up")
 
 
-class _shared(Generic[T]):
+class _shared(Generic[T]):  # noqa: N801  (a decorator)
     """Computed on first use, read-only, and shared by all copies of a mesh with other points."""
 
     def __init__(self, compute: Callable[[Any], T]) -> None:
@@ -232,8 +232,18 @@ class Mesh:
         sizes, indices = checks.face_arrays(faces)
         self.sizes, self.indices = read_only(sizes), read_only(indices)
         _check_faces(self)
-        choices = (scheme, boundary, creasing, triangles)
-        self._set_tags(creases, corners, holes, *choices, channels, units, up)
+        self._set_tags(
+            creases=creases,
+            corners=corners,
+            holes=holes,
+            scheme=scheme,
+            boundary=boundary,
+            creasing=creasing,
+            triangles=triangles,
+            channels=channels,
+            units=units,
+            up=up,
+        )
 
     @classmethod
     def _from_valid(
@@ -256,6 +266,7 @@ class Mesh:
 
     def _set_tags(
         self,
+        *,
         creases: Any = None,
         corners: Any = None,
         holes: Any = None,

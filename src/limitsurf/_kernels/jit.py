@@ -150,7 +150,7 @@ def _spread(builder: Any, pointer: Any, index: Any) -> Any:
 
 
 def _added(builder: Any, total: Any, a: Any, b: Any) -> Any:
-    """total + a b, fused where the machine can; a b to begin with."""
+    """Total + a b, fused where the machine can; a b to begin with."""
     if total is None:
         return builder.fmul(a, b)
     form = ir.FunctionType(_FOUR, [_FOUR] * 3)

@@ -497,7 +497,6 @@ def _grid(queries: tuple[Array, Array, Array]) -> tuple[Array, Array, Array] | N
 
 def _chunks(queries: tuple[Array, Array, Array]) -> Callable[[slice], tuple[Array, Array, Array]]:
     """Parts of flattened queries: contiguous, writeable, of one type, whatever was given."""
-
     types = np.int64, float, float
 
     def chunk(part: slice) -> tuple[Array, Array, Array]:

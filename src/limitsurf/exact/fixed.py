@@ -23,7 +23,7 @@ EQUAL = mp.mpf(10) ** -60
 Fixed = np.ndarray[Any, np.dtype[np.object_]]
 
 
-class UnsupportedSpectrum(ValueError):
+class UnsupportedSpectrum(ValueError):  # noqa: N818  (users catch it by this name)
     """Masks that do not converge, complex eigenvalues, or Jordan blocks that are not handled."""
 
 
@@ -94,6 +94,7 @@ def to_fixed(values: Any) -> Fixed:
 
 
 def product(left: Fixed, right: Fixed) -> Fixed:
+    """The product of two matrices."""
     return np.asarray(left.dot(right) >> BITS)
 
 

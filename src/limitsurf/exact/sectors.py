@@ -200,8 +200,9 @@ def carried_ring(matrix: SubdivisionMatrix, still: Any) -> DenseRing:
 
 
 def curve_mode(matrix: SubdivisionMatrix) -> tuple[Fraction, Fraction, Fraction]:
-    """Of the curve that carries a vertex v, in terms of it and of m: the second eigenvalue, what v
-    is in its eigenvector where m is 1, and the weight of m in the limit.
+    """Of the curve that carries a vertex v, in terms of it and of m.
+
+    The second eigenvalue, what v is in its eigenvector where m is 1, the weight of m in the limit.
     """
     own, back = matrix.rows[0][0], matrix.rows[matrix.sector.ring - 1][0]
     slope = (own - 1) / back

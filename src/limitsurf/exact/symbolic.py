@@ -54,6 +54,7 @@ def rational(x: Any) -> Any:
 
 
 def constant(x: Fraction) -> Any:
+    """A rational as a polynomial."""
     return RING(QQ(x.numerator, x.denominator))
 
 
@@ -450,6 +451,7 @@ class Waves:
         return powers if value.has(sympy.cos) else sympy.expand(powers)
 
     def eigenvalue(self, frequency: int, high: bool) -> Any:
+        """The larger or the smaller eigenvalue of waves of a frequency."""
         if 2 * frequency == self.faces or self._stride == 1:
             return self.at(self.block[(0, 0) if high else (1, 1)], frequency)
         trace, factor, radicand = (

@@ -60,7 +60,7 @@ class SectorBasis(SymbolicBasis):
     @cached_property
     def _ring(self) -> Ring:
         if self.sector.carried:
-            still = SectorBasis(self._scheme, self.sector.still)._ring
+            still = SectorBasis(self._scheme, self.sector.still)._ring  # noqa: SLF001  (of the same class)
             return CarriedRing(self._matrix, still, self._ends.get(self.sector.ring - 1))
         if self.sector.open:
             return OpenRing(self._scheme, self._matrix, self._numeric.ring.heads)

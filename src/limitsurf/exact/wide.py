@@ -94,8 +94,10 @@ def dart_limit(scheme: Scheme, faces: int) -> list[Any]:
 
 
 def _triangular_dart_limit(scheme: Scheme, faces: int) -> list[Any]:
-    """The same where the edges alone make the recurrence: ``y_j = a y_j + b (y_(j-1) + y_(j+1)) +
-    n x``, with the weight b of an opposite corner in an edge point.
+    """Weights of the points of a dart's ring where edges alone make the recurrence, (ring,).
+
+    It is ``y_j = a y_j + b (y_(j-1) + y_(j+1)) + n x``, with the weight b of an opposite corner in
+    an edge point.
     """
     (end, across), (_, edge) = scheme.regular_edge, scheme.vertex_mask(faces)
     p = (1 - end) / across
@@ -116,7 +118,7 @@ def _fading(p: Fraction, faces: int) -> list[Fraction]:
 
 
 def _recurrence(w: Weights, value: Any) -> tuple[Any, Any]:
-    """g and k in ``(value - a - 2 g) y_j - g (y_(j-1) + y_(j+1)) = k x``."""
+    """G and k in ``(value - a - 2 g) y_j - g (y_(j-1) + y_(j+1)) = k x``."""
     rest = 1 - w.corner / value
     return w.corner * w.face / rest, w.edge + 2 * w.corner * w.around / rest
 
@@ -281,8 +283,10 @@ def _slowest_even(w: Weights, faces: int) -> tuple[Array, Array] | None:
 
 
 def dart_factor(w: Weights, faces: int, value: Any, root: Any) -> Any:
-    """``1 + r (l - B)^-1 1`` of a dart: r the weights of the ring in the vertex point, B the
-    matrix of the ring while the vertex stays. In whatever numbers, of which `root` is the root.
+    """``1 + r (l - B)^-1 1`` of a dart, in whatever numbers, of which `root` is the root.
+
+    r are the weights of the ring in the vertex point, B is the matrix of the ring while the vertex
+    stays.
     """
     rest = value - w.corner
     g = value * w.corner * w.face / rest

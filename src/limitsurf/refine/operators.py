@@ -126,6 +126,7 @@ def sparse_operator(rows: Array, columns: Array, values: Array, shape: tuple[int
 
 
 def identity(n: int, number: NumberType) -> Any:
+    """The operator that changes nothing, (n, n)."""
     every = np.arange(n)
     return sparse_operator(every, every, number.full(n, number.one), (n, n))
 

@@ -37,8 +37,9 @@ Weights: TypeAlias = tuple[Weight, ...]
 
 @dataclass(frozen=True)
 class Scheme:
-    """Masks of a primal subdivision scheme; of quads that generalise the bicubic B-spline, if
-    nothing else is said.
+    """Masks of a primal subdivision scheme.
+
+    If nothing else is said it is of quads, and generalises the bicubic B-spline.
 
     Parameters
     ----------

@@ -254,8 +254,10 @@ class Fan:
 
 
 def predicted_order(surface: LimitSurface) -> float:
-    """The order at which `limitsurf.validate` sees a surface approached, once it is settled: that
-    of the slowest of its vertices, at most 2."""
+    """The order at which `limitsurf.validate` sees a surface approached, once it is settled.
+
+    It is that of the slowest of its vertices, at most 2.
+    """
     # what a crease carries is like what stays: the eigenvalue that it adds is 1/4, of order 2
     found = (s.still if s.carried else s for s in surface.patches.sectors if s is not None)
     sectors = {(s.kind, s.faces) for s in found}
