@@ -36,7 +36,6 @@ import re
 from fractions import Fraction
 
 import numpy as np
-from limitsurf.exact.catmull_clark import CATMULL_CLARK
 from mpmath import mp
 from mpmath import sqrt as root
 from sympy import Matrix, Rational, Symbol, cancel, simplify, sqrt, symbols
@@ -44,6 +43,7 @@ from sympy import Matrix, Rational, Symbol, cancel, simplify, sqrt, symbols
 from limitsurf import LimitSurface
 from limitsurf.exact.spectrum import ring_normal
 from limitsurf.exact.wide import Weights, dart_factor, wide_dart_values
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from limitsurf.tables import Sector, eigen_table
 
 mp.dps = 40

@@ -39,7 +39,8 @@ from itertools import product
 
 from sympy import Matrix, Rational, Symbol, binomial, expand, symbols
 
-from limitsurf._kernels.reference import cubic_weights, exact
+from limitsurf._kernels.reference import cubic_weights
+from limitsurf.numbers import RATIONAL
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 
 # %% [markdown]
@@ -280,7 +281,7 @@ assert (x + 6 * p + y) / 8 != p
 # ## 5. The masks of the package
 
 # %%
-places = exact([Fraction(k, 7) for k in range(8)])
+places = RATIONAL.array([Fraction(k, 7) for k in range(8)])
 for order in range(5):
     for place, found in zip(places, cubic_weights(places, order), strict=True):
         assert list(segment.diff(t, order).subs(t, Rational(place))) == list(map(Rational, found))

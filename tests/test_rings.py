@@ -8,7 +8,6 @@ import pytest
 
 import limitsurf as ls
 from limitsurf import _kernels, rings, tables
-from limitsurf._kernels import reference
 from limitsurf.numbers import FLOAT64, RATIONAL
 
 KINDS = ("interior", "cone", "crease", "corner", "dart")
@@ -69,7 +68,7 @@ def test_against_rational_numbers(kind):
     face, u, v = (x[::3] for x in places(MANY))
     surface = ls.LimitSurface(mesh)
     assert surface.patches.rings
-    exact = ls.LimitSurface(mesh.with_points(reference.exact(mesh.points)))
+    exact = ls.LimitSurface(mesh.with_points(RATIONAL.array(mesh.points)))
     for nu in ORDERS:
         wanted = exact.evaluate(face, u, v, nu=nu).astype(float)
         assert relative(surface.evaluate(face, u, v, nu=nu), wanted) < 1e-12
@@ -149,7 +148,7 @@ def test_outer_points_are_forgotten_only_where_rings_are_larger(monkeypatch):
     points = mesh.points.copy()
     points[: 1 + 2 * MANY] = points[0]
     flat = ls.LimitSurface(mesh.with_points(points))
-    exact = ls.LimitSurface(mesh.with_points(reference.exact(points)))
+    exact = ls.LimitSurface(mesh.with_points(RATIONAL.array(points)))
     for nu in ((1, 0), (2, 0)):
         wanted = exact.evaluate(*query, nu=nu).astype(float)
         assert wanted.any()
