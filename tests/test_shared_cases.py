@@ -12,13 +12,11 @@ import pytest
 
 CASES = Path(__file__).parents[2] / "shared" / "cases"
 TIMED = {"r3_chaikin_setup", "r4_large_polygon", "f14_refine_channel_cost"}  # run by hand
-# in test_surface.py, test_folded_edges_have_no_normal says the same of fewer numbers
-SLOW = {"r2_normal_of_rounding_noise"}
 SCRIPTS = [
     path
-    for folder in ("faults", "field")
+    for folder in ("faults", "field", "ground")
     for path in sorted((CASES / folder).glob("*.py"))
-    if path.stem not in TIMED | SLOW
+    if path.stem not in TIMED
 ]
 
 
