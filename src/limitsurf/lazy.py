@@ -28,7 +28,11 @@ def is_lazy(*arrays: Any) -> bool:
     False
     """
     dask = sys.modules.get("dask.array")
-    return dask is not None and any(isinstance(x, dask.Array) for x in arrays)
+    if dask is not None:
+        for x in arrays:  # (a generator would cost more than all else here)
+            if isinstance(x, dask.Array):
+                return True
+    return False
 
 
 def mapped(surface: object, method: str, face: Any, u: Any, v: Any, **options: Any) -> Any:
