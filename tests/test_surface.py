@@ -1068,6 +1068,7 @@ def test_options():
         assert (ls.LimitSurface(mesh, scheme).evaluate(last, 1, 1) == points[-1]).all()
 
 
+@pytest.mark.filterwarnings("ignore:.* has no tangent plane")
 @pytest.mark.parametrize("own", [F(1, 2), F(1), F(0), F(-1, 2)])
 @pytest.mark.parametrize("N", [2, 3, 5, 8])
 def test_a_scheme_of_ones_own(own, N):

@@ -273,7 +273,7 @@ def _absent(sector: Sector, ring: Ring) -> set[int]:
     """Modes that control points of a sector have not: both ends of a flap are one point."""
     if sector.kind != "flap":
         return set()
-    left, last = ring.left().copy(), 2 * sector.faces + 1
+    left, last = ring.left().copy(), len(sector.lattice.orbits) * sector.faces + 1
     left[:, 1] += left[:, last]
     left[:, last] = 0
     size = [max(abs(x) for x in row) for row in left]
