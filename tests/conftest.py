@@ -55,7 +55,7 @@ WICKED: dict[str, dict[str, Any]] = {
 def _wrong_chaikin() -> None:
     """Its two shares the other way round."""
     shares = [Fraction(1, 4), Fraction(3, 4)]
-    tables.chaikin_weights = lambda dtype: tables.masks.numbers(shares, dtype)
+    tables.chaikin_weights = lambda number: number.array(shares)
 
 
 def _wrong_edge_blend() -> None:
