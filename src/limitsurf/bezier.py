@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from limitsurf import numbers
 from limitsurf.checks import checked_integer
+from limitsurf.engine.protocol import Request
 from limitsurf.pieces.cells import BezierPatches as BezierPatches
 from limitsurf.pieces.cells import BezierRest as BezierRest
 from limitsurf.pieces.cells import cut
@@ -113,17 +114,6 @@ def _faces(surface: LimitSurface, face: ArrayLike | None) -> np.ndarray[Any, Any
     n = len(surface.limit_faces)
     if face is None:
         return np.arange(n)
-    faces = np.atleast_1d(np.asarray(face))
-    if faces.size == 0 and faces.dtype == float:
-        faces = faces.astype(np.int64)
-    if faces.dtype.kind not in "iu":
-        raise TypeError(f"faces must be integers, got {faces.dtype}")
-    faces = faces.ravel()
-    bad = np.flatnonzero((faces < 0) | (faces >= n))
-    if len(bad):
-        more = f" ({len(bad) - 1} more like it)" if len(bad) > 1 else ""
-        raise IndexError(
-            f"limit face {faces[bad[0]]} at index {bad[0]}{more} is out of range: there are {n}, "
-            f"0 to {n - 1}"
-        )
-    return faces.astype(np.int64)
+    request = Request.of(np.ravel(np.asarray(face)), 0.0, 0.0, False, 1)
+    request.check(n)
+    return request.face.astype(np.int64)

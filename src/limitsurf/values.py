@@ -81,6 +81,13 @@ class Values:
         return np.asarray((np.abs(points) + self.errors[ids]).max(axis=2, initial=0))
 
 
+def exact_control_points(patches: PatchTable, points: Array) -> Array:
+    """All control points in Fractions (n_points, d), from those of the cage."""
+    for operator in patches.extras:
+        points = np.concatenate([points, operator @ points])
+    return points
+
+
 @lru_cache(maxsize=256)
 def repeated(n: int, d: int) -> Array:
     """Places of the values of d columns, n times: (n d,)."""

@@ -187,8 +187,7 @@ class Strip(Spline):
     @cached_property
     def tables(self) -> tuple[tables.StripTables, Array]:
         """Splines across creases, and which of them each strip has."""
-        sharpness, index = np.unique(self._sharpness, return_inverse=True)
-        return tables.strip_tables(self._scheme, sharpness, self.number), index
+        return tables.strips_of(self._scheme, self._sharpness, self.number)
 
     def patch_weights(self, g: Group, nu: Order) -> Array:
         strips, index = self.tables

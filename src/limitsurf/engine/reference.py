@@ -18,7 +18,7 @@ from limitsurf.engine.protocol import Order, Request
 from limitsurf.engine.topology import Topology
 from limitsurf.mesh import Mesh
 from limitsurf.refine import eliminated, sparse_operator, stacked
-from limitsurf.values import Values
+from limitsurf.values import Values, exact_control_points
 
 Array = NDArray[Any]
 
@@ -32,7 +32,7 @@ class Reference:
     def __init__(self, topology: Topology, mesh: Mesh, exact: bool) -> None:
         self._topology, self._mesh, self._exact = topology, mesh, exact
         self._groups = topology.exact_groups if exact else topology.groups
-        self._dtype = (numbers.RATIONAL if exact else numbers.FLOAT64).dtype
+        self._dtype = self._groups.number.dtype
 
     @property
     def points(self) -> Array:
@@ -47,10 +47,7 @@ class Reference:
     @cached_property
     def _fractions(self) -> Array:
         """Those in Fractions, (n_points, d)."""
-        points = numbers.RATIONAL.array(self.points)
-        for operator in self._groups.patches.extras:
-            points = np.concatenate([points, operator @ points])
-        return points
+        return exact_control_points(self._groups.patches, numbers.RATIONAL.array(self.points))
 
     @cached_property
     def limits(self) -> Limits:

@@ -149,15 +149,15 @@ def cut(
     weights : bool
         Whether rows of weights are wanted.
     """
-    exact = numbers.type_of(points).exact
+    number = numbers.type_of(points)
     flat = points.reshape(len(points), -1)
-    local = LocalWeights(patches, scheme, exact)
+    local = LocalWeights(patches, scheme, number)
     covered = Cover.of(patches, faces)
     around = np.maximum(rings[covered.owner] - covered.level, 0)
     n, groups = cover.grouped(patches, covered, around, *local.strips)
-    each = 40 + SIZE * flat.shape[1] * (8 + 100 * exact) + weights * 12 * SIZE**2
+    each = 40 + SIZE * flat.shape[1] * (8 + 100 * number.exact) + weights * 12 * SIZE**2
     memory.refuse_beyond(n, each, "Bezier patches", "choose a smaller depth, or faces")
-    source: Any = ExactPoints(local, flat) if exact else FloatPoints(local, flat)
+    source: Any = ExactPoints(local, flat) if number.exact else FloatPoints(local, flat)
     owner = np.empty(n, dtype=np.int64)
     origin, size = np.empty((2, n, 2))
     found = np.empty((n, SIZE, flat.shape[1]), dtype=points.dtype)
@@ -217,7 +217,7 @@ def _rows(local: LocalWeights, groups: list[Group], n: int) -> csr_array[Any] | 
     if not parts:
         nothing = np.zeros(0, dtype=np.int64)
         shape = 0, patches.n_vertices
-        return sparse_operator(nothing, nothing, nothing.astype(local.dtype), shape)
+        return sparse_operator(nothing, nothing, nothing.astype(local.number.dtype), shape)
     total, place = stacked(parts), np.concatenate(places)
     if (place == np.arange(n * SIZE)).all():
         return total

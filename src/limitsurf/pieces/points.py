@@ -13,7 +13,7 @@ from limitsurf.patches import REGULAR, STRIP
 from limitsurf.pieces import bernstein, weights
 from limitsurf.pieces.bernstein import PIECES, SIZE
 from limitsurf.pieces.cover import Group
-from limitsurf.values import Values, repeated
+from limitsurf.values import Values, exact_control_points, repeated
 
 Array = NDArray[Any]
 
@@ -140,9 +140,7 @@ class ExactPoints:
 
     def __init__(self, local: weights.LocalWeights, points: Array) -> None:
         self._local = local
-        for operator in local.patches.extras:
-            points = np.concatenate([points, operator @ points])
-        self._points = points
+        self._points = exact_control_points(local.patches, points)
 
     def coefficients(self, group: Group, part: slice) -> Array:
         """Coefficients (p, c, 16, d) of some patches of a group, in their parameters."""

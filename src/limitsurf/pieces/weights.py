@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import basis, numbers, rings, tables
+from limitsurf import basis, rings, tables
 from limitsurf.caching import cached_property
+from limitsurf.numbers import NumberType
 from limitsurf.patches import REGULAR, STRIP, PatchTable
 from limitsurf.pieces import bernstein
 from limitsurf.pieces.bernstein import PIECES, SIZE, Bernstein
@@ -44,29 +45,22 @@ class LocalWeights:
     ----------
     patches : PatchTable
     scheme : Scheme
-    exact : bool
-        Whether they are Fractions, or float64.
+    number : NumberType
     """
 
     patches: PatchTable
     scheme: Scheme
-    exact: bool
+    number: NumberType
 
     @cached_property
     def bernstein(self) -> Bernstein:
         """Matrices onto Bernstein coefficients."""
-        return Bernstein.of(self.exact)
+        return Bernstein.of(self.number.exact)
 
     @cached_property
     def strips(self) -> tuple[tables.StripTables, Array]:
         """Splines across the creases of strips, and which of them each strip has."""
-        sharpness, index = np.unique(self.patches.sharpness, return_inverse=True)
-        return tables.strip_tables(self.scheme, sharpness, numbers.type_of(self.dtype)), index
-
-    @property
-    def dtype(self) -> Any:
-        """The type of the weights."""
-        return (numbers.RATIONAL if self.exact else numbers.FLOAT64).dtype
+        return tables.strips_of(self.scheme, self.patches.sharpness, self.number)
 
     def of(self, group: Group, part: slice) -> Iterator[tuple[Array, Array, Array]]:
         """Weights for some patches of a group, of those alike at a time.
@@ -83,7 +77,7 @@ class LocalWeights:
             yield here, ids, self._of_strips(rows, group.count)
         elif group.kind not in self.patches.rings:
             yield here, ids, self._around(group.kind, group.count)
-        elif not self.exact:
+        elif not self.number.exact:
             yield here, ids, self._of_shared(group.kind, rows, group.count)
         else:
             for some, columns, table in self.sectors(group.kind, rows):
@@ -102,7 +96,7 @@ class LocalWeights:
         """Weights (3 count, 16, K) on the rings around special corners of a kind."""
         sector = self.patches.sectors[kind]
         assert sector is not None
-        if self.exact:
+        if self.number.exact:
             return ring_weights(tables.rational_table(self.scheme, sector), count)
         table = tables.eigen_table(self.scheme, sector)
         functions = ring_functions(table, count)

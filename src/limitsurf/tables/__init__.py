@@ -26,6 +26,7 @@ from limitsurf.tables.masks import normal_masks as normal_masks
 from limitsurf.tables.masks import ring_masks as ring_masks
 from limitsurf.tables.masks import rule_weights as rule_weights
 from limitsurf.tables.masks import strip_tables as strip_tables
+from limitsurf.tables.masks import strips_of as strips_of
 from limitsurf.tables.masks import vertex_weights as vertex_weights
 from limitsurf.tables.records import DenseRing as DenseRing
 from limitsurf.tables.records import EigenTable as EigenTable

@@ -41,6 +41,12 @@ def strip_tables(scheme: Scheme, sharpness: Array, number: NumberType) -> StripT
     return StripTables(first, depth, pieces)
 
 
+def strips_of(scheme: Scheme, sharpness: Array, number: NumberType) -> tuple[StripTables, Array]:
+    """Splines across the creases of strips of some sharpness, and which of them each strip has."""
+    distinct, which = np.unique(sharpness, return_inverse=True)
+    return strip_tables(scheme, distinct, number), which
+
+
 @lru_cache(maxsize=4096)
 def _face_mask(scheme: Scheme, corners: int) -> tuple[Fraction, ...]:
     return tuple(scheme.face_mask(corners))
