@@ -65,6 +65,11 @@ class Rules:
             chosen[option] = value
         named = scheme if scheme is not None else mesh.scheme
         rules = cls(tables.find_scheme("catmull-clark" if named is None else named), **chosen)
+        if not rules.scheme.lattice.face_points:
+            raise ValueError(
+                f"scheme {rules.scheme.name!r} is of {rules.scheme.lattice.name}, which have "
+                "eigenbases alone so far: refinement and surfaces need a scheme of quads"
+            )
         if rules.triangles == "smooth" and rules.scheme.smooth_triangle is None:
             raise ValueError(f'scheme {rules.scheme.name!r} has no triangle rule "smooth"')
         return rules
