@@ -96,22 +96,26 @@ def test_lattice_is_one(lattice):
     assert copy.deepcopy(lattice) is lattice
 
 
+def is_inside(lattice, u, v):
+    return all(x >= 0 for x in lattice.coordinates(u, v))
+
+
 @LATTICES
 def test_children_fill_the_domain(lattice):
     assert len(lattice.children) == lattice.ratio**2
     rng = np.random.default_rng(0)
     inside = rng.random((100, 2))
-    inside = inside[[bool(lattice.contains(*p)) for p in inside]]
+    inside = inside[[is_inside(lattice, *p) for p in inside]]
     assert len(inside) > 30
     for u, v in inside:
         within = []
         for child in lattice.children:
             sign = -1 if child.turned else 1
             s, t = (sign * (lattice.ratio * x - o) for x, o in zip((u, v), child.origin))  # noqa: B905
-            within.append(bool(lattice.contains(s, t)))
+            within.append(is_inside(lattice, s, t))
         assert sum(within) == 1
-    assert not lattice.contains(F(1, 2), F(-1, 9))
-    assert not lattice.contains(F(11, 10), F(11, 10))
+    assert not is_inside(lattice, F(1, 2), F(-1, 9))
+    assert not is_inside(lattice, F(11, 10), F(11, 10))
 
 
 @LATTICES
@@ -121,6 +125,35 @@ def test_turns_map_corners_to_corners(lattice):
         seen = [(x + s * a + t * c, y + s * b + t * d) for s, t in lattice.corners]
         assert seen == [lattice.corners[(k + j) % n] for j in range(n)]
         assert a * d - b * c == 1
+
+
+@LATTICES
+def test_orientations(lattice):
+    """Coordinates are affine, derivatives of any order turn like those of polynomials."""
+    n, (u, v) = lattice.face_size, sympy.symbols("u v")
+    u0, v0 = F(1, 7), F(2, 5)
+    coordinates = lattice.coordinates(np.array([u0]), np.array([v0]))
+    affine = [a + b * u + c * v for a, b, c in lattice.sides]
+    assert [x[0] for x in coordinates] == [x.subs({u: u0, v: v0}) for x in affine]
+    for k, ((x, y), (a, b), (c, d)) in enumerate(lattice.turns):
+        s, t = coordinates[k][0], coordinates[(k + 1) % n][0]
+        assert (x + s * a + t * c, y + s * b + t * d) == (u0, v0)
+    for k, (gradients, against) in enumerate(zip(lattice.gradients, lattice.against, strict=True)):
+        sign = -1 if k >= n else 1
+        s, t = affine[k % n], affine[(k + 1) % n]
+        assert gradients == tuple((sign * x.diff(u), sign * x.diff(v)) for x in (s, t))
+        nearer = [F(x.subs({u: 1, v: 1}) - x.subs({u: 0, v: 0})) for x in (s, t, s + t)]
+        assert against[:2] == tuple(sign * x < 0 for x in nearer[:2])
+        f = (s**2 * t + 3 * s * t**2 - t + s**3).expand()
+        x, y = sympy.symbols("x y")
+        g = (x**2 * y + 3 * x * y**2 - y + x**3).subs({x: sign * x, y: sign * y})
+        for nu in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (2, 1), (0, 3)):
+            needed = f.diff(u, nu[0]).diff(v, nu[1]) if sum(nu) else f
+            found = sum(
+                factors[k] * (g.diff(x, i).diff(y, j) if i or j else g)
+                for (i, j), factors in lattice.turned(nu).items()
+            ).subs({x: sign * s, y: sign * t}, simultaneous=True)
+            assert sympy.expand(found - needed) == 0
 
 
 @LATTICES
@@ -473,12 +506,12 @@ def test_eigenexpansion_is_naive_recursion(kind, k, p):
     s, _, Vinv, J, A = derived(kind, k, p)
     rng = np.random.default_rng(k)
     points = rng.integers(-99, 100, s.matrix.size).astype(object)
-    places = {0: (F(3, 4), F(1, 5)), 1: (F(1, 3), F(2, 5)), 2: (F(1, 9), F(4, 5))}
+    places = {0: (F(3, 4), F(1, 5)), 1: (F(1, 9), F(4, 5)), 2: (F(1, 3), F(2, 5))}
     coefficients, near = Vinv.dot(points), points
     for _ in range(4):
         refined = [sum(to_mpf(w) * near[c] for c, w in row.items()) for row in s.matrix.rows]
         for piece, (u, v) in places.items():
-            S, T = ((2 * u - 1, 2 * v), (1 - 2 * u, 1 - 2 * v), (2 * u, 2 * v - 1))[piece]
+            S, T = ((2 * u - 1, 2 * v), (2 * u, 2 * v - 1), (1 - 2 * u, 1 - 2 * v))[piece]
             typed = typed_weights(S, T)
             control = zip(TRIANGLES.template, s.matrix.pieces[piece], strict=True)
             needed = sum(to_mpf(typed[place]) * refined[n] for place, n in control)

@@ -20,7 +20,10 @@ Numbers in and out of a domain's maps may be of any type, arrays included.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
+
+import numpy as np
 
 from limitsurf.caching import cached_property
 
@@ -67,7 +70,7 @@ class Lattice:
         The points that each face brings to the ring of a vertex: their angle from the middle of
         that face, in halves of the angle between two edges. Edge neighbours come first.
     children : tuple of Child
-        The faces that a step makes of one, that at corner 0 first.
+        The faces that a step makes of one: those at its corners, in their order, then others.
     face_points : bool
         Whether a step makes points of faces, which then stand for a face in the points of its
         edges and vertices; otherwise that is what lies across an edge, and nothing at vertices.
@@ -130,12 +133,50 @@ class Lattice:
         # the area between the edge and what is told of
         return tuple((x * q - y * p, -q, p) for (x, y), (p, q), _ in self.turns)
 
-    def contains(self, u: Any, v: Any) -> Any:
-        """Whether (u, v) is in the domain, its edges included."""
-        inside = True
-        for a, b, c in self.edges:
-            inside = inside & (a + b * u + c * v >= 0)
-        return inside
+    @cached_property
+    def sides(self) -> tuple[tuple[int, int, int], ...]:
+        """(a, b, c) of the coordinates: as seen from corner k, s is number k and t the next."""
+        return self.edges[-1:] + self.edges[:-1]
+
+    def coordinates(self, u: Any, v: Any) -> list[Any]:
+        """The values of `sides` in arrays of any type: u, then v, then 1 - u, or 1 - u - v."""
+        found = [u, v]
+        for _, b, c in self.sides[2:]:
+            if b and c:  # the larger one first: what is left has all its digits
+                found.append(1 - np.maximum(u, v) - np.minimum(u, v))
+            else:
+                found.append(1 - (u if b else v))
+        return found
+
+    @property
+    def flips(self) -> bool:
+        """Whether there are children that are turned by half a turn."""
+        return any(child.turned for child in self.children)
+
+    @cached_property
+    def gradients(self) -> tuple[tuple[Place, Place], ...]:
+        """Gradients in (u, v) of s and of t, by orientation.
+
+        Orientations are the turns, then, if there are `flips`, these on faces turned by half a
+        turn: what is at corner k there has orientation ``k + face_size``.
+        """
+        n = len(self.sides)
+        gradients = [(b, c) for _, b, c in self.sides]
+        turns = [(gradients[k], gradients[(k + 1) % n]) for k in range(n)]
+        flipped = [((-a, -b), (-c, -d)) for (a, b), (c, d) in turns if self.flips]
+        return (*turns, *flipped)
+
+    @cached_property
+    def against(self) -> tuple[tuple[bool, bool, bool], ...]:
+        """Whether s, t and s + t grow towards corner 0 of the domain, by orientation."""
+        return tuple((a + b < 0, c + d < 0, a + b + c + d < 0) for (a, b), (c, d) in self.gradients)
+
+    def turned(self, nu: Place) -> dict[Place, tuple[int, ...]]:
+        """A derivative in (u, v) as a sum of those in (s, t): their factors by orientation.
+
+        Where no two derivatives mix, as in quads, one factor of each orientation is not 0.
+        """
+        return _turned(self.gradients, nu)
 
     # ---------------------------------------------------------------- places
 
@@ -199,6 +240,21 @@ class Lattice:
         return tuple((1 + i // 2 + x, 1 + j // 2 + y) for x, y in element)
 
 
+@lru_cache(maxsize=256)
+def _turned(gradients: tuple[tuple[Place, Place], ...], nu: Place) -> dict[Place, tuple[int, ...]]:
+    total, columns = sum(nu), []
+    for along, across in gradients:
+        # d/du and d/dv as polynomials in d/ds: coefficients by its power, the rest is d/dt
+        product = [1]
+        for axis in (0,) * nu[0] + (1,) * nu[1]:
+            near, far = along[axis], across[axis]
+            more = [0, *product]
+            product = [far * x + near * y for x, y in zip([*product, 0], more, strict=True)]
+        columns.append(product)
+    rows = zip(*columns, strict=True)
+    return {(k, total - k): row for k, row in enumerate(rows) if any(row)}
+
+
 def _clockwise(place: Place) -> int:
     return place[0] - place[1]
 
@@ -222,7 +278,7 @@ TRIANGLES = Lattice(
     cells=(_TRIANGLE, ((1, 1), (0, 1), (1, 0))),
     star=((1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1)),
     orbits=(-1,),
-    children=(Child((0, 0)), Child((1, 0)), Child((1, 1), turned=True), Child((0, 1))),
+    children=(Child((0, 0)), Child((1, 0)), Child((0, 1)), Child((1, 1), turned=True)),
     face_points=False,
     reflection=((1, (0, 1)), (1, (-1, 1)), (-1, (-1, 2))),
 )
