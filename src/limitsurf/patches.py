@@ -70,7 +70,13 @@ class PatchTable:
     """
 
     def __init__(self, mesh: Mesh, rules: Rules, number: NumberType) -> None:
-        limit_faces = first_limit_face(mesh)
+        lattice = rules.scheme.lattice
+        if not lattice.face_points:
+            raise ValueError(
+                f"scheme {rules.scheme.name!r} is of {lattice.name}, which have refinement and "
+                "eigenbases alone so far: surfaces need a scheme of quads"
+            )
+        limit_faces = first_limit_face(mesh, lattice)
         self.n_limit_faces = int(limit_faces[-1])
         self.n_vertices = self.n_points = mesh.n_vertices
         self.extras: list[Any] = []
@@ -104,7 +110,9 @@ class PatchTable:
                 return
             level = level.part()
             if many or len(level.sharpness.concerned):
-                level = level.of_faces(self._add_sharp(level, Sectors.of(level.sharpness)))
+                level = level.of_faces(
+                    self._add_sharp(level, Sectors.of(level.sharpness, rules.scheme.lattice))
+                )
             if len(level.faces) == 0:
                 return
         face = int(level.slot[0])
@@ -276,7 +284,7 @@ class PatchTable:
         points = np.concatenate([level.points, centres])
         others = self._extend(*_rows(refined, points, refined.shape[0] - mesh.n_faces))
         new = np.concatenate([others, centres]).astype(np.int64)
-        children = child_mesh(mesh, np.arange(len(new)))
+        children = child_mesh(mesh, np.arange(len(new)), rules.scheme.lattice)
         sizes = mesh.sizes[faces]
         child, corner = _corners(mesh, faces)
         quad = np.repeat(sizes == 4, sizes)
@@ -290,7 +298,8 @@ class PatchTable:
         slot = np.repeat(slot, sizes) + corner
         slot[quad] = n_codes + np.repeat(4 * np.arange(n_splits), 4) + quadrant[quad]
         turn = np.where(quad, square, 0).astype(np.int8)
-        return _Level(sharpness.children(children), new[children.indices], child, slot, turn)
+        inner = sharpness.children(children, rules.scheme.lattice)
+        return _Level(inner, new[children.indices], child, slot, turn)
 
     def _drop_unused(self) -> None:
         """Leave out control points that no patch needs, and number the others anew."""
