@@ -1,0 +1,476 @@
+"""Patch table: for each limit face its exact patches and their control points.
+
+A face of the lattice is a patch as it is when all faces around its corners are such faces, nothing
+semi-sharp is at them, and at most one corner is special: not regular in the sense of
+`Sectors.regular`. Where the spline is a tensor product it is a patch too where a semi-sharp crease
+of one sharpness runs along one of its sides and goes straight on at both ends
+(``derivations/creases.py``). Otherwise it is split into its children, another polygon into as many
+as it has corners, by one refinement of its neighbourhood. Infinitely sharp edges part the mesh:
+what lies beyond one is replaced by reflections, which is exact at regular vertices, or has no
+influence. Where more than `tables.MOST_FACES` faces meet, their patches may share one copy of the
+ring around them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf import numbers, tables
+from limitsurf.mesh import Mesh
+from limitsurf.numbers import NumberType
+from limitsurf.patches import neighbourhood
+from limitsurf.patches.level import Level, corners_of
+from limitsurf.refine import ExactOperator, refinement_stages
+from limitsurf.rules import Rules, Sectors, Sharpness
+from limitsurf.topology import child_mesh, first_limit_face
+
+Array = NDArray[Any]
+
+# kinds of patches; further ones are numbered as they occur
+REGULAR, STRIP = 0, 1
+NO_LIMIT = -1
+# Sharpness below 10 is 0 after 10 refinements, n-gons are gone after one. The points that they make
+# are regular then, but for centres of n-gons, and after two no face has two special corners
+# (``derivations/isolation.py``).
+_DEEPEST = 10
+
+
+class PatchTable:
+    """Patches of all limit faces, and the control points beyond those of the cage.
+
+    Control points are numbered: the vertices of the cage first, then the rows of each operator in
+    `extras`, which combine points of lower number.
+
+    Attributes
+    ----------
+    lattice : Lattice
+    codes : (n_limit_faces + 4 n_splits,) int
+        What covers each limit face, then each part of each split: a patch >= 0, `NO_LIMIT`, or
+        ``-2 - s`` for split s. Parts are the `Lattice.children` by `Lattice.parts`.
+    sectors : list
+        By kind of patch: None for `REGULAR` and `STRIP`, the `Sector` of the special corner else.
+    kind : (n_patches,) int
+    row : (n_patches,) int
+        Row of the patch in ``controls[kind]``.
+    turn : (n_patches,) int
+        Corner of the domain at which the special corner lies, or where the side begins along which
+        a strip's crease runs; 0 if regular.
+    controls : list of (patches, K) int arrays
+        Control points by kind: those of regular patches and strips at the places of
+        `Lattice.template`; the others in the order of ``exact/matrices.py``. Kinds with shared
+        rings have the outer ones alone, all of them; what is beyond a sharp side is not used.
+    rings : dict
+        The `SharedRings` of kinds of more than `tables.MOST_FACES` faces, which have one kind for
+        all positions.
+    sharpness : (strips,)
+        Sharpness of the creases of strips.
+    extras : list of operators
+        Sparse rows, float64 or exact, over all control points of lower number.
+    """
+
+    def __init__(self, mesh: Mesh, rules: Rules, number: NumberType) -> None:
+        self.lattice, self._scheme = rules.scheme.lattice, rules.scheme
+        limit_faces = first_limit_face(mesh, self.lattice)
+        self.n_limit_faces = int(limit_faces[-1])
+        self.n_vertices = self.n_points = mesh.n_vertices
+        self.extras: list[Any] = []
+        self._number = number
+        self.codes = np.full(self.n_limit_faces, NO_LIMIT, dtype=np.int32)
+        self.kind, self.row = np.zeros((2, 0), np.int32)
+        self.turn = np.zeros(0, np.int8)
+        self.sectors: list[tables.Sector | None] = [None, None]
+        self.controls = [np.zeros((0, len(self.lattice.template)), np.int32) for _ in self.sectors]
+        self.rings: dict[int, SharedRings] = {}
+        self.sharpness = np.zeros(0, dtype=number.dtype)
+        self._kinds: dict[tables.Sector, int] = {}
+        self._combined: list[tuple[Array, Array, Array]] = []
+        self._early: list[int] = []  # rows of `controls` from before there was any of these
+        self._build(mesh, rules, limit_faces)
+        self._drop_unused()
+        del self._kinds, self._combined, self._early
+
+    def _build(self, cage: Mesh, rules: Rules, limit_faces: Array) -> None:
+        """Fill the table level by level; most faces of most cages end at the first."""
+        faces = np.flatnonzero(~rules.without_limit(cage))
+        sharpness = Sharpness.of(cage, rules, self._number)
+        turn = np.zeros(len(faces), dtype=np.int8)
+        level = Level(sharpness, cage.indices, faces, limit_faces[faces], turn)
+        for depth in range(_DEEPEST + 1):
+            if depth:
+                level = self._split(level, rules)
+            rest, many = self._add_smooth(level)
+            level = level.of_faces(rest)
+            if len(level.faces) == 0:
+                return
+            level = level.part()
+            if many or len(level.sharpness.concerned):
+                level = level.of_faces(
+                    self._add_sharp(level, Sectors.of(level.sharpness, self.lattice))
+                )
+            if len(level.faces) == 0:
+                return
+        face = int(level.slot[0])
+        while face >= self.n_limit_faces:
+            split = (face - self.n_limit_faces) // len(self.lattice.children)
+            face = int(np.flatnonzero(self.codes == -2 - split)[0])
+        raise RuntimeError(
+            f"internal fault: after {_DEEPEST} refinements limit face {face} still has parts "
+            "without a patch; please report this cage"
+        )
+
+    def _add_smooth(self, level: Level) -> tuple[Array, bool]:
+        """Add the patches of faces amid smooth ones; return which faces these are not.
+
+        Also whether there are some among these at which too many faces meet.
+        """
+        mesh, numbers, slot, turn = level.mesh, level.numbers, level.slot, level.turn
+        valence = np.maximum(mesh._valences, 0)
+        valence[level.sharpness.concerned] = 0
+        lattice, size, regular = self.lattice, self.lattice.face_size, self.lattice.valence
+        if not mesh._of_quads:
+            valence[mesh.indices[mesh.sizes[mesh.corner_face] != size]] = 0
+        first = mesh._first(level.faces)
+        found, start = neighbourhood.smooth_faces(mesh, lattice, first, turn, valence)
+        shared = (found > tables.MOST_FACES) & lattice.face_points
+        found[shared] = 0
+        plain = np.flatnonzero(found == regular)
+        odd = np.flatnonzero((found != regular) & (found != 0))
+        around = mesh, lattice, mesh.twin, numbers
+        grid = neighbourhood.templates(*around, first[plain], start[plain])
+        self._add(REGULAR, grid, slot[plain], np.zeros(len(plain), dtype=np.int8))
+        for n in np.unique(found[odd]).tolist():
+            here = odd[found[odd] == n]
+            kind = self._kind(self._scheme.sector("interior", n))
+            faces = first[here], start[here], n, self._outer(kind)
+            control = neighbourhood.specials(mesh, lattice, numbers, *faces)
+            self._add(kind, control, slot[here], (turn[here] + start[here]) % size)
+        return np.flatnonzero(found == 0), bool(shared.any())
+
+    def _add_sharp(self, level: Level, sectors: Sectors) -> Array:
+        """Add the patches of faces at sharp edges and vertices; return which are to be split."""
+        first = level.mesh._first(level.faces)
+        strips = self._scheme.spline.is_product
+        found, start = neighbourhood.sharp_faces(
+            level.sharpness, sectors, self.lattice, strips, first, level.turn
+        )
+        whole = np.flatnonzero(found)
+        found, start, first, slot = found[whole], start[whole], first[whole], level.slot[whole]
+        turn = (level.turn[whole] + start) % self.lattice.face_size
+        grid = self._grid(sectors, level.numbers, first, start)
+        points = level.points
+        special = np.flatnonzero(found == 2)
+        many = sectors.shared[sectors.fans.fan[(first + start)[special]]]
+        for kind, members, ring in self._kinds_of(sectors, first + start, special[~many]):
+            around = self._around(kind, points[ring])
+            control = np.concatenate([around, grid[members[:, None], self._outer(kind)]], 1)
+            self._add(kind, control, slot[members], turn[members])
+        for kind, members, rings in self._shared(sectors, first + start, special[many], points):
+            outer = grid[members[:, None], self._outer(kind)]
+            near = grid[members, self.lattice.template.index((1, 1))]
+            outer = np.where(outer < 0, near[:, None], outer)
+            self._add(kind, outer, slot[members], turn[members])
+            known = self.rings.get(kind)
+            self.rings[kind] = rings if known is None else known.with_more(rings)
+        for kind, which in ((REGULAR, found == 1), (STRIP, found == 3)):
+            members = np.flatnonzero(which)
+            self._add(kind, grid[members], slot[members], turn[members])
+        side = level.sharpness.at((first + start)[members])
+        self.sharpness = np.concatenate([self.sharpness, side])
+        return np.delete(np.arange(len(level.faces)), whole)
+
+    def _kinds_of(
+        self, sectors: Sectors, corners: Array, members: Array
+    ) -> Iterator[tuple[int, Array, Array]]:
+        """Special corners by kind: number of the kind, which, rings around them (n, ring)."""
+        fan, position = (x[corners[members]] for x in (sectors.fans.fan, sectors.fans.position))
+        kinds, sizes = sectors.kind[fan], sectors.fans.sizes[fan]
+        alike = np.array([self._scheme.sector(x, 2).alike for x in tables.KINDS])[kinds]
+        place = np.where(alike, 0, position)
+        most = 1 + int(sizes.max(initial=0))
+        key = (kinds * most + sizes) * most + place
+        for code in np.unique(key).tolist():
+            here = np.flatnonzero(key == code)
+            one = here[0]
+            faces = int(sizes[one])
+            sector = self._scheme.sector(tables.KINDS[kinds[one]], faces, int(place[one]))
+            begin = position[here] if alike[one] else 0
+            ring = sectors.ring(sector.kind, faces, fan[here], begin)
+            yield self._kind(sector), members[here], ring
+
+    def _around(self, kind: int, ring: Array) -> Array:
+        """Control points of the ring of a kind from those at the vertices of `Sectors.ring`."""
+        sector = self.sectors[kind]
+        assert sector is not None
+        if not sector.carried:
+            return ring
+        n, halves = len(ring), self._number.full(2 * len(ring), self._number.one / 2)
+        middle = self._extend(np.full(n, 2), ring[:, -2:].ravel(), halves)
+        return np.concatenate([ring[:, :-2], middle[:, None]], axis=1)
+
+    def _shared(
+        self, sectors: Sectors, corners: Array, members: Array, points: Array
+    ) -> Iterator[tuple[int, Array, SharedRings]]:
+        """Special corners of many faces by kind: number of the kind, which, their rings."""
+        fans, position = (x[corners[members]] for x in (sectors.fans.fan, sectors.fans.position))
+        met, which = np.unique(fans, return_inverse=True)
+        for name, faces, group in sectors.groups(met):
+            own = np.sort(group)
+            here = np.flatnonzero(np.isin(met, own)[which])
+            ring = np.searchsorted(own, fans[here])
+            rings = points[sectors.ring(name, faces, own)]
+            kind = self._kind(self._scheme.sector(name, faces))
+            yield kind, members[here], SharedRings(rings, ring, position[here])
+
+    def _kind(self, sector: tables.Sector) -> int:
+        """The number of a kind, a new one when it is met first."""
+        number = self._kinds.setdefault(sector, len(self.sectors))
+        if number == len(self.sectors):
+            self.sectors.append(sector)
+            shared = tables.is_shared(sector)
+            width = len(sector.lattice.outer) if shared else sector.size
+            self.controls.append(np.zeros((0, width), np.int32))
+        return number
+
+    def _outer(self, kind: int) -> Array:
+        """Places in the template of the control points of a kind beyond its ring."""
+        sector = self.sectors[kind]
+        assert sector is not None
+        outer = sector.lattice.outer if tables.is_shared(sector) else sector.outer
+        return np.array([self.lattice.template.index(place) for place in outer], dtype=np.int64)
+
+    def _add(self, kind: int, controls: Array, slot: Array, turn: Array) -> None:
+        """Append patches of a kind."""
+        n, start, row = len(controls), len(self.kind), len(self.controls[kind])
+        self.codes[slot] = np.arange(start, start + n, dtype=np.int32)
+        self.kind = _appended(self.kind, np.full(n, kind, dtype=np.int32))
+        self.row = _appended(self.row, np.arange(row, row + n, dtype=np.int32))
+        self.turn = _appended(self.turn, turn)
+        self.controls[kind] = _appended(self.controls[kind], controls)
+
+    def _grid(self, sectors: Sectors, numbers: Array, first: Array, start: Array) -> Array:
+        """Control points (P, places) of faces from a corner on, with reflections as new points.
+
+        What lies beyond a special corner, or beyond a sharp edge at it, is meaningless and not
+        used.
+        """
+        around = sectors.mesh, self.lattice, sectors.twin, numbers
+        grid = neighbourhood.templates(*around, first, start)
+        faces = sectors, self.lattice, first, start
+        place, target, columns, weights = neighbourhood.reflections(grid, *faces)
+        if len(place):
+            used = weights != 0
+            values = self._number.array(weights[used])
+            grid[place, target] = self._extend(used.sum(axis=1), columns[used], values)
+        return grid
+
+    def _extend(self, counts: Array, columns: Array, values: Array) -> Array:
+        """Append control points, each combined of `counts` others in turn; return their numbers."""
+        if not self._combined:
+            self._early = list(map(len, self.controls))
+        self._combined.append((counts, columns, values))
+        start = self.n_points
+        self.n_points += len(counts)
+        return np.arange(start, self.n_points, dtype=np.int32)
+
+    def _split(self, level: Level, rules: Rules) -> Level:
+        """Refine the mesh of a level; return it with the children of the faces.
+
+        Faces of the lattice become splits, and the limit faces of other polygons go straight to
+        their children.
+        """
+        mesh, sharpness, slot = level.mesh, level.sharpness, level.slot
+        # points of the mesh, then its face points, then its vertex and edge points, all numbered
+        face_points, refined = refinement_stages(mesh, rules, sharpness, self._number)
+        centres = self._extend(*_rows(face_points, level.points))
+        points = np.concatenate([level.points, centres])
+        others = self._extend(*_rows(refined, points, refined.shape[0] - len(centres)))
+        new = np.concatenate([others, centres]).astype(np.int64)
+        children = child_mesh(mesh, np.arange(len(new)), self.lattice)
+        child, corner, middle = self._children(mesh, level.faces)
+        count, size = len(self.lattice.children), self.lattice.face_size
+        sizes = mesh.sizes[level.faces]
+        each = sizes + count - size
+        whole = np.repeat(sizes == size, each)
+        # only the first level has other polygons: there their slot is the first limit face
+        n_codes, n_splits = len(self.codes), int((sizes == size).sum())
+        split = (n_codes - self.n_limit_faces) // count + np.arange(n_splits)
+        self.codes[slot[sizes == size]] = -2 - split
+        self.codes = np.append(self.codes, np.full(count * n_splits, NO_LIMIT, dtype=np.int32))
+        before = np.repeat(level.turn, each)
+        turn = np.where(middle, before, (before + corner) % size)
+        part = np.array(self.lattice.parts)[np.where(middle, corner, turn)]
+        slot = np.repeat(slot, each) + corner
+        slot[whole] = n_codes + np.repeat(count * np.arange(n_splits), count) + part[whole]
+        turn = np.where(whole, turn, 0).astype(np.int8)
+        inner = sharpness.children(children, self.lattice)
+        return Level(inner, new[children.indices], child, slot, turn)
+
+    def _children(self, mesh: Mesh, faces: Array) -> tuple[Array, Array, Array | bool]:
+        """Children of faces in the refined mesh, which of each they are, whether in the middle."""
+        if self.lattice.face_points:
+            return *corners_of(mesh, faces), False
+        count = len(self.lattice.children)
+        corner = np.tile(np.arange(count), len(faces))
+        middle = corner >= self.lattice.face_size
+        return (count * faces[:, None] + np.arange(count)).ravel(), corner, middle
+
+    def _drop_unused(self) -> None:
+        """Leave out control points that no patch needs, and number the others anew."""
+        if not self._combined:
+            return
+        needed = np.zeros(self.n_points, dtype=bool)
+        needed[: self.n_vertices] = True
+        starts = self._early + [0] * (len(self.controls) - len(self._early))
+        late = [control[start:] for control, start in zip(self.controls, starts, strict=True)]
+        late += [rings.points for rings in self.rings.values()]
+        for control in late:
+            needed[control] = True
+        kept = []
+        end = self.n_points
+        for counts, columns, values in self._combined[::-1]:
+            start = end - len(counts)
+            kept.append(_needed_rows(counts, columns, values, needed, start))
+            end = start
+        number = np.cumsum(needed, dtype=np.int32) - np.int32(1)
+        self.n_points = self.n_vertices
+        for counts, columns, values in kept[::-1]:
+            if len(counts):
+                rows = counts, number[columns], values
+                self.extras.append(_operator(*rows, self.n_points))
+                self.n_points += len(counts)
+        for control in late:
+            np.take(number, control, out=control, mode="clip")
+
+    def locate(
+        self, face: Array, u: Array, v: Array
+    ) -> tuple[Array, Array, Array, Array, Array | None]:
+        """Find the patches of places on limit faces.
+
+        On a line between two parts of a split that nearer corner 0 of the limit face is taken.
+
+        Returns
+        -------
+        patch : (Q,)
+            -1 without limit.
+        s, t : (Q,)
+            Parameters in the domain of the patch, which is not turned.
+        depth : (Q,)
+            Halvings from the limit face to it.
+        flipped : (Q,) bool or None
+            Whether it is turned by half a turn; None where none is.
+        """
+        code = self.codes[face]
+        depth = np.zeros(len(face), dtype=np.int64)
+        flipped = np.zeros(len(face), dtype=bool) if self.lattice.flips else None
+        u, v = u.copy(), v.copy()
+        while (inside := np.flatnonzero(code <= -2)).size:
+            given = u[inside], v[inside], None if flipped is None else flipped[inside]
+            part, u[inside], v[inside], turned = neighbourhood.part(self.lattice, *given)
+            if flipped is not None:
+                flipped[inside] = turned
+            depth[inside] += 1
+            split = -2 - code[inside]
+            first = self.n_limit_faces + len(self.lattice.children) * split
+            code[inside] = self.codes[first + part]
+        return code, u, v, depth, flipped
+
+    def control_points(self, kind: int, rows: Array) -> Array:
+        """Control points of some patches of a kind, (n, K); those of shared rings come first."""
+        outer = self.controls[kind][rows]
+        if kind not in self.rings:
+            return outer
+        rings = self.rings[kind]
+        return np.concatenate([rings.points[rings.ring[rows]], outer], axis=1)
+
+    def summary(self) -> list[tuple[str, int]]:
+        """How many limit faces are covered in which way, as (reason, number) pairs."""
+        code = self.codes[: self.n_limit_faces]
+        kind = self.kind[code[code >= 0]]
+        counts = [
+            ("one regular patch", int((kind == REGULAR).sum())),
+            ("one strip along a semi-sharp crease", int((kind == STRIP).sum())),
+            ("one patch with a special corner", int((kind > STRIP).sum())),
+            ("split around n-gons, sharpness or several special corners", int((code <= -2).sum())),
+            ("no limit (holes)", int((code == NO_LIMIT).sum())),
+        ]
+        return [(reason, number) for reason, number in counts if number]
+
+
+@dataclass(frozen=True, eq=False)
+class SharedRings:
+    """The rings around special corners of one kind, whose patches share them.
+
+    Attributes
+    ----------
+    points : (rings, 2 N + 1 or more) int32
+        Control points in the order of ``exact/matrices.py``, from some face on if all are alike.
+    ring, position : (patches,) int
+        Which ring each patch is at, and the number of its face there.
+    """
+
+    points: Array
+    ring: Array
+    position: Array
+
+    def with_more(self, other: SharedRings) -> SharedRings:
+        """These rings and patches, then others."""
+        ring = np.concatenate([self.ring, len(self.points) + other.ring])
+        points, position = (
+            np.concatenate([getattr(x, name) for x in (self, other)])
+            for name in ("points", "position")
+        )
+        return SharedRings(points, ring, position)
+
+
+def _appended(array: Array, more: Array) -> Array:
+    """An array, of which there are no views, with more rows; without a copy where memory allows."""
+    start = len(array)
+    if start == 0:
+        return more.astype(array.dtype, copy=False)
+    array.resize((start + len(more), *array.shape[1:]), refcheck=False)
+    array[start:] = more
+    return array
+
+
+def _rows(operator: Any, numbers: Array, n: int | None = None) -> tuple[Array, Array, Array]:
+    """The first rows of an operator, as `PatchTable._extend` takes them; its columns' numbers."""
+    if isinstance(operator, ExactOperator):
+        starts, columns, values = operator.indptr, operator.columns, operator.values
+    else:
+        starts, columns, values = operator.indptr, operator.indices, operator.data
+    counts = np.diff(starts[: None if n is None else n + 1])
+    end = starts[len(counts)]
+    return counts, numbers[columns[:end]], values[:end]
+
+
+def _needed_rows(
+    counts: Array, columns: Array, values: Array, needed: Array, start: int
+) -> tuple[Array, Array, Array]:
+    """Those of some rows, numbered from `start` on, that are needed; so are then their columns."""
+    used = needed[start : start + len(counts)]
+    if not used.all():
+        entries = np.repeat(used, counts)
+        counts, columns, values = counts[used], columns[entries], values[entries]
+    needed[columns] = True
+    return counts, columns, values
+
+
+def _operator(counts: Array, columns: Array, values: Array, width: int) -> Any:
+    """An operator from the number of entries of each row, their columns and values."""
+    shape = len(counts), width
+    if numbers.type_of(values).exact:
+        return ExactOperator(np.repeat(np.arange(len(counts)), counts), columns, values, shape)
+    from scipy.sparse import csr_array
+
+    starts = np.zeros(len(counts) + 1, dtype=np.int32)
+    np.cumsum(counts, out=starts[1:])
+    return csr_array((values, columns, starts), shape=shape)
+
+
+# outer control points of shared rings, as (i, j)
+OUTER = tables.Sector("interior", 4).outer
