@@ -87,12 +87,11 @@ def limit_mask(scheme: Scheme, kind: str, faces: int, number: NumberType) -> Arr
     from limitsurf.exact.wide import rounded_dart_limit
 
     check_convergence(scheme, kind, faces)
-    sector = scheme.sector(kind, faces)
-    if kind == "dart" and is_shared(sector) and not number.exact:
+    if kind == "dart" and faces > MOST_FACES and not number.exact:
         edges, around = rounded_dart_limit(scheme, faces)
         own = 1 - edges.sum() - around.sum()
         return np.concatenate([[own], np.stack([edges, around], axis=1).ravel()])
-    return number.array(limit_weights(scheme, sector))
+    return number.array(limit_weights(scheme, scheme.sector(kind, faces)))
 
 
 def normal_masks(scheme: Scheme, kind: str, faces: int) -> Array:
@@ -117,12 +116,13 @@ def collapsed_masks(scheme: Scheme, kind: str, faces: int) -> Array:
 
     Pairs of vectors whose cross product points along the limit normal where both edges are points
     (waves 2 and 1), where the first is, and where the second is (those in corners of one face); 0
-    where there is no normal, and around more than `MOST_FACES` faces, where none is sought. Then
-    ``e_0 - v`` and ``e_k - v``, which tell. Derived in ``derivations/limit_normals.py``, section 8.
+    where there is no normal, and where none is sought: around more than `MOST_FACES` faces, and
+    where faces have no points. Then ``e_0 - v`` and ``e_k - v``, which tell. Derived in
+    ``derivations/limit_normals.py``, section 8.
     """
     sector = scheme.sector(kind, faces)
     masks = np.zeros((4, 2, sector.ring))
-    if not sector.open or sector.carried or is_shared(sector):
+    if not sector.open or sector.carried or is_shared(sector) or not sector.lattice.face_points:
         return masks
     table = eigen_table(scheme, sector)
     masks[3, [0, 1], [1, -1]], masks[3, :, 0] = 1, -1
