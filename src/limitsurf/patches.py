@@ -319,8 +319,12 @@ class PatchTable:
         for control in late:
             np.take(number, control, out=control, mode="clip")
 
-    def locate(self, face: Array, u: Array, v: Array) -> tuple[Array, Array, Array, Array]:
+    def locate(
+        self, face: Array, u: Array, v: Array
+    ) -> tuple[Array, Array, Array, Array, Array | None]:
         """Patch (Q,), -1 without limit, parameters in it (Q,), and its depth in the tree (Q,).
+
+        Also whether it is turned by half a turn (Q,), None for lattices that do not do so.
 
         On a line between two quadrants the lower one is taken.
         """
@@ -334,7 +338,7 @@ class PatchTable:
             depth[inside] += 1
             split = -2 - code[inside]
             code[inside] = self.codes[self.n_limit_faces + 4 * split + i + 2 * j]
-        return code, u, v, depth
+        return code, u, v, depth, None
 
     def control_points(self, kind: int, rows: Array) -> Array:
         """Control points of some patches of a kind, (n, K); those of shared rings come first."""

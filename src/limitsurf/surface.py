@@ -641,7 +641,7 @@ class LimitSurface:
         """A request whose answers need square roots, and who gives these."""
         request = Request.of(face, u, v, self._exact, workers)
         if request.exact:
-            request.check(len(self.limit_faces))
+            request.check(len(self.limit_faces), self._topology.lattice)
             raise TypeError(
                 f"{what} needs square roots, which exact numbers do not have: give float64 ones, "
                 "with points of float64"
