@@ -183,6 +183,14 @@ class Lattice:
         """
         return _turned(self.gradients, nu)
 
+    @cached_property
+    def parts(self) -> tuple[int, ...]:
+        """Numbers of the children as parts of a face: in quads ``i + 2 j`` by place."""
+        every = range(len(self.children))
+        if self.flips:
+            return tuple(every)
+        return tuple(i + self.ratio * j for i, j in (child.origin for child in self.children))
+
     # ---------------------------------------------------------------- places
 
     @cached_property
