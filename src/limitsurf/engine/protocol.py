@@ -94,7 +94,7 @@ class Request:
             )
         for name, x in (("u", self.u), ("v", self.v)):
             with np.errstate(invalid="ignore"):
-                bad = (x < 0 if lattice.sloped else (x < 0) | (x > 1)).astype(bool)
+                bad = np.asarray(x < 0 if lattice.sloped else (x < 0) | (x > 1), dtype=bool)
             if not self.exact:
                 bad &= np.isfinite(x)
             if bad.any():
@@ -106,7 +106,7 @@ class Request:
         u, v = self.u, self.v
         with np.errstate(invalid="ignore"):
             beyond = np.maximum(u, v) - 1 + np.minimum(u, v)  # with all digits
-            over = (beyond > 0).astype(bool)
+            over = np.asarray(beyond > 0, dtype=bool)
         if not self.exact:
             over &= np.isfinite(u) & np.isfinite(v)
         if not over.any():
