@@ -45,7 +45,7 @@ class Topology:
 
     def __init__(self, mesh: Mesh, rules: Rules, patches: PatchTable | None = None) -> None:
         self.rules, self.lattice = rules, rules.scheme.lattice
-        self.limit_faces = LimitFaces.of(mesh)
+        self.limit_faces = LimitFaces.of(mesh, self.lattice)
         self.patches = PatchTable(mesh, rules, numbers.FLOAT64) if patches is None else patches
         self.mesh = mesh.with_points(np.zeros((mesh.n_vertices, 0)))
         self.groups = Groups(self.patches, rules.scheme, numbers.FLOAT64)
