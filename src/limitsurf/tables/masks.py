@@ -127,7 +127,9 @@ def collapsed_masks(scheme: Scheme, kind: str, faces: int) -> Array:
     table = eigen_table(scheme, sector)
     masks[3, [0, 1], [1, -1]], masks[3, :, 0] = 1, -1
     # modes of the ring: three of the curve, then waves by frequency, in quads two each but the last
-    first_two = 3 + len(sector.lattice.orbits) * np.arange(min(faces, 2))
+    first_two = np.arange(3, sector.ring, len(sector.lattice.orbits))[:2]
+    if not len(first_two):
+        return masks
     waves = [int(np.flatnonzero(table.order == mode)[0]) for mode in first_two]
     # each positive beside the first edge
     sign = np.sign(table.pieces[0, scheme.spline.exponents.index((0, 1)), waves])
