@@ -90,6 +90,19 @@ class Spectrum:
     pieces: Fixed
     normal: tuple[int, ...]
 
+    def right_rows(self, points: Sequence[int]) -> Fixed:
+        """Values of all right eigenvectors at some control points, (n, K)."""
+        n, size = self.matrix.sector.ring, self.matrix.size
+        rows = self.ring.right_rows([k for k in points if k < n])
+        found = np.zeros((len(points), size), dtype=object)
+        for row, k in zip(found, points, strict=True):
+            if k < n:
+                row[:n] = rows[k]
+            else:
+                row[:n] = product(self.W[k - n], self.G)
+                row[n:] = self.W[k - n]
+        return found[:, self.order]
+
 
 @lru_cache(maxsize=64)
 def outer_eigenbasis(
@@ -302,15 +315,11 @@ class _PartOfRing:
 def dense_basis(spectrum: Spectrum) -> tuple[Fixed, Fixed]:
     """V, right eigenvectors as columns, and V^-1, left ones as rows, both (K, K)."""
     n, size = spectrum.matrix.sector.ring, spectrum.matrix.size
-    V = np.zeros((size, size), dtype=object)
     Vinv = np.zeros((size, size), dtype=object)
-    rows = spectrum.ring.right_rows(range(n))
-    V[:n, :n] = np.stack([rows[k] for k in range(n)])
     Vinv[:n, :n] = spectrum.ring.left()
-    V[n:, :n] = product(spectrum.W, spectrum.G)
     Vinv[n:, :n] = -product(spectrum.G, Vinv[:n, :n])
-    V[n:, n:], Vinv[n:, n:] = spectrum.W, spectrum.Winv
-    return V[:, spectrum.order], Vinv[spectrum.order]
+    Vinv[n:, n:] = spectrum.Winv
+    return spectrum.right_rows(range(size)), Vinv[spectrum.order]
 
 
 def _chained(

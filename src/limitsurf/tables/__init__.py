@@ -5,6 +5,7 @@ number type that is asked for. ``python -m limitsurf.tables [DIRECTORY]`` writes
 """
 
 from limitsurf.exact.creases import INFINITE as INFINITE
+from limitsurf.exact.matrices import grid_index as grid_index
 from limitsurf.scheme import SCHEMES as SCHEMES
 from limitsurf.scheme import find_scheme as find_scheme
 from limitsurf.scheme.sector import KINDS as KINDS

@@ -6,7 +6,7 @@ from 96 digits; a `RationalTable` holds the matrix itself as integers over one d
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -145,6 +145,12 @@ class EigenTable:
 
         V, Vinv = map(rounded, dense_basis(spectrum(self.scheme, self.sector)))
         return V, Vinv
+
+    def right_rows(self, points: Sequence[int]) -> Array:
+        """Values of all right eigenvectors at some control points, (n, K); derived each time."""
+        from limitsurf.exact.spectrum import spectrum
+
+        return rounded(spectrum(self.scheme, self.sector).right_rows(points))
 
     @property
     def V(self) -> Array:
