@@ -346,9 +346,10 @@ class RingMasks:
     sector : Sector
     weights : Weights
         Those of face, edge and vertex points.
-    limit : ((edges,), (faces,))
-        Weights of the edge neighbours and face corners in the limit of the vertex.
-    waves : ((n, edges), (n, faces))
+    limit : ((edges,), (corners,))
+        Weights of the edge neighbours in the limit of the vertex, and of the face corners beyond
+        them, as many as faces; none in triangles.
+    waves : ((n, edges), (n, corners))
         The left eigenvectors that fall most slowly, up to positive factors.
     """
 
