@@ -187,8 +187,8 @@ for N in (3, 5, 8):
 
 # %% [markdown]
 # In quads, on the unit circle $\left|16 \lambda + \frac1\lambda - 10\right|$ is least at 1, where
-# it is 7, so $\left|w\right| \le (7 - 3 \sqrt5) / 2 = 0.146$ there and outside. Of 65 and more faces $w^N$ is
-# below $10^{-54}$. Without it $T = X + Y q$ with rational $X$ and $Y$ and
+# it is 7, so $\left|w\right| \le (7 - 3 \sqrt5) / 2 = 0.146$ there and outside. Of 65 and more
+# faces $w^N$ is below $10^{-54}$. Without it $T = X + Y q$ with rational $X$ and $Y$ and
 #
 # $$
 # q = \frac{1 + w}{1 - w}, \qquad q^2 = \frac{p + 2}{p - 2}, \qquad p = w + \frac1w,
