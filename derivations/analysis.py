@@ -44,6 +44,7 @@ from limitsurf import LimitSurface
 from limitsurf.exact.spectrum import ring_normal
 from limitsurf.exact.wide import Weights, dart_factor, wide_dart_values
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.loop import LOOP
 from limitsurf.tables import Sector, eigen_table
 
 mp.dps = 40
@@ -162,16 +163,40 @@ for N in (2, 3, 5, 8):
         assert abs(closed - solved_factor(w, N, value)) < 1e-30
 
 # %% [markdown]
-# On the unit circle $\left|16 \lambda + \frac1\lambda - 10\right|$ is least at 1, where it is 7, so
-# $\left|w\right| \le (7 - 3 \sqrt5) / 2 = 0.146$ there and outside. Of 65 and more faces $w^N$ is
-# below $10^{-54}$. Without it $T = X + Y q$ with rational $X$ and $Y$ and
+# Triangles have no face points: with the weight $a = \frac38$ of an end and $b = \frac18$ of an
+# opposite corner $(\lambda - a) \, e_j - b \, (e_{j-1} + e_{j+1}) = 1$, and so
+# $w + \frac1w = (\lambda - a) / b$, $\rho = 1 / (\lambda - a - 2 b)$, and
+# $T = 1 + n \sum_j e_j$. The eigenvalues of $B$ are $a + 2 b \cos \kappa \le \frac58$, and
+# $\frac12$.
+
+# %%
+for N in (3, 5, 8):
+    known = Weights.of(LOOP, 6, exact=True)
+    w = Weights(**{**vars(known), "own": Fraction(-2, 3), "edge": Fraction(5, 3) / N})
+    for value in (mp.mpf("1.3"), mp.mpf("-0.7"), mp.mpc("0.4", "-0.9")):
+        B = mp.matrix(N, N)
+        for j in range(N):
+            B[j, j] += mp.mpf(3) / 8
+            for near in (j - 1, (j + 1) % N):
+                B[j, near] += mp.mpf(1) / 8
+        for j in range(N):
+            B[0, j] = mp.mpf(j == 0) / 2
+        x = mp.lu_solve(value * mp.eye(N) - B, mp.ones(N, 1))
+        solved = 1 + number(w.edge) * sum(x)
+        assert abs(dart_factor(in_digits(w), N, value, root) - solved) < 1e-30
+
+# %% [markdown]
+# In quads, on the unit circle $\left|16 \lambda + \frac1\lambda - 10\right|$ is least at 1, where
+# it is 7, so $\left|w\right| \le (7 - 3 \sqrt5) / 2 = 0.146$ there and outside. Of 65 and more
+# faces $w^N$ is below $10^{-54}$. Without it $T = X + Y q$ with rational $X$ and $Y$ and
 #
 # $$
 # q = \frac{1 + w}{1 - w}, \qquad q^2 = \frac{p + 2}{p - 2}, \qquad p = w + \frac1w,
 # $$
 #
 # and its zeros are among those of a polynomial, $X^2 (p - 2) = Y^2 (p + 2)$, whose degree does not
-# depend on $N$.
+# depend on $N$. In triangles $\left|8 \lambda - 3\right| \ge 5$ there, and $w^N$ is below
+# $10^{-44}$.
 
 # %%
 c = Symbol("c", real=True)  # cosine of the angle of a point of the circle
@@ -234,7 +259,8 @@ for kind, others in (("corner", 1), ("crease", 0)):
 # positive for all $N \ge 3$.
 #
 # Signs of minors are found from Bernstein coefficients in integers, of 96 digits, on pieces that
-# are halved until all are positive or one of a corner is not.
+# are halved until all are positive or one of a corner is not. In quads a minor of bicubic functions
+# has degree 5 in each direction; in triangles one of quartic functions has degree 6.
 #
 # ## 4. Catmull and Clark
 #

@@ -465,10 +465,27 @@ def test_symbolic_basis_of_sectors(kind, k):
     assert SectorBasis(LOOP, LOOP.sector(kind, k)).residual.is_zero_matrix
 
 
-@pytest.mark.parametrize("row", [1, 3, 7, 10])
-def test_the_proof_around_an_irrational_weight_proves(row):
+@pytest.mark.parametrize(("k", "p"), [(5, 1), (8, 0)])
+def test_symbolic_basis_of_darts_of_irrational_weights(k, p):
+    exact = ls.eigenbasis(LOOP, kind="dart", faces=k, position=p).exact
+    s, V, Vinv, *_ = derived("dart", k, p)
+    found = np.array([complex(x.evalf(20)) for x in exact.eigenvalues])
+    np.testing.assert_allclose(found, np.array(s.eigenvalues, dtype=complex), rtol=0, atol=1e-15)
+    assert np.any(found.imag) == (k == 8)  # two of them are complex
+    if k == 5:
+        with mpmath.workdps(50):
+            for symbols, numbers in ((exact.V, V), (exact.Vinv, Vinv)):
+                for x, y in zip(symbols, numbers.ravel(), strict=True):
+                    assert abs(mpmath.mpf(str(sympy.N(x, 45))) - y) < 1e-38
+    assert exact.residual.is_zero_matrix
+
+
+@pytest.mark.parametrize(("kind", "row"), [*(("interior", r) for r in (1, 3, 7, 10)), ("dart", 3)])
+def test_the_proof_around_an_irrational_weight_proves(kind, row):
     """It fails when one weight of another row moves to another point."""
     exact = SymbolicBasis(LOOP, 5)
+    if kind == "dart":
+        exact = SectorBasis(LOOP, LOOP.sector("dart", 5))
     assert exact.residual.is_zero_matrix
     rows = [dict(r) for r in exact._matrix.rows]
     first, second = list(rows[row])[:2]

@@ -27,6 +27,12 @@ if TYPE_CHECKING:
         Tessellation as Tessellation,
     )
     from limitsurf.query import (
+        agrees as agrees,
+    )
+    from limitsurf.query import (
+        refinement_gap as refinement_gap,
+    )
+    from limitsurf.query import (
         tessellate as tessellate,
     )
     from limitsurf.query import (
@@ -103,6 +109,7 @@ _HOME = {
     "RefinedMesh": "refine",
     "Scheme": "scheme.scheme",
     "Tessellation": "query",
+    "agrees": "query",
     "bezier_patches": "bezier",
     "eigenbasis": "spectra",
     "from_pyvista": "shell.io.vtk",
@@ -114,6 +121,7 @@ _HOME = {
     "precompile": "surface",
     "read": "shell.io.by_suffix",
     "refined": "refine",
+    "refinement_gap": "query",
     "tessellate": "query",
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",

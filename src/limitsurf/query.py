@@ -104,9 +104,8 @@ def agrees(surface: LimitSurface, table: NDArray[Any]) -> bool:
     Examples
     --------
     >>> import limitsurf as ls
-    >>> from limitsurf.query import agrees
     >>> surface = ls.LimitSurface(ls.Mesh([[0, 0], [1, 0], [1, 1], [0, 2]], [[0, 1, 2, 3]]))
-    >>> agrees(surface, ls.validate(surface, 2))
+    >>> ls.agrees(surface, ls.validate(surface, 2))
     True
     """
     points = surface.mesh.points[surface.mesh.indices]
@@ -171,10 +170,9 @@ def refinement_gap(
     --------
     >>> import numpy as np
     >>> import limitsurf as ls
-    >>> from limitsurf.query import refinement_gap
     >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 1]], [[0, 1, 2, 3]])
-    >>> gaps = refinement_gap(ls.LimitSurface(square), np.array([0]), np.array([0.7]), np.ones(1))
-    >>> max(gaps) < 1e-15
+    >>> query = np.array([0]), np.array([0.7]), np.ones(1)
+    >>> max(ls.refinement_gap(ls.LimitSurface(square), *query)) < 1e-15
     True
     """
     fine = LimitSurface(refined(surface.mesh, **surface.rules))

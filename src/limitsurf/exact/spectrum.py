@@ -90,6 +90,19 @@ class Spectrum:
     pieces: Fixed
     normal: tuple[int, ...]
 
+    def right_rows(self, points: Sequence[int]) -> Fixed:
+        """Values of all right eigenvectors at some control points, (n, K)."""
+        n, size = self.matrix.sector.ring, self.matrix.size
+        rows = self.ring.right_rows([k for k in points if k < n])
+        found = np.zeros((len(points), size), dtype=object)
+        for row, k in zip(found, points, strict=True):
+            if k < n:
+                row[:n] = rows[k]
+            else:
+                row[:n] = product(self.W[k - n], self.G)
+                row[n:] = self.W[k - n]
+        return found[:, self.order]
+
 
 @lru_cache(maxsize=64)
 def outer_eigenbasis(
@@ -252,8 +265,6 @@ def ring_normal(scheme: Scheme, kind: str, faces: int) -> tuple[int, ...]:
     ring = ring_basis(scheme, sector)
     outer = {to_mpf(d) for matrix in matrices.values() for d in outer_part(matrix)[0]}
     pair, without = leading_pair(ring.values, outer, ring.heads, _absent(sector, ring))
-    if not scheme.lattice.face_points:  # the sign of their minors is not looked for
-        return pair if sector.kind == "interior" else ()
     if not pair:
         return ()
     ends = {head: end for end, head in ring.heads.items()}
@@ -262,10 +273,11 @@ def ring_normal(scheme: Scheme, kind: str, faces: int) -> tuple[int, ...]:
     functions = []
     for p in range(count):
         near = p if p in matrices else 1
-        part = _joined(scheme, matrices[near], _PartOfRing(ring, which, p - near))
+        turn = len(sector.lattice.orbits) * (p - near)
+        part = _joined(scheme, matrices[near], _SelectedModes(ring, which, turn))
         modes = [*shown, *pair] if without and pair != tuple(shown) else shown
         functions.append(part.pieces[..., [part.order.index(which.index(k)) for k in modes]])
-    found = orientation(np.stack(functions), not sector.open, faces // count)
+    found = orientation(scheme, np.stack(functions), not sector.open, faces // count)
     return {1: pair, -1: pair[::-1]}.get(found, ())
 
 
@@ -280,8 +292,8 @@ def _absent(sector: Sector, ring: Ring) -> set[int]:
     return {k for k, x in enumerate(size) if x >> (BITS // 2) == 0}
 
 
-class _PartOfRing:
-    """Some modes of a ring, which hold the ends of their chains, seen from so many faces on."""
+class _SelectedModes:
+    """Some modes of a ring, which hold the ends of their chains, seen from so many points on."""
 
     def __init__(self, ring: Ring, which: list[int], turn: int) -> None:
         self._ring, self._which, self._turn = ring, which, turn
@@ -292,9 +304,7 @@ class _PartOfRing:
     def right_rows(self, points: Sequence[int]) -> dict[int, Fixed]:
         """Values of these eigenvectors at some points of the ring: {point: (modes,)}."""
         around = len(self._ring.values) - 1
-        there = {
-            k: (k - 1 + 2 * self._turn) % around + 1 if k and self._turn else k for k in points
-        }
+        there = {k: (k - 1 + self._turn) % around + 1 if k and self._turn else k for k in points}
         rows = self._ring.right_rows(sorted(set(there.values())))
         return {k: rows[row][self._which] for k, row in there.items()}
 
@@ -302,15 +312,11 @@ class _PartOfRing:
 def dense_basis(spectrum: Spectrum) -> tuple[Fixed, Fixed]:
     """V, right eigenvectors as columns, and V^-1, left ones as rows, both (K, K)."""
     n, size = spectrum.matrix.sector.ring, spectrum.matrix.size
-    V = np.zeros((size, size), dtype=object)
     Vinv = np.zeros((size, size), dtype=object)
-    rows = spectrum.ring.right_rows(range(n))
-    V[:n, :n] = np.stack([rows[k] for k in range(n)])
     Vinv[:n, :n] = spectrum.ring.left()
-    V[n:, :n] = product(spectrum.W, spectrum.G)
     Vinv[n:, :n] = -product(spectrum.G, Vinv[:n, :n])
-    V[n:, n:], Vinv[n:, n:] = spectrum.W, spectrum.Winv
-    return V[:, spectrum.order], Vinv[spectrum.order]
+    Vinv[n:, n:] = spectrum.Winv
+    return spectrum.right_rows(range(size)), Vinv[spectrum.order]
 
 
 def _chained(

@@ -6,7 +6,7 @@ from 96 digits; a `RationalTable` holds the matrix itself as integers over one d
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -145,6 +145,12 @@ class EigenTable:
 
         V, Vinv = map(rounded, dense_basis(spectrum(self.scheme, self.sector)))
         return V, Vinv
+
+    def right_rows(self, points: Sequence[int]) -> Array:
+        """Values of all right eigenvectors at some control points, (n, K); derived each time."""
+        from limitsurf.exact.spectrum import spectrum
+
+        return rounded(spectrum(self.scheme, self.sector).right_rows(points))
 
     @property
     def V(self) -> Array:
@@ -340,9 +346,10 @@ class RingMasks:
     sector : Sector
     weights : Weights
         Those of face, edge and vertex points.
-    limit : ((edges,), (faces,))
-        Weights of the edge neighbours and face corners in the limit of the vertex.
-    waves : ((n, edges), (n, faces))
+    limit : ((edges,), (corners,))
+        Weights of the edge neighbours in the limit of the vertex, and of the face corners beyond
+        them, as many as faces; none in triangles.
+    waves : ((n, edges), (n, corners))
         The left eigenvectors that fall most slowly, up to positive factors.
     """
 

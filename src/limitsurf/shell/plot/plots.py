@@ -373,7 +373,8 @@ def _graph(
         poles=False,
         curves=True,
         isolines=3,
-        scalars=lambda face, u, v: fan.surface(height).evaluate(face, u, v),
+        # rounding may take the largest beyond the ends of the colours
+        scalars=lambda face, u, v: fan.surface(height).evaluate(face, u, v).clip(-1.0, 1.0),
         cmap=DIVERGING,
         limits=(-1.0, 1.0),
         label=charts.mode_name(mode),
