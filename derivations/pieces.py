@@ -76,7 +76,7 @@ for x in (Fraction(0), Fraction(2, 7), Fraction(1)):
 # control point or power $i$ along $u$ and $j$ along $v$.
 
 # %%
-matrices = bernstein.Bernstein.of(exact=True)
+matrices = bernstein.Bernstein.of(CATMULL_CLARK, exact=True)
 for i, j, k, m in product(range(4), repeat=4):
     assert matrices.from_controls[4 * i + j, 4 * m + k] == controls[i, k] * controls[j, m]
     assert matrices.from_powers[4 * i + j, 4 * m + k] == powers[i, k] * powers[j, m]
@@ -91,15 +91,16 @@ for i, j, k, m in product(range(4), repeat=4):
 coefficients = Matrix(4, 4, symbols("c:16"))
 whole = sum(coefficients[i, j] * B[i].subs(t, s) * B[j] for i, j in product(range(4), repeat=2))
 for turn, (x, y) in enumerate([(u, v), (v, 1 - u), (1 - u, 1 - v), (1 - v, u)]):
-    order = bernstein.turned(np.array([turn]))[0]
+    order = matrices.turned[turn]
     same = sum(
         coefficients[int(order[4 * i + j])] * B[i].subs(t, u) * B[j].subs(t, v)
         for i, j in product(range(4), repeat=2)
     )
     assert expand(whole.subs({s: x, t: y}, simultaneous=True) - same) == 0
     # the rectangle at (1/2, 0) of size 1/2 by 1/4 in (s, t)
-    square = np.array([[0.5, 0.0]]), np.array([[0.5, 0.25]])
-    (origin,), (size,) = bernstein.turned_squares(*square, np.array([turn]))
+    square = np.array([[[0.5, 0.0]]]), np.array([[[0.5, 0.25]]])
+    placed = bernstein.turned_cells(CATMULL_CLARK.lattice, *square, np.array([turn]))
+    origin, size = (x[0, 0] for x in placed)
     least, most = (
         dict(zip((u, v), map(Rational, z), strict=True)) for z in (origin, origin + size)
     )
@@ -135,7 +136,7 @@ for kind in tables.KINDS:
     for faces in range(2, 7):
         for position in range(1 if tables.Sector(kind, faces).alike else faces):
             table = tables.rational_table(CATMULL_CLARK, tables.Sector(kind, faces, position))
-            rows = weights.hull_weights(table, 0, True)
+            rows = weights.hull_weights(CATMULL_CLARK, table, 0, True)
             assert rows is not None
             assert (rows >= 0).all()
             assert (rows.sum(axis=1) == 1).all()

@@ -15,7 +15,7 @@ from test_wicked import altered
 import limitsurf as ls
 from limitsurf import numbers, tables
 from limitsurf.patches import REGULAR
-from limitsurf.pieces import bernstein
+from limitsurf.pieces import cells, cover
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 
 CAGES = {name: (*make(), {}) for name, make in zoo.ZOO.items()}
@@ -335,9 +335,11 @@ def test_a_wrong_index_shows(mistake, monkeypatch):
         control = surface.patches.controls[REGULAR]
         control[:, [0, 1]] = control[:, [1, 0]]
     elif mistake == "turn":
-        monkeypatch.setattr(bernstein, "_TURNED", bernstein._TURNED[[0, 3, 2, 1]])
+        turned = cells._turned
+        monkeypatch.setattr(cells, "_turned", lambda form, x, turn: turned(form, x, -turn % 4))
     else:
-        monkeypatch.setattr(bernstein, "PIECES", bernstein.PIECES[::-1])
+        pieces = cover._cells
+        monkeypatch.setattr(cover, "_cells", lambda *args: [x[::-1] for x in pieces(*args)])
     assert gap(true, ls.bezier_patches(surface, depth=3)) > 1e6
 
 

@@ -87,7 +87,7 @@ def bezier_patches(
     >>> len(patches), patches.points.shape  # the face is split, and each corner is special
     (48, (48, 4, 4, 3))
     >>> patches.rest
-    BezierRest(4 squares)
+    BezierRest(4 cells)
     >>> float(patches.rest.size.max())
     0.03125
     """
