@@ -198,10 +198,10 @@ def cut(
     number = numbers.type_of(points)
     flat = points.reshape(len(points), -1)
     local = LocalWeights(patches, scheme, number)
-    lattice, form = scheme.lattice, local.bernstein
-    covered = Cover.of(patches, lattice, faces)
+    form = local.bernstein
+    covered = Cover.of(patches, faces)
     around = np.maximum(rings[covered.owner] - covered.level, 0)
-    n, groups = cover.grouped(patches, lattice, covered, around, *local.strips)
+    n, groups = cover.grouped(patches, covered, around, *local.strips)
     each = 40 + form.size * flat.shape[1] * (8 + 100 * number.exact) + weights * 12 * form.size**2
     memory.refuse_beyond(n, each, "Bezier patches", "choose a smaller depth, or faces")
     source: Any = ExactPoints(local, flat) if number.exact else FloatPoints(local, flat)
@@ -210,7 +210,7 @@ def cut(
     found = np.empty((n, form.size, flat.shape[1]), dtype=points.dtype)
     for g in groups:
         cells = g.cells
-        places = cover.placed(lattice, covered, g, g.origin, g.size)
+        places = cover.placed(patches.lattice, covered, g, g.origin, g.size)
         owners = np.broadcast_to(covered.owner[g.members, None], cells.shape)
         for array, values in ((owner, owners), (origin, places[0]), (size, places[1])):
             _write(array, cells, values)
@@ -219,7 +219,7 @@ def cut(
             _write(found, cells[part], values)
     found = found.reshape(n, *form.shape, *points.shape[1:])
     rows = _rows(local, groups, n) if weights else None
-    rest = _rest(local, source, covered, groups, faces, points.shape[1:])
+    rest = _rest(patches, source, covered, groups, faces, points.shape[1:])
     return BezierPatches(faces[owner], origin, size, found, form.exponents, rows, rest)
 
 
@@ -292,7 +292,7 @@ def _entries(
 
 
 def _rest(
-    local: LocalWeights,
+    patches: PatchTable,
     source: Any,
     covered: Cover,
     groups: list[Group],
@@ -306,7 +306,7 @@ def _rest(
     places, bounds = [np.zeros((2, 0, 2))], []
     for g in special:
         whole = np.zeros((1, 2)), np.full((1, 2), np.ldexp(1.0, -g.count))
-        cells = cover.placed(local.scheme.lattice, covered, g, *whole)
+        cells = cover.placed(patches.lattice, covered, g, *whole)
         places.append(np.stack(cells)[:, :, 0])
         bounds.append(np.stack(source.hull(g)))
     origin, size = np.concatenate(places, axis=1)[:, order]

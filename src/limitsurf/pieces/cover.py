@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from limitsurf.pieces import bernstein
 from limitsurf.tables import StripTables
 
 if TYPE_CHECKING:
-    from limitsurf.scheme.lattice import Lattice
+    from limitsurf.scheme.lattice import Child, Lattice
 
 Array = NDArray[Any]
 
@@ -42,7 +43,7 @@ class Cover:
     sign: Array
 
     @classmethod
-    def of(cls, patches: PatchTable, lattice: Lattice, faces: Array) -> Cover:
+    def of(cls, patches: PatchTable, faces: Array) -> Cover:
         """The patches of some limit faces; those without a limit have none."""
         owner, code = np.arange(len(faces)), patches.codes[faces]
         if (code >= 0).all():  # as most are in most cages
@@ -50,10 +51,9 @@ class Cover:
             return cls(owner, code, none[:, 0], none, np.ones(len(faces), dtype=np.int64))
         place, level, found = np.zeros((len(faces), 2), dtype=np.int64), 0, []
         sign = np.ones(len(faces), dtype=np.int64)
-        # in the order of the codes: by v, then u, those that are turned last
-        children = sorted(lattice.children, key=lambda x: (x.turned, x.origin[::-1]))
-        origins = np.array([x.origin for x in children])
-        signs = np.array([-1 if x.turned else 1 for x in children])
+        lattice = patches.lattice
+        children = [lattice.children[k] for k in np.argsort(lattice.parts)]
+        origins, signs = np.array([x.origin for x in children]), _signs(children)
         while True:
             done = code >= 0
             depth = np.full(int(done.sum()), level)
@@ -113,18 +113,14 @@ class Group:
 
 
 def grouped(
-    patches: PatchTable,
-    lattice: Lattice,
-    cover: Cover,
-    rings: Array,
-    strips: StripTables,
-    which: Array,
+    patches: PatchTable, cover: Cover, rings: Array, strips: StripTables, which: Array
 ) -> tuple[int, list[Group]]:
     """The number of cells, and patches by kind and the way they are cut.
 
     `rings` (P,) is how many there are to be around special corners; `which` of `strips` each strip
     has.
     """
+    lattice = patches.lattice
     kind, row = patches.kind[cover.patch], patches.row[cover.patch]
     turn = patches.turn[cover.patch].astype(np.int64)
     count = np.where(kind > STRIP, rings, 0)
@@ -152,11 +148,16 @@ def _cells(lattice: Lattice, kind: int, count: int) -> tuple[Array, Array]:
         pieces = lattice.pieces
         size = np.repeat(half, len(pieces))[:, None]
         origin = np.tile([piece.origin for piece in pieces], (count, 1))
-        sign = np.tile([-1 if piece.turned else 1 for piece in pieces], count)[:, None]
+        sign = np.tile(_signs(pieces), count)[:, None]
         return origin * size, np.tile(sign * size, (1, 2))
     below = np.append(half, 0.0)
     size = np.stack([np.ones(count + 1), np.append(half, np.ldexp(1.0, -count))], axis=1)
     return np.stack([np.zeros(count + 1), below], axis=1), size
+
+
+def _signs(children: Sequence[Child]) -> Array:
+    """-1 for those that are turned by half a turn, else 1, (n,)."""
+    return np.where([child.turned for child in children], -1, 1)
 
 
 def placed(
