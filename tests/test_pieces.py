@@ -336,8 +336,9 @@ def test_depth_counts_from_the_edges_of_the_cage():
     assert (ls.bezier_patches(cube).rest.size == 0.5**8).all()
 
 
-def test_some_faces_in_any_order():
-    surface = ls.LimitSurface(mesh_of("tagged_mixed_carved_grid_uniform"))
+@pytest.mark.parametrize("name", ["tagged_mixed_carved_grid_uniform", "loop_tagged_sphere_0"])
+def test_some_faces_in_any_order(name):
+    surface = surface_of(name)
     whole = ls.bezier_patches(surface, depth=4, weights=True)
     face = np.random.default_rng(0).permutation(len(surface.limit_faces))[:7]
     some = ls.bezier_patches(surface, face=face, depth=4, weights=True)
@@ -346,13 +347,15 @@ def test_some_faces_in_any_order():
         assert np.array_equal(x.face, y.face[place])
         for field in ("origin", "size", *(["points"] if x is some else ["lower", "corner"])):
             assert np.array_equal(getattr(x, field), getattr(y, field)[place])
-    rows = (16 * np.concatenate([np.flatnonzero(whole.face == f) for f in face]))[:, None]
-    assert (some.weights != whole.weights[(rows + np.arange(16)).ravel()]).nnz == 0
+    each = len(whole.exponents)
+    rows = (each * np.concatenate([np.flatnonzero(whole.face == f) for f in face]))[:, None]
+    assert (some.weights != whole.weights[(rows + np.arange(each)).ravel()]).nnz == 0
     single = ls.bezier_patches(surface, face=int(face[0]), depth=4)
     assert np.array_equal(single.points, some.points[: len(single)])
     empty = ls.bezier_patches(surface, face=[], weights=True)
     assert (len(empty), len(empty.rest), empty.weights.shape[0]) == (0, 0, 0)
-    assert empty.points.shape == (0, 4, 4, 3)
+    assert empty.points.shape == (0, *whole.points.shape[1:])
+    assert empty.evaluate([0, 1], 0).shape == (0, 2, 3)
 
 
 def test_columns_and_channels():
@@ -379,14 +382,17 @@ def test_columns_and_channels():
 # --- Accuracy and bounds
 
 
-@pytest.mark.parametrize("name", ["local_cage_7", "tagged_crease_3_3"])
+@pytest.mark.parametrize("name", ["local_cage_7", "tagged_crease_3_3", "loop_disc_4", "loop_fan_3"])
 def test_deep_and_far(name):
     """Far from the origin, 52 rings deep, and at coordinates whose sums overflow."""
-    mesh = mesh_of(name)
+    mesh, scheme = mesh_of(name), LOOP if name in TRIANGLES else None
+    corners = SQUARE if scheme is None else TRIANGLE
     for change in (lambda x: x + 1e6, lambda x: x * 2.0**1020, lambda x: x * 2.0**-1020):
         moved = mesh.with_points(change(mesh.points))
-        found = ls.bezier_patches(ls.LimitSurface(moved), face=0, depth=52)
-        wanted = ls.bezier_patches(ls.LimitSurface(exactly(moved)), face=0, depth=52)
+        found, wanted = (
+            ls.bezier_patches(ls.LimitSurface(x, scheme=scheme), face=0, depth=52)
+            for x in (moved, exactly(moved))
+        )
         value = wanted.points.astype(float)
         size = np.ptp(moved.points, axis=0).max()
         allowed = 1e-14 * size + 2 * np.spacing(np.abs(value))
@@ -394,7 +400,7 @@ def test_deep_and_far(name):
         assert (errors <= allowed).all()
         assert (found.rest.lower <= wanted.rest.lower).all()
         assert (found.rest.upper >= wanted.rest.upper).all()
-        corner = found.rest.origin + found.rest.size * SQUARE[found.rest.corner]
+        corner = found.rest.origin + found.rest.size * corners[found.rest.corner]
         assert np.array_equal(corner, np.rint(corner))
 
 
@@ -446,17 +452,18 @@ def test_bounds_for_negative_masks():
 # --- Mistakes
 
 
+@pytest.mark.parametrize("name", ["carved_torus", "loop_sphere_1"])
 @pytest.mark.parametrize("mistake", ["control", "turn", "piece"])
-def test_a_wrong_index_shows(mistake, monkeypatch):
-    true = ls.LimitSurface(mesh_of("carved_torus"))
-    surface = ls.LimitSurface(true.mesh)
+def test_a_wrong_index_shows(mistake, name, monkeypatch):
+    true, surface = surface_of(name), surface_of(name)
     assert gap(true, ls.bezier_patches(surface, depth=3)) < 1
     if mistake == "control":
         control = surface.patches.controls[REGULAR]
         control[:, [0, 1]] = control[:, [1, 0]]
     elif mistake == "turn":
         turned = cells._turned
-        monkeypatch.setattr(cells, "_turned", lambda form, x, turn: turned(form, x, -turn % 4))
+        sides = 3 if name in TRIANGLES else 4
+        monkeypatch.setattr(cells, "_turned", lambda form, x, turn: turned(form, x, -turn % sides))
     else:
         pieces = cover._cells
         monkeypatch.setattr(cover, "_cells", lambda *args: [x[::-1] for x in pieces(*args)])
