@@ -324,12 +324,20 @@ def _is_ordered(table: EigenTable) -> bool:
     return bool(ds[0] * dt[1] > ds[1] * dt[0])
 
 
-def rational_table(scheme: Scheme, sector: Sector) -> RationalTable:
+def rational_table(scheme: Scheme, sector: Sector, rounded: bool = False) -> RationalTable:
     """Return the exact refinement step of `scheme` around a special corner.
 
-    Raises a TypeError for irrational masks.
+    If `rounded`, weights that are not rational are taken as float64 has them; else they raise a
+    TypeError.
     """
-    return _rational_table(subdivision_matrix(scheme, sector), scheme)
+    matrix = subdivision_matrix(scheme, sector)
+    if rounded and not all(isinstance(w, Fraction) for row in matrix.rows for w in row.values()):
+        matrix = subdivision_matrix(scheme, sector, _rational)
+    return _rational_table(matrix, scheme)
+
+
+def _rational(weight: Any) -> Fraction:
+    return weight if isinstance(weight, Fraction) else Fraction(float(weight))
 
 
 @lru_cache(maxsize=64)
@@ -348,6 +356,6 @@ def _rational_table(matrix: SubdivisionMatrix, scheme: Scheme) -> RationalTable:
     columns, rows = np.array([(c, r) for c, r, _ in entries]).T
     pieces, sector = np.array(matrix.pieces), matrix.sector
     mask = np.full(sector.size, Fraction(0), dtype=object)
-    mask[: sector.ring] = limit_weights(scheme, sector)
+    mask[: sector.ring] = list(map(_rational, limit_weights(scheme, sector)))
     count = len(matrix.rows)
     return RationalTable(sector, count, rows, columns, numerators, denominator, pieces, mask)
