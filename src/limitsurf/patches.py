@@ -70,6 +70,7 @@ class PatchTable:
     """
 
     def __init__(self, mesh: Mesh, rules: Rules, number: NumberType) -> None:
+        self.lattice = rules.scheme.lattice
         limit_faces = first_limit_face(mesh)
         self.n_limit_faces = int(limit_faces[-1])
         self.n_vertices = self.n_points = mesh.n_vertices

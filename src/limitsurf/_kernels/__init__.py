@@ -14,7 +14,7 @@ from typing import Any
 from limitsurf._kernels.locks import preparing as preparing
 
 _PAYS = 100_000  # queries, or corners of faces: about a tenth of a second in NumPy
-_MODULES = ("coefficients", "connectivity", "evaluation", "grids", "refinement", "rows")
+_MODULES = ("coefficients", "connectivity", "evaluation", "grids", "quads", "refinement", "rows")
 _always = False
 _loaded = False
 
@@ -51,6 +51,14 @@ def load() -> None:
             for name in _MODULES:
                 import_module(f"{__name__}.{name}")
             _loaded = True
+
+
+def shape(name: str) -> Any:
+    """The kernels that evaluate surfaces whose faces are so called: one module of equal names each.
+
+    They are imported when first asked for; ask while `preparing`.
+    """
+    return import_module(f"{__name__}.{name}")
 
 
 def connects() -> bool:
