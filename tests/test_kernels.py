@@ -119,7 +119,7 @@ def scales(surface, face, u, v):
     defined = np.isfinite(u) & np.isfinite(v) & (patches.codes[face] != -1)
     u, v = (np.where(defined, x, 0.5) for x in (u, v))
     special, origin, size = np.zeros(len(u), dtype=bool), np.zeros((2, len(u))), np.ones(len(u))
-    patch, s, t, depth = patches.locate(face[defined], u[defined], v[defined])
+    patch, s, t, depth, _ = patches.locate(face[defined], u[defined], v[defined])
     special[defined], size[defined] = patches.kind[patch] > STRIP, 0.5**depth
     origin[:, defined] = [u[defined] - s * 0.5**depth, v[defined] - t * 0.5**depth]
     a = np.maximum(np.minimum(u, 1 - u), np.minimum(v, 1 - v))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from limitsurf import _kernels
 from limitsurf.mesh import Mesh, read_only
+from limitsurf.scheme.lattice import Lattice
 
 Array = NDArray[Any]
 
@@ -125,7 +126,7 @@ def child_twins(mesh: Mesh) -> Array:
     return np.stack(twins, axis=1).ravel()
 
 
-def child_mesh(mesh: Mesh, points: Array) -> Mesh:
+def child_mesh(mesh: Mesh, points: Array, lattice: Lattice | None = None) -> Mesh:
     """The refined mesh on given points; while one is alive, others share its connectivity."""
     if mesh._repeats:
         # no corner of a child is repeated, but the halves of an edge from a vertex to itself are
@@ -192,7 +193,7 @@ class MeshPart:
         return cls(part, wanted, faces, corners, vertices)
 
 
-def first_limit_face(mesh: Mesh) -> Array:
+def first_limit_face(mesh: Mesh, lattice: Lattice | None = None) -> Array:
     """First limit face of each face and, last, their number, (n_faces + 1,)."""
     if mesh._steps[0] == 4:
         return np.arange(mesh.n_faces + 1)

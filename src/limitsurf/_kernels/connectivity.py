@@ -390,15 +390,15 @@ def _renumber(
         twins[k] = here if inside else -1
 
 
-def smooth_quads(tail: Array, first: Array, turn: Array, valence: Array) -> tuple[Array, Array]:
-    """Which faces are one smooth patch: see `patches.smooth_quads`."""
+def smooth_faces(tail: Array, first: Array, turn: Array, valence: Array) -> tuple[Array, Array]:
+    """Which faces are one smooth patch: see `patches.neighbourhood.smooth_faces`."""
     found, start = np.empty(len(first), np.int32), np.empty(len(first), np.int8)
-    _smooth_quads(tail, first, turn, valence, found, start)
+    _smooth_faces(tail, first, turn, valence, found, start)
     return found, start
 
 
 @kernel
-def _smooth_quads(
+def _smooth_faces(
     tail: Array, first: Array, turn: Array, valence: Array, found: Array, start: Array
 ) -> None:
     for face in range(len(first)):
@@ -511,7 +511,7 @@ def _specials(
             result[face, 2 * valence + 1 + j] = room[0, outer[j]]
 
 
-def sharp_quads(
+def sharp_faces(
     tail: Array,
     steps: Steps,
     twin: Array,
@@ -523,15 +523,15 @@ def sharp_quads(
     first: Array,
     turn: Array,
 ) -> tuple[Array, Array]:
-    """What kind of patch quads at sharp edges are: see `patches.sharp_quads`."""
+    """What kind of patch quads at sharp edges are: see `patches.neighbourhood.sharp_faces`."""
     found, start = np.empty(len(first), np.int8), np.empty(len(first), np.int8)
     known = fan, state, around, edges, through, first, turn
-    _sharp_quads(tail, *steps, twin, *known, found, start)
+    _sharp_faces(tail, *steps, twin, *known, found, start)
     return found, start
 
 
 @kernel
-def _sharp_quads(
+def _sharp_faces(
     tail: Array,
     size: int,
     after: Array,

@@ -90,7 +90,7 @@ class Groups:
         finite = self.number.finite(u) & self.number.finite(v)
         finite &= patches.codes[face] != -1
         defined, undefined = finite.nonzero()[0], (~finite).nonzero()[0]
-        patch, s, t, depth = patches.locate(face[defined], u[defined], v[defined])
+        patch, s, t, depth, _ = patches.locate(face[defined], u[defined], v[defined])
         kinds, groups = patches.kind[patch], []
         for which in np.unique(kinds).tolist():
             here = (kinds == which).nonzero()[0]

@@ -148,7 +148,7 @@ class Lattice:
                 found.append(1 - (u if b else v))
         return found
 
-    @property
+    @cached_property
     def flips(self) -> bool:
         """Whether there are children that are turned by half a turn."""
         return any(child.turned for child in self.children)
@@ -177,6 +177,14 @@ class Lattice:
         Where no two derivatives mix, as in quads, one factor of each orientation is not 0.
         """
         return _turned(self.gradients, nu)
+
+    @cached_property
+    def parts(self) -> tuple[int, ...]:
+        """Numbers of the children as parts of a face: in quads ``i + 2 j`` by place."""
+        every = range(len(self.children))
+        if self.flips:
+            return tuple(every)
+        return tuple(i + self.ratio * j for i, j in (child.origin for child in self.children))
 
     # ---------------------------------------------------------------- places
 

@@ -71,12 +71,17 @@ class Spline:
         """Places of the control points of a face whose corner 0 is at (1, 1), by j, then i."""
         return tuple(self._weights)
 
+    @property
+    def is_product(self) -> bool:
+        """Whether it is a product of splines in u and in v."""
+        return len(set(self.directions)) == 2
+
     @cached_property
     def exponents(self) -> tuple[Vector, ...]:
         """Exponents (i, j) of the monomials ``s^i t^j`` of a piece, by j, then i."""
-        total, distinct = len(self.directions) - 2, sorted(set(self.directions))
+        total = len(self.directions) - 2
         most = total, total
-        if len(distinct) == 2:  # a tensor product
+        if self.is_product:
             most = self.directions.count((1, 0)) - 1, self.directions.count((0, 1)) - 1
         degrees = range(most[0] + 1), range(most[1] + 1)
         return tuple((i, j) for j in degrees[1] for i in degrees[0] if i + j <= total)
