@@ -50,7 +50,7 @@ _PLACES = sorted(set(_PIECES))
 REFINED = len(_PLACES)  # points of these pieces
 PIECES = np.array([_PLACES.index(place) for place in _PIECES], dtype=np.int32)
 
-_SLACK = 1 + 4 * 2.0**-52  # up to where u + v is taken as 1
+_SLACK = 4 * 2.0**-52  # by how much u + v may be above 1
 _UNIT = 1 / 12  # of the weights below, which are polynomials over integers
 # gradients in (u, v) of s and t by orientation, and whether s, t and s + t grow towards corner 0 of
 # the limit face, as bits by orientation
@@ -85,13 +85,12 @@ def located(face: int, s: float, t: float, patches: Patches) -> tuple[int, int, 
     """
     if face < 0 or face >= patches.n_faces:
         return -1, 0, s, t, False
-    if not (s >= 0 and t >= 0 and s + t <= 1):
+    beyond = max(s, t) - 1 + min(s, t)
+    if not (s >= 0 and t >= 0 and beyond <= 0):
         if not (isfinite(s) and isfinite(t)):
-            outside = (isfinite(s) and not 0 <= s <= _SLACK) or (
-                isfinite(t) and not 0 <= t <= _SLACK
-            )
+            outside = (isfinite(s) and s < 0) or (isfinite(t) and t < 0)
             return -1, 0, s, t, not outside
-        if s < 0 or t < 0 or s + t > _SLACK:
+        if s < 0 or t < 0 or beyond > _SLACK:
             return -1, 0, s, t, False
         if s > t:
             s = 1 - t
@@ -125,7 +124,7 @@ def located(face: int, s: float, t: float, patches: Patches) -> tuple[int, int, 
 @inlined
 def turned(s: float, t: float, turn: int) -> tuple[float, float]:
     """Parameters in a patch of some orientation from those in its cell."""
-    rest = 1 - max(s, t) - min(s, t)
+    rest = max(1 - max(s, t) - min(s, t), 0.0)
     if turn >= 3:
         turn -= 3
     return (s if turn == 0 else t if turn == 1 else rest), (
@@ -137,7 +136,9 @@ def turned(s: float, t: float, turn: int) -> tuple[float, float]:
 def place_around(s: float, t: float, turn: int) -> tuple[int, int, float, float]:
     """Level (-1 at the corner), piece and parameters in it of (s, t) around a special corner."""
     # lines between pieces belong to the side nearer corner 0 of the limit face
-    level = halvings(s + t, _DOWN_BOTH >> turn & 1 == 1)
+    total = s + t
+    lost = min(s, t) - (total - max(s, t))  # where this tells the side, it does
+    level = halvings(total, lost > 0 or (lost == 0 and _DOWN_BOTH >> turn & 1 == 1))
     if level >= NEVER:
         return -1, 0, 0.0, 0.0
     # (no branches: where a random query lies cannot be foreseen)

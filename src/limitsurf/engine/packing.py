@@ -21,6 +21,7 @@ from limitsurf.patches import REGULAR, STRIP, PatchTable
 
 if TYPE_CHECKING:
     from limitsurf._kernels import evaluation, grids, rows
+    from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
 
@@ -65,6 +66,7 @@ class Packing:
     def __init__(
         self,
         patches: PatchTable,
+        scheme: Scheme,
         eigen_tables: Sequence[tables.EigenTable | None],
         strips: tables.StripTables,
         which: Array,
@@ -72,8 +74,10 @@ class Packing:
     ) -> None:
         self._patches, self._own = patches, own
         self._copied = np.zeros(0, dtype=np.int64)
-        self._sectors = eigen_tables
-        self._shape = _kernels.shape(patches.lattice.name)
+        self._sectors, self._spline = eigen_tables, scheme.spline
+        shape = _kernels.shape(scheme.spline.directions)
+        assert shape is not None
+        self._shape = _kernels.evaluating(shape)
         self.tables, self._n_rows, self._n_special = self._tables()
         self.patches = self._covering(strips, which)
 
