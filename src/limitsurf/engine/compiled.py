@@ -36,8 +36,11 @@ class Compiled:
     def knows(self, orders: Sequence[Order], weights: bool) -> bool:
         """Whether kernels can answer at all: derivatives of few orders, of points of common size.
 
-        There must be numbers to be answered. For `weights` points do not matter.
+        Patches must be of a shape that has kernels, and there must be numbers to be answered. For
+        `weights` points do not matter.
         """
+        if not self._topology.packs:
+            return False
         for nu in orders:
             if nu not in PLACES:
                 return False

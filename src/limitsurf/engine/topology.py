@@ -61,6 +61,11 @@ class Topology:
         """A vertex of the cage at each limit face."""
         return self.mesh.indices[self.mesh.offsets[self.limit_faces.face]]
 
+    @cached_property
+    def packs(self) -> bool:
+        """Whether there are compiled kernels for the patches."""
+        return _kernels.shape(self.rules.scheme.spline.directions) is not None
+
     @property
     def packing(self) -> Packing:
         """Patches and tables as compiled kernels want them."""
@@ -71,7 +76,7 @@ class Topology:
                 if found is None:
                     _kernels.load()
                     groups = self.groups
-                    given = groups.tables, *groups.strips, self.own_vertices
+                    given = self.rules.scheme, groups.tables, *groups.strips, self.own_vertices
                     self.__dict__["_packing"] = found = Packing(self.patches, *given)
         return found
 

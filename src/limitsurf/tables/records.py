@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
-from limitsurf.exact.matrices import subdivision_matrix
+from limitsurf.exact.matrices import SubdivisionMatrix, subdivision_matrix
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 
@@ -188,12 +188,26 @@ class EigenTable:
     @cached_property
     def A(self) -> Array:
         """Subdivision matrix, (K, K)."""
-        A = np.zeros((self.size, self.size))
-        for i, row in enumerate(subdivision_matrix(self.scheme, self.sector).rows[: self.size]):
-            for k, weight in row.items():
-                A[i, k] = float(weight)
+        A = self._refinement(range(self.size))
         A.flags.writeable = False
         return A
+
+    @property
+    def refined(self) -> Array:
+        """Control points of the regular pieces from those around the corner, (3, points, K)."""
+        return np.stack([self._refinement(piece) for piece in self._matrix.pieces])
+
+    @property
+    def _matrix(self) -> SubdivisionMatrix:
+        return subdivision_matrix(self.scheme, self.sector)
+
+    def _refinement(self, which: Sequence[int]) -> Array:
+        """Some of the refined points as rows over the control points, (n, K)."""
+        rows, result = self._matrix.rows, np.zeros((len(which), self.size))
+        for i, refined in enumerate(which):
+            for k, weight in rows[refined].items():
+                result[i, k] = float(weight)
+        return result
 
     @property
     def residual(self) -> Array:
