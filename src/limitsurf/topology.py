@@ -129,6 +129,12 @@ def without_points(mesh: Mesh) -> Mesh:
     return Mesh._from_valid(nowhere, mesh.sizes, mesh.indices, mesh._connectivity)
 
 
+def vertex_numbers(mesh: Mesh) -> Array:
+    """What the vertices are called in messages: of a part, as in the whole."""
+    named = mesh.points.dtype == np.int64  # the points of a cage are no integers
+    return mesh.points if named else np.arange(mesh.n_vertices)
+
+
 def quad_offsets(mesh: Mesh) -> Array:
     """First corners of faces, (n_faces + 1,), as kernels take them: none if all are quads."""
     return mesh._steps[1] if mesh._steps[0] == 4 else mesh.offsets
@@ -312,7 +318,7 @@ class MeshPart:
     Attributes
     ----------
     mesh : Mesh
-        Its points are `vertices`.
+        Its points are the `vertex_numbers` of its vertices.
     wanted : (n_corners of the whole,) bool
         The corners whose faces they are.
     faces, corners, vertices : int arrays, ascending
@@ -351,7 +357,7 @@ class MeshPart:
             known |= _part_edges(mesh, corners, indices)
         if mesh._of_quads:
             known["_steps"] = mesh._steps
-        part = Mesh._from_valid(vertices, mesh.sizes[faces], indices, known)
+        part = Mesh._from_valid(vertex_numbers(mesh)[vertices], mesh.sizes[faces], indices, known)
         return cls(part, wanted, faces, corners, vertices)
 
 

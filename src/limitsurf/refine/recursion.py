@@ -248,7 +248,11 @@ def refined(
         Its vertices are the vertex points, then the edge points in the order of ``mesh.edges``,
         then the face points; unused vertices are kept. Its faces are the children of each face in
         the order of its corners, with corner 0 at that corner, corner 1 the midpoint of the edge
-        to the next one and corner 2 the face point. Children of holes are holes, and so are those
+        to the next one and corner 2 the face point. Schemes of triangles have no face points: child
+        0, 1, 2 of a triangle has that corner, the midpoint of the edge to the next one and of that
+        to the one before, and child 3 is in the middle, from the midpoint opposite to corner 0 on:
+        inner edges of two triangles on the same three vertices join the same midpoints, and
+        ``edges`` has them both. Children of holes are holes, and so are those
         of boundary faces under boundary="none". Creases and corners carry their sharpness on, and
         channels are refined with their seams.
         It also has `parent_face`, `parent_u`, `parent_v`, `limit_points` and `limit_normals`.
@@ -257,6 +261,10 @@ def refined(
     ------
     ValueError
         For levels that are not an integer >= 0, or an unknown option.
+    MeshError
+        For other faces than triangles, if the scheme is of these.
+    TypeError
+        For exact points where masks are irrational, which need float64.
     MemoryError
         At once, for more faces than there is memory for; it says how many levels fit.
 
