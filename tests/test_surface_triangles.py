@@ -17,6 +17,9 @@ from oracles_creases import Cage
 from oracles_loop import LoopSurface
 
 import limitsurf as ls
+from limitsurf._kernels import reference
+from limitsurf.basis import regular_weights
+from limitsurf.numbers import FLOAT64, RATIONAL
 from limitsurf.patches import STRIP
 from limitsurf.scheme.loop import LOOP
 
@@ -24,7 +27,7 @@ ORDERS = [(i, m - i) for m in range(5) for i in range(m + 1)]
 CAGES = ["torus_3x4", "octahedron", "crowded", "sphere_1", "bipyramid_12", "patch_0", "fan_2",
          "fan_5", "dart_5", "crease_2_of_6", "corner_3", "cone_5", "semi_2.5", "chaikin",
          "tagged_sphere_0"]  # fmt: skip
-RATIONAL = ["torus_3x4", "octahedron", "crowded", "grid_3x2", "crease_2_of_6", "dart_6"]
+FRACTIONS = ["torus_3x4", "octahedron", "crowded", "grid_3x2", "crease_2_of_6", "dart_6"]
 CASES = oracles_loop.reference_cases() or {}
 # in coordinates of each corner: on lines between pieces, beside them, near and at the corner
 PLACES = [(0.5, 0.25), (0.25, 0.5), (0.25, 0.25), (0.3, 0.2), (0.7, 0.3), (2.0**-40, 0.0),
@@ -106,7 +109,7 @@ def test_close_to_a_vertex_as_anywhere():
                 assert np.abs(found[face] - wanted).max() <= 1e-14 * np.abs(wanted).max()
 
 
-@pytest.mark.parametrize("name", RATIONAL)
+@pytest.mark.parametrize("name", FRACTIONS)
 def test_fractions(name):
     surface, oracle = both(name)
     third = [(F(1, 3), F(1, 5)), (F(1, 2**20), F(1, 3 * 2**20)), (F(2, 3), F(1, 3))]
@@ -240,3 +243,56 @@ def test_all_kinds_of_patches_are_here():
         kinds |= {sector.kind for sector in patches.sectors if sector is not None}
         assert not (patches.kind == STRIP).any()
     assert {"interior", "crease", "corner", "dart", "cone"} <= kinds
+
+
+# --- Pieces
+
+
+def walked(s, t, flipped):
+    """Halvings towards the corner, the child there, and the parameters in it, by recursion."""
+    level = 0
+    while (child := oracles_loop.child_of(s, t, flipped)) == 0:
+        s, t, level = 2 * s, 2 * t, level + 1
+    return level, child - 1, *oracles_loop.in_child(s, t, child)
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_the_piece_around_a_corner(flipped):
+    rng = random.Random(int(flipped))
+    dyadic = [(rng.randint(0, 8), rng.randint(0, 8), rng.randint(3, 5)) for _ in range(60)]
+    places = [(a / 2**n, b / 2**n) for a, b, n in dyadic if 0 < a + b <= 2**n]
+    # sums that are rounded to a power of two, from either side
+    for s in (0.1, 0.3, 0.2, 1e-3, 1e-9):
+        t = 0.5 - s
+        places += [(s, t), (s, np.nextafter(t, 0)), (s, np.nextafter(t, 1)), (t / 8, s / 8)]
+    places += [(s * 1e-300, t * 1e-300) for s, t in places[-20:]] + [(5e-324, 0.0), (0.0, 1e-310)]
+    s, t = columns(places)
+    up = np.full(len(s), flipped)
+    found = reference.split_flipped_corner(s, t, up, up, up)
+    exact = RATIONAL.array(s), RATIONAL.array(t)
+    for *own, x, y in zip(*found, *exact, strict=True):
+        wanted = walked(x, y, flipped)
+        assert tuple(own[:2]) == wanted[:2]
+        assert np.abs(floats(own[2:]) - floats(wanted[2:])).max() <= 2.0**-53
+    own = zip(*reference.split_flipped_corner(*exact, up, up, up), strict=True)
+    assert list(own) == [walked(x, y, flipped) for x, y in zip(*exact, strict=True)]
+    zero, no = np.zeros(1), np.zeros(1, dtype=bool)
+    assert [x[0] for x in reference.split_flipped_corner(zero, zero, no, no, no)] == [-1, 0, 0, 0]
+
+
+@pytest.mark.parametrize("nu", [*ORDERS, (5, 0), (3, 3)])
+def test_regular_weights(nu):
+    """Those of Stam's table; in floats to rounding, with no negative weight of a position."""
+    spline, template = LOOP.spline, [(i - 1, j - 1) for i, j in LOOP.lattice.template]
+    exact = [(F(1, 3), F(1, 5)), (F(0), F(1)), (F(1, 2), F(1, 2))]
+    rows = regular_weights(spline, RATIONAL)(*(RATIONAL.array(x) for x in columns(exact)), nu)
+    for row, place in zip(rows, exact, strict=True):
+        wanted = oracles_loop.box_spline_weights(*place, nu)
+        assert list(row) == [wanted[k] for k in template]
+    near = [(0.3, 0.6999), (1e-9, 1e-3), (0.7, 0.3), (0.25, 0.5)]
+    rows = regular_weights(spline, FLOAT64)(*columns(near), nu)
+    for row, (s, t) in zip(rows, near, strict=True):
+        wanted = oracles_loop.box_spline_weights(F(s), F(t), nu)
+        wanted = floats(wanted[k] for k in template)
+        assert np.abs(row - wanted).max() <= 1e-15 * max(1, np.abs(wanted).max())
+        assert any(nu) or (row >= 0).all()
