@@ -562,9 +562,3 @@ def test_masks_as_arrays():
     assert tables.vertex_weights(LOOP, np.array([], dtype=int), FLOAT64).shape == (0, 2)
     assert tables.vertex_weights(LOOP, np.array([5]), FLOAT64)[0] @ [1, 5] == pytest.approx(1)
     assert tables.limit_mask(LOOP, "interior", 3, RATIONAL).tolist() == [F(2, 5), *[F(1, 5)] * 3]
-
-
-@pytest.mark.parametrize("use", [ls.refined, ls.LimitSurface])
-def test_triangles_have_no_surfaces_yet(use):
-    with pytest.raises(ValueError, match="'loop' is of triangles, which have eigenbases alone"):
-        use(ls.Mesh(np.eye(3), [[0, 1, 2]]), scheme=LOOP)

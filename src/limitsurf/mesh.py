@@ -423,6 +423,14 @@ class Mesh:
         return result
 
     @_shared
+    def _parallel(self) -> bool:
+        """Whether there are edges between the same vertices that the faces do not tell of.
+
+        Refinement may make them, with an `_edge_table` that it knows.
+        """
+        return False
+
+    @_shared
     def _repeats(self) -> bool:
         """Whether a face has a vertex more than once."""
         if self._compiled:
@@ -647,7 +655,7 @@ class Mesh:
 
     def __getstate__(self) -> dict[str, Any]:
         # these can be known from how the mesh was made; everything else is computed again
-        known = ("separate", "twin", "_repeats")
+        known = ("separate", "twin", "_repeats", *("_parallel", "_edge_table") * self._parallel)
         given = {name: x for name, x in self._connectivity.items() if name in known}
         return {**self.__dict__, "_connectivity": given}
 

@@ -33,6 +33,7 @@ Exact: TypeAlias = Fraction | Sequence[Fraction]
 Numbers: TypeAlias = ArrayLike | Exact
 
 _MOST = 10_000  # derivatives in a jet
+_ZERO = 5  # order of derivatives that are 0 in all pieces
 _POSITION: tuple[Order] = ((0, 0),)
 
 
@@ -325,7 +326,7 @@ class LimitSurface:
         face : array_like of int
             Limit faces, 0 to ``len(limit_faces) - 1``.
         u, v : array_like
-            Parameters in [0, 1].
+            Parameters in [0, 1]; in triangles u + v <= 1, where up to 8.9e-16 beyond is rounding.
         nu : (int, int)
             Order of the derivative in u and in v.
         channel : str, optional
@@ -347,8 +348,8 @@ class LimitSurface:
         IndexError
             For a face out of range.
         ValueError
-            For finite u or v outside [0, 1], an order that is not two integers >= 0, or a channel
-            that the mesh does not have.
+            For finite u or v outside the limit face, an order that is not two integers >= 0, or a
+            channel that the mesh does not have.
 
         Examples
         --------
@@ -380,8 +381,9 @@ class LimitSurface:
         """All derivatives up to a total order in one pass, as {(i, j): array}.
 
         Arguments, shapes and errors are those of `evaluate`; (0, 0) is the position. Derivatives
-        beyond the third in u or in v are 0 where there are any, so that no more than order 6 says
-        anything; orders above 139, of more than 10,000 derivatives, are refused.
+        beyond the third in u or in v, in triangles beyond the fourth order, are 0 where there are
+        any, so that no more than order 6 says anything; orders above 139, of more than 10,000
+        derivatives, are refused.
 
         Examples
         --------
@@ -641,7 +643,7 @@ class LimitSurface:
         """A request whose answers need square roots, and who gives these."""
         request = Request.of(face, u, v, self._exact, workers)
         if request.exact:
-            request.check(len(self.limit_faces))
+            request.check(len(self.limit_faces), self._topology.lattice)
             raise TypeError(
                 f"{what} needs square roots, which exact numbers do not have: give float64 ones, "
                 "with points of float64"
@@ -684,11 +686,11 @@ def precompile() -> None:
 
 
 def _order(nu: Any) -> Order:
-    """Two non-negative integers; those beyond the third are alike, for pieces are bicubic."""
+    """Two non-negative integers; those beyond the degree of all pieces are alike."""
     order = tuple(nu) if isinstance(nu, (tuple, list, np.ndarray)) else ()
     if len(order) == 2:
         i, j = order
         whole = isinstance(i, (int, np.integer)) and isinstance(j, (int, np.integer))
         if whole and i >= 0 and j >= 0 and type(i) is not bool and type(j) is not bool:
-            return min(int(i), 4), min(int(j), 4)
+            return min(int(i), _ZERO), min(int(j), _ZERO)
     raise ValueError(f"nu must be two integers >= 0, got {nu!r}")

@@ -432,11 +432,12 @@ class Packing:
         assert table is not None
         sides = [u, v, 1 - u, 1 - v]
         s, t = sides[turn], sides[(turn + 1) % 4]
-        place = basis.CornerPlace.of(s, t, np.full(len(u), turn))
+        lattice = table.sector.lattice
+        place = basis.CornerPlace.of(s, t, np.full(len(u), turn), lattice)
         powers = basis.EigenPowers.of(table, place)
         rows = []
         for nu in terms:
-            turned, sign = basis.turned(nu)
+            ((turned, sign),) = basis.turned(lattice, nu)
             found = basis.eigen_weights(table, place, powers, turned[turn])
             if np.abs(found.exponent).max() > 900:
                 return None

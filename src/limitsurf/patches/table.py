@@ -109,7 +109,9 @@ class PatchTable:
                 return
             level = level.part()
             if many or len(level.sharpness.concerned):
-                level = level.of_faces(self._add_sharp(level, Sectors.of(level.sharpness)))
+                level = level.of_faces(
+                    self._add_sharp(level, Sectors.of(level.sharpness, self.lattice))
+                )
             if len(level.faces) == 0:
                 return
         face = int(level.slot[0])
@@ -305,7 +307,8 @@ class PatchTable:
         slot = np.repeat(slot, each) + corner
         slot[whole] = n_codes + np.repeat(count * np.arange(n_splits), count) + part[whole]
         turn = np.where(whole, turn, 0).astype(np.int8)
-        return Level(sharpness.children(children), new[children.indices], child, slot, turn)
+        inner = sharpness.children(children, self.lattice)
+        return Level(inner, new[children.indices], child, slot, turn)
 
     def _children(self, mesh: Mesh, faces: Array) -> tuple[Array, Array, Array | bool]:
         """Children of faces in the refined mesh, which of each they are, whether in the middle."""

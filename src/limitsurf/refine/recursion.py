@@ -20,7 +20,11 @@ from limitsurf.refine.stages import channel_groups, refined_values, refinement_s
 from limitsurf.rules import Rules, Sharpness
 from limitsurf.topology import (
     MeshPart,
+    all_regular,
+    at_children,
+    child_halves,
     child_mesh,
+    children_of,
     first_limit_face,
     without_points,
 )
@@ -28,6 +32,7 @@ from limitsurf.topology import (
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+    from limitsurf.scheme.lattice import Lattice
     from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
@@ -60,9 +65,10 @@ class RefinedMesh(Mesh):
     @cached_property
     def _parents(self) -> tuple[Array, Array, Array]:
         """Parent face and parameters, taken in a vertex's first face, one with a limit if any."""
-        limit_face, uv = _cage_parameters(self._lineage[0])
+        lattice = self._rules.scheme.lattice
+        limit_face, uv = _cage_parameters(self._lineage[0], lattice)
         for mesh in self._lineage[:-1]:
-            limit_face, uv = _child_parameters(mesh, limit_face, uv)
+            limit_face, uv = _child_parameters(mesh, limit_face, uv, lattice)
         face = np.full(self.n_vertices, -1)
         u, v = np.full((2, self.n_vertices), np.nan)
         without = self._rules.without_limit(self)[self.corner_face]
@@ -99,13 +105,14 @@ class RefinedMesh(Mesh):
         Exact rationals if the points are. NaN at vertices without a limit: unused ones, and those
         on untagged boundaries under boundary="none".
         """
-        if self._steps[0] != 4:
+        lattice = self._rules.scheme.lattice
+        if not all_regular(self, lattice):
             finer = refined(self, **vars(self._rules))
             return np.asarray(finer.limit_points[: self.n_vertices])
         points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
         rules = self._rules
         sharpness = Sharpness.of(self, rules, numbers.type_of(points))
-        if sharpness.number.exact or not self._large:
+        if sharpness.number.exact or not (self._large and lattice.face_points):
             result = limit_points(sharpness, rules, points, self.vertex_faces > 0)
         else:
             from limitsurf._kernels import refinement
@@ -148,15 +155,15 @@ class RefinedMesh(Mesh):
                 "limit normals need points of shape (n, 3) in numbers that have square roots, "
                 f"float64: got {self.points.dtype} {self.points.shape}"
             )
-        if self._steps[0] != 4:
+        lattice = self._rules.scheme.lattice
+        if not all_regular(self, lattice):
             finer = refined(self, **vars(self._rules))
-            # the first corner of child h is corner h
-            return np.asarray(finer.limit_normals[::4])
+            return np.asarray(finer.limit_normals[child_halves(self, None, lattice)[0]])
         rules, sharpness = self._rules, Sharpness.of(self, self._rules, numbers.FLOAT64)
         points = np.ldexp(self.points, kernels.balance(self.points))
         # what refinement rounded; a cage is exact
         errors = np.abs(points).max(axis=1) * self._rounded
-        if not self._large:
+        if not (self._large and lattice.face_points):
             result = limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
         else:
             from limitsurf._kernels import refinement
@@ -176,7 +183,7 @@ class RefinedMesh(Mesh):
                 normals = limit_normals(inner, rules, *around, own)
                 own = own[near.mesh.indices]
                 result[near.corners[own]] = normals[own]
-        result.reshape(-1, 4, 3)[rules.without_limit(self)] = np.nan
+        result.reshape(-1, lattice.face_size, 3)[rules.without_limit(self)] = np.nan
         return np.asarray(result)
 
     def with_points(self, points: ArrayLike) -> Self:
@@ -279,6 +286,7 @@ def refined(
     # decided once, so that equal calls have equal results, to the last digit
     compiled = not number.exact and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
     coarse, holes = mesh, np.flatnonzero(rules.without_limit(mesh))
+    lattice = rules.scheme.lattice
     first = sharpness = Sharpness.of(mesh, rules, number)
     lineage = []
     for _ in range(levels):
@@ -287,10 +295,10 @@ def refined(
             both = stacked([total, multiplied(faces, total, compiled)])
             total = multiplied(vertices, both, compiled)
         points = refined_values(coarse, rules, sharpness, points, compiled)
-        holes = _corners(coarse, holes)
+        holes = children_of(coarse, holes, lattice)
         lineage.append(without_points(coarse))
-        coarse = child_mesh(coarse, points)
-        sharpness = sharpness.children(coarse)
+        coarse = child_mesh(coarse, points, lattice)
+        sharpness = sharpness.children(coarse, lattice)
     if balance:
         points = np.ldexp(points, -balance)
     channels = {
@@ -348,50 +356,42 @@ def refuse_levels(mesh: Mesh, levels: int, operator: bool = False) -> None:
         memory.refuse_beyond(faces, each, f"faces of {levels} levels", advice)
 
 
-def _corners(mesh: Mesh, faces: Array) -> Array:
-    """All corners of some faces."""
-    if not len(faces):
-        return faces
-    sizes = mesh.sizes[faces]
-    place = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    return np.asarray(np.repeat(mesh.offsets[faces], sizes) + place)
-
-
 def _refined_channel(channel: ChannelMesh, levels: int, holes: Array) -> ChannelMesh:
     """The values of a channel, refined."""
     number = numbers.type_of(channel.points)
     values, balance = _balanced(channel.points.reshape(channel.n_vertices, -1))
     mesh: Mesh = channel
+    lattice = channel.rules.scheme.lattice
     sharpness = Sharpness.of(channel, channel._rules, number)
     compiled = not number.exact and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
     coarser = None
     for _ in range(levels):
-        sharpness = sharpness if coarser is None else coarser.children(mesh)
+        sharpness = sharpness if coarser is None else coarser.children(mesh, lattice)
         values = refined_values(mesh, channel._rules, sharpness, values, compiled)
-        mesh, coarser = child_mesh(mesh, values), sharpness
+        mesh, coarser = child_mesh(mesh, values, lattice), sharpness
     if balance:
         values = np.ldexp(values, -balance)
     values = values.reshape(len(values), *channel.points.shape[1:])
     return channel.refined(mesh, values, sharpness, coarser is not None, holes)
 
 
-_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-
-
-def _cage_parameters(mesh: Mesh) -> tuple[Array, Array]:
+def _cage_parameters(mesh: Mesh, lattice: Lattice) -> tuple[Array, Array]:
     """Limit face (n_corners,) and parameters (n_corners, 2) of every corner of a cage."""
     corner = np.arange(mesh.n_corners) - mesh.offsets[mesh.corner_face]
-    quad = mesh.sizes[mesh.corner_face] == 4
-    limit_face = first_limit_face(mesh)[mesh.corner_face] + np.where(quad, 0, corner)
-    return limit_face, _SQUARE[np.where(quad, corner, 0)]
+    regular = mesh.sizes[mesh.corner_face] == lattice.face_size
+    first = first_limit_face(mesh, lattice)[mesh.corner_face]
+    domain = np.array(lattice.corners, dtype=float)
+    return first + np.where(regular, 0, corner), domain[np.where(regular, corner, 0)]
 
 
-def _child_parameters(mesh: Mesh, limit_face: Array, uv: Array) -> tuple[Array, Array]:
+def _child_parameters(
+    mesh: Mesh, limit_face: Array, uv: Array, lattice: Lattice
+) -> tuple[Array, Array]:
     """The same for the corners of the children, from those of `mesh`."""
-    after, before = mesh.next_corner, mesh.previous_corner
-    opposite = after[after]
-    children = np.stack(
-        [uv, (uv + uv[after]) / 2, (uv + uv[opposite]) / 2, (uv + uv[before]) / 2], axis=1
-    )
-    children[mesh.sizes[mesh.corner_face] != 4] = _SQUARE
-    return np.repeat(limit_face, 4), children.reshape(-1, 2)
+    after = mesh.next_corner
+    middle = (uv + uv[after]) / 2
+    opposite = (uv + uv[after[after]]) / 2
+    children = at_children(mesh, uv, middle, opposite, lattice)
+    if not all_regular(mesh, lattice):
+        children[mesh.sizes[mesh.corner_face] != lattice.face_size] = lattice.corners
+    return np.repeat(limit_face, children.size // uv.size), children.reshape(-1, 2)

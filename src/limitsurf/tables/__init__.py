@@ -19,6 +19,7 @@ from limitsurf.tables.masks import chaikin_weights as chaikin_weights
 from limitsurf.tables.masks import collapsed_masks as collapsed_masks
 from limitsurf.tables.masks import corner_weights as corner_weights
 from limitsurf.tables.masks import edge_face_weights as edge_face_weights
+from limitsurf.tables.masks import edge_weights as edge_weights
 from limitsurf.tables.masks import is_infinite as is_infinite
 from limitsurf.tables.masks import is_shared as is_shared
 from limitsurf.tables.masks import limit_mask as limit_mask

@@ -325,7 +325,10 @@ def _is_ordered(table: EigenTable) -> bool:
 
 
 def rational_table(scheme: Scheme, sector: Sector) -> RationalTable:
-    """Return the exact refinement step of `scheme` around a special corner."""
+    """Return the exact refinement step of `scheme` around a special corner.
+
+    Raises a TypeError for irrational masks.
+    """
     return _rational_table(subdivision_matrix(scheme, sector), scheme)
 
 
@@ -334,6 +337,11 @@ def _rational_table(matrix: SubdivisionMatrix, scheme: Scheme) -> RationalTable:
     from limitsurf.exact.sectors import limit_weights
 
     entries = sorted((c, r, w) for r, row in enumerate(matrix.rows) for c, w in row.items())
+    if not all(isinstance(w, Fraction) for _, _, w in entries):
+        raise TypeError(
+            f"the masks of scheme {scheme.name!r} are irrational at {matrix.sector.place}: no "
+            "exact numbers there; give points, u and v as float64"
+        )
     denominator = lcm(*(w.denominator for _, _, w in entries))
     numerators = np.empty(len(entries), dtype=object)
     numerators[:] = [int(w * denominator) for _, _, w in entries]

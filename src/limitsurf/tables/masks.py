@@ -68,7 +68,10 @@ def corner_weights(scheme: Scheme, sizes: Array, number: NumberType) -> Array:
 
 
 def vertex_weights(scheme: Scheme, valences: Array, number: NumberType) -> Array:
-    """Weights of interior vertices, their edge neighbours, their face points, (n, 3)."""
+    """Weights of interior vertices, their edge neighbours, their face points if any, (n, 3 or 2).
+
+    Raises a TypeError where weights are irrational, but numbers exact.
+    """
     unique, kind = np.unique(valences, return_inverse=True)
     table = number.array([w for n in unique.tolist() for w in _vertex_mask(scheme, n)])
     return np.asarray(table.reshape(-1, 1 + len(scheme.lattice.orbits))[kind])
@@ -84,11 +87,12 @@ def limit_mask(scheme: Scheme, kind: str, faces: int, number: NumberType) -> Arr
     from limitsurf.exact.wide import rounded_dart_limit
 
     check_convergence(scheme, kind, faces)
-    if kind == "dart" and faces > MOST_FACES and not number.exact:
+    sector = scheme.sector(kind, faces)
+    if kind == "dart" and is_shared(sector) and not number.exact:
         edges, around = rounded_dart_limit(scheme, faces)
         own = 1 - edges.sum() - around.sum()
         return np.concatenate([[own], np.stack([edges, around], axis=1).ravel()])
-    return number.array(limit_weights(scheme, scheme.sector(kind, faces)))
+    return number.array(limit_weights(scheme, sector))
 
 
 def normal_masks(scheme: Scheme, kind: str, faces: int) -> Array:
@@ -123,7 +127,9 @@ def collapsed_masks(scheme: Scheme, kind: str, faces: int) -> Array:
     table = eigen_table(scheme, sector)
     masks[3, [0, 1], [1, -1]], masks[3, :, 0] = 1, -1
     # modes of the ring: three of the curve, then waves by frequency, in quads two each but the last
-    first_two = 3 + len(sector.lattice.orbits) * np.arange(min(faces, 2))
+    first_two = np.arange(3, sector.ring, len(sector.lattice.orbits))[:2]
+    if not len(first_two):
+        return masks
     waves = [int(np.flatnonzero(table.order == mode)[0]) for mode in first_two]
     # each positive beside the first edge
     sign = np.sign(table.pieces[0, scheme.spline.exponents.index((0, 1)), waves])
@@ -158,6 +164,18 @@ def ring_masks(scheme: Scheme, kind: str, faces: int) -> RingMasks:
     if not made.has_normal:
         warn_once(scheme, sector)
     return made
+
+
+def edge_weights(scheme: Scheme, first: Array, second: Array, number: NumberType) -> Array:
+    """Weights in edge points of the first ends, the second, and what lies across, (n, 3).
+
+    By the valences of both ends (n,). Raises a TypeError where weights are irrational, but numbers
+    exact.
+    """
+    most = int(max(first.max(initial=0), second.max(initial=0))) + 1
+    unique, kind = np.unique(first * most + second, return_inverse=True)
+    table = [w for key in unique.tolist() for w in scheme.edge_mask(*divmod(key, most))]
+    return np.asarray(number.array(table).reshape(-1, 3)[kind])
 
 
 def rule_weights(scheme: Scheme, number: NumberType) -> tuple[Array, Array, Array]:
