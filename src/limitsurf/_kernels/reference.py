@@ -130,13 +130,17 @@ def split_flipped_corner(
 def coordinates(u: Array, v: Array, sides: Sequence[tuple[int, int, int]]) -> list[Array]:
     """The values (Q,) of `Lattice.sides`, as `Lattice.coordinates`, but none below 0 by rounding.
 
-    Parameters on the edge of a triangle, where u + v is 1 but for their rounding, stay there.
+    Parameters on the edge of a triangle, where u + v is 1 but for their rounding, stay there; and
+    1 - u - v is rounded once, so that what is on a line between pieces is so from every corner.
     """
     found = [u, v]
     for _, b, c in sides[2:]:
         if b and c:
-            rest = 1 - np.maximum(u, v) - np.minimum(u, v)
-            found.append(np.maximum(rest, 0 * rest))  # (a zero of its type)
+            large, small = np.maximum(u, v), np.minimum(u, v)
+            with np.errstate(invalid="ignore"):  # where one is infinite
+                rest = 1 - large
+                rest = (rest - small) + ((1 - rest) - large)
+                found.append(np.maximum(rest, 0 * rest))  # (a zero of its type)
         else:
             found.append(1 - (u if b else v))
     return found
