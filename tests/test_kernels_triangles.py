@@ -13,6 +13,7 @@ import numpy as np
 import oracles_loop
 import pytest
 import zoo_triangles
+from oracles_creases import Cage
 from test_kernels import EDGES, NEAR, TERMS, use  # noqa: F401
 
 import limitsurf as ls
@@ -127,7 +128,7 @@ def test_grids(name, use, monkeypatch):  # noqa: F811
 def test_accuracy_next_to_corners(name, use):  # noqa: F811
     """Positions and derivatives against exact ones of naive refinement, down to 2^-900."""
     cage = {**zoo_triangles.ZOO, **zoo_triangles.TAGGED}[name]()
-    surface, oracle = surface_of(name), oracles_loop.LoopSurface(oracles_loop.Cage(*cage[:2], **dict(*cage[2:])))
+    surface, oracle = surface_of(name), oracles_loop.LoopSurface(Cage(*cage[:2], **dict(*cage[2:])))
     size = np.ptp(surface.points, axis=0).max()
     use(True)
     for level, (s, t) in itertools.product((2, 40, 900), ((3, 4), (8, 0), (1, 6), (4, 4))):

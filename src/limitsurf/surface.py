@@ -98,6 +98,8 @@ class LimitSurface:
     **Parameters.** On a quad, corner 0 is at (u, v) = (0, 0), corner 1 at (1, 0), corner 2 at
     (1, 1), corner 3 at (0, 1). Limit face k of an n-gon has its corner k at (0, 0), the midpoints
     of the edges to the next and to the previous corner at (1, 0) and (0, 1), its centre at (1, 1).
+    In schemes of triangles each is one limit face, with its corners at (0, 0), (1, 0) and (0, 1):
+    there u, v >= 0 and u + v <= 1, where up to 8.9e-16 more counts as rounding.
 
     **Derivatives** are with respect to (u, v) of the limit face; beyond float64's range they are
     +-inf. At a vertex itself they are 0 where they vanish towards it and NaN where they have no
@@ -157,7 +159,8 @@ class LimitSurface:
     arrays, evaluated lazily; the surface goes to each process once (extra ``dask``).
 
     **Numbers.** float64 points, u and v give float64. If any of them is an object array or a
-    Fraction, ints and floats count as the rationals they are, and the result is exact.
+    Fraction, ints and floats count as the rationals they are, and the result is exact. It is a
+    TypeError where the scheme's masks are irrational, as they can be in schemes of triangles.
 
     After Stam, "Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter
     values", SIGGRAPH 1998; sharpness after DeRose, Kass and Truong, SIGGRAPH 1998. A face is cut,
@@ -350,6 +353,8 @@ class LimitSurface:
         ValueError
             For finite u or v outside the limit face, an order that is not two integers >= 0, or a
             channel that the mesh does not have.
+        TypeError
+            For exact numbers where the scheme's masks are irrational.
 
         Examples
         --------
@@ -423,8 +428,9 @@ class LimitSurface:
         """Unit directions of d/du and d/dv, along the last axis of the points.
 
         At a special vertex they are the limits along the face's own two edges, also where there is
-        no limit normal; on a sharp edge those of its curve. At a boundary or crease vertex of one
-        face they are opposite. NaN where a derivative vanishes otherwise, up to rounding
+        no limit normal; in triangles, of what is along the third edge, that on the line between
+        these two. On a sharp edge they are those of its curve. At a boundary or crease vertex of
+        one face they are opposite. NaN where a derivative vanishes otherwise, up to rounding
         (degenerate points), and at smooth vertices of valence 2, where in general they oscillate.
 
         Arguments, shapes and errors are those of `evaluate`; `workers` change nothing, for there
