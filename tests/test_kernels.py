@@ -22,7 +22,7 @@ from test_surface import accuracy, float_queries, largest_on_ring, random_cage
 
 import limitsurf as ls
 from limitsurf import _kernels, basis, tables
-from limitsurf._kernels import evaluation, jit, reference
+from limitsurf._kernels import evaluation, jit, quads, reference
 from limitsurf.engine import packing
 from limitsurf.numbers import FLOAT64
 from limitsurf.patches import STRIP
@@ -655,7 +655,7 @@ def test_cubic_weights():
     for order in range(3):
         for k, x in enumerate(t.tolist()):
             found[:] = np.nan
-            evaluation.cubic_weights(x, order, 2, found)
+            quads.cubic_weights(x, order, 2, found)
             assert np.isnan(found[2 + 4 * (order + 1) :]).all()
             for j in range(order + 1):
                 twin = reference.cubic_weights(t[k : k + 1], j)[0]
@@ -671,19 +671,19 @@ def test_places_around_corners():
         ups = np.full(len(s), turn >= 2), np.full(len(s), turn in (1, 2))
         twins = zip(*reference.split_corner(s, t, *ups), strict=True)
         for x, y, twin in zip(s.tolist(), t.tolist(), twins, strict=True):
-            assert evaluation.place_around(x, y, turn) == tuple(twin)
+            assert quads.place_around(x, y, turn) == tuple(twin)
 
 
 def test_turned():
     for turn in range(4):
         sides = [0.25, 0.875, 0.75, 0.125]
-        found = evaluation.turned(0.25, 0.875, turn)
+        found = quads.turned(0.25, 0.875, turn)
         assert found == (sides[turn], sides[(turn + 1) % 4])
         # a derivative along u is one along s or t, of a sign
         for k, (i, j) in enumerate(TERMS):
             (choices, signs) = basis.turned((i, j))
-            assert TERMS[evaluation.TURNED[turn & 1, k]] == choices[turn]
-            assert evaluation.SIGN[turn, k] == signs[turn]
+            assert TERMS[quads.TURNED[turn & 1, k]] == choices[turn]
+            assert quads.SIGN[turn, k] == signs[turn]
 
 
 @pytest.mark.parametrize("sharpness", [0.3, 1.0, 2.5, 4.7, 9.99])
@@ -695,7 +695,7 @@ def test_strip_weights(sharpness):
     first, depth = int(strips.first[1]), int(strips.depth[1])
     found = np.empty(12)
     for t, up in itertools.product(EDGES, [False, True]):
-        evaluation.strip_weights(t, 2, up, pieces, first, depth, 0, found)
+        quads.strip_weights(t, 2, up, pieces, first, depth, 0, found)
         one = np.array([1]), np.array([0.5]), np.array([t])
         for j in range(3):
             twin = ls.basis.strip_weights(strips, *one, (0, j), np.array([up]))[0].reshape(4, 4)
@@ -739,28 +739,49 @@ def test_bicubic(order, sized):
         assert (out[count + sized :] == -7).all()
 
 
+@pytest.mark.parametrize(("count", "sized"), [(1, False), (3, True), (6, False)])
+def test_gathered(count, sized):
+    contract = jit.gathered(12, 4, count, sized)
+
+    @compiled
+    def call(points, ids, at, base, channel, weights, scale, out):
+        contract(points, ids, at, base, channel, weights, scale, out)
+
+    points, weights = numbers(50, 8), numbers(count, 12)
+    ids = np.random.default_rng(1).integers(40, size=40).astype(np.int32)
+    for at, base, channel in ((0, 0, 0), (7, 3, 4), (24, 10, 0)):
+        out = np.full((count + 2, 4), -7.0)
+        call(points, ids, at, base, channel, weights.reshape(-1), 0.75, out)
+        net = points[ids[at : at + 12] + base, channel : channel + 4]
+        net -= net[4]
+        assert close(out[:count], 0.75 * weights @ net, 30)
+        if sized:
+            assert (out[count] == np.abs(net).max(axis=0)).all()
+        assert (out[count + sized :] == -7).all()
+
+
+@pytest.mark.parametrize("degrees", [(3, 3, 3, 3), (4, 3, 2, 1, 0)])
 @pytest.mark.parametrize("order", range(3))
-def test_polynomials(order):
-    evaluate = jit.polynomials(order)
+def test_polynomials(order, degrees):
+    evaluate = jit.polynomials(order, degrees)
 
     @compiled
     def call(c, at, size, S, T, rows):
         evaluate(c, at, size, S, T, rows)
 
     stride, size = 12, 8
-    c, S, T = numbers(3, 16, stride), 0.375, 0.7
+    exponents = [(e, f) for f, most in enumerate(degrees) for e in range(most + 1)]
+    c, S, T = numbers(3, len(exponents), stride), 0.375, 0.7
     count = (order + 1) * (order + 2) // 2
     for part in range(3):
         rows = np.full((7, stride), -7.0)
-        call(c, part * 16 * stride, size, S, T, rows)
+        call(c, part * len(exponents) * stride, size, S, T, rows)
         for k, (i, j) in enumerate(TERMS[:count]):
             along, across = (
-                [math.perm(e, n) * x ** (e - n) if e >= n else 0.0 for e in range(4)]
+                [math.perm(e, n) * x ** (e - n) if e >= n else 0.0 for e in range(5)]
                 for x, n in ((S, i), (T, j))
             )
-            expected = np.einsum(
-                "y,x,yxk", across, along, c[part].reshape(4, 4, stride)[:, :, :size]
-            )
+            expected = np.array([along[e] * across[f] for e, f in exponents]) @ c[part, :, :size]
             assert close(rows[k, :size], expected, 30)
         assert (rows[:, size:] == -7).all()
         assert (rows[count:] == -7).all()

@@ -137,9 +137,10 @@ def coordinates(u: Array, v: Array, sides: Sequence[tuple[int, int, int]]) -> li
     for _, b, c in sides[2:]:
         if b and c:
             large, small = np.maximum(u, v), np.minimum(u, v)
-            rest = 1 - large
-            rest = (rest - small) + ((1 - rest) - large)
-            found.append(np.maximum(rest, 0 * rest))  # (a zero of its type)
+            with np.errstate(invalid="ignore"):  # where one is infinite
+                rest = 1 - large
+                rest = (rest - small) + ((1 - rest) - large)
+                found.append(np.maximum(rest, 0 * rest))  # (a zero of its type)
         else:
             found.append(1 - (u if b else v))
     return found

@@ -124,7 +124,9 @@ def located(face: int, s: float, t: float, patches: Patches) -> tuple[int, int, 
 @inlined
 def turned(s: float, t: float, turn: int) -> tuple[float, float]:
     """Parameters in a patch of some orientation from those in its cell."""
-    rest = max(1 - max(s, t) - min(s, t), 0.0)
+    large = max(s, t)
+    rest = 1 - large
+    rest = max((rest - min(s, t)) + ((1 - rest) - large), 0.0)  # rounded once
     if turn >= 3:
         turn -= 3
     return (s if turn == 0 else t if turn == 1 else rest), (

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from limitsurf import _kernels, basis, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
+from limitsurf.numbers import FLOAT64
 from limitsurf.patches import REGULAR, STRIP, PatchTable
 
 if TYPE_CHECKING:
@@ -368,7 +369,10 @@ class Packing:
         None where a face or a parameter is out of range or not finite.
         """
         faces, u, v = grid
-        if not ((u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)).all():
+        inside = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+        if self._patches.lattice.sloped:
+            inside &= np.maximum(u, v) - 1 + np.minimum(u, v) <= 0
+        if not inside.all():
             return None
         normals, n = orders is None, len(u)
         terms = [TERMS[k] for k in ((1, 2) if orders is None else orders)]
@@ -407,7 +411,8 @@ class Packing:
             kind, turn = both >> (evaluation.KIND - evaluation.TURN), both & evaluation.TURNS
             if kind == REGULAR:
                 size = self._shape.POINTS
-                rows = [kernels.bicubic_weights(u, v, nu) for nu in terms]
+                weights_of = basis.regular_weights(self._spline, FLOAT64)
+                rows = [weights_of(u, v, nu) for nu in terms]
             elif kinds[kind, evaluation.MODES] >= 0:
                 size = int(kinds[kind, evaluation.ROWS])
                 found = self._eigen_weights(kind, turn, u, v, terms)
@@ -430,18 +435,22 @@ class Packing:
         """Weights (places, K - 1) of coefficients in each derivative; None where they overflow."""
         table = self._sectors[kind]
         assert table is not None
-        sides = [u, v, 1 - u, 1 - v]
-        s, t = sides[turn], sides[(turn + 1) % 4]
         lattice = table.sector.lattice
+        sides = kernels.coordinates(u, v, lattice.sides)
+        s, t = sides[turn], sides[(turn + 1) % len(sides)]
         place = basis.CornerPlace.of(s, t, np.full(len(u), turn), lattice)
         powers = basis.EigenPowers.of(table, place)
         rows = []
         for nu in terms:
-            ((turned, sign),) = basis.turned(lattice, nu)
-            found = basis.eigen_weights(table, place, powers, turned[turn])
-            if np.abs(found.exponent).max() > 900:
-                return None
-            rows.append(sign[turn] * kernels.scale_by_two(found.rows, found.exponent[:, None]))
+            parts = []
+            for order, factors in lattice.turned(nu).items():
+                if factors[turn]:
+                    found = basis.eigen_weights(table, place, powers, order)
+                    if np.abs(found.exponent).max() > 900:
+                        return None
+                    scaled = kernels.scale_by_two(found.rows, found.exponent[:, None])
+                    parts.append(factors[turn] * scaled)
+            rows.append(parts[0] if len(parts) == 1 else np.sum(parts, axis=0))
         return rows
 
     def _scattered(
