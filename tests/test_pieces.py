@@ -358,24 +358,29 @@ def test_some_faces_in_any_order(name):
     assert empty.evaluate([0, 1], 0).shape == (0, 2, 3)
 
 
-def test_columns_and_channels():
-    points, faces = zoo.cube()
+@pytest.mark.parametrize("scheme", [None, LOOP])
+def test_columns_and_channels(scheme):
+    points, faces = zoo.tetrahedron() if scheme else zoo.cube()
     values = np.random.default_rng(0).random((14, 2))
-    index = np.arange(24) % 14
+    index = np.arange(sum(map(len, faces))) % 14
     mesh = ls.Mesh(points, faces, channels={"uv": (values, index, "corners_only")})
-    surface = ls.LimitSurface(mesh)
+    surface = ls.LimitSurface(mesh, scheme=scheme)
     patches = ls.bezier_patches(surface, channel="uv", depth=3, weights=True)
-    assert patches.points.shape[1:] == (4, 4, 2)
+    shape = (15,) if scheme else (4, 4)
+    assert patches.points.shape[1:] == (*shape, 2)
     value = surface.evaluate(patches.face, *places(patches, 0.2, 0.7), channel="uv")
     assert np.allclose(polynomial(patches, 0.2, 0.7), value, atol=1e-14, rtol=0)
-    wide = np.random.default_rng(0).random((8, 2, 5))
+    wide = np.random.default_rng(0).random((len(points), 2, 5))
     surface = surface.with_points(wide)
     patches = ls.bezier_patches(surface, depth=3)
-    assert patches.points.shape[1:] == (4, 4, 2, 5)
+    assert patches.points.shape[1:] == (*shape, 2, 5)
     value = surface.evaluate(patches.face, *places(patches, 0.2, 0.7))
     assert np.allclose(polynomial(patches, 0.2, 0.7), value, atol=1e-14, rtol=0)
+    found = patches.evaluate([[0.2], [0.1]], 0.7)
+    assert found.shape == (len(patches), 2, 1, 2, 5)
+    assert np.allclose(found[:, 0, 0], value, atol=1e-14, rtol=0)
     line = ls.bezier_patches(surface.with_points(wide[:, 0, 0]))
-    assert line.points.shape[1:] == (4, 4)
+    assert line.points.shape[1:] == shape
     assert line.rest.lower.shape == (len(line.rest),)
 
 

@@ -65,7 +65,7 @@ class Bernstein:
         exponents = np.array(spline.exponents)
         degree = int(exponents.max())
         shape: tuple[int, ...] = exponents.shape[:1]
-        if is_tensor(exponents):
+        if spline.is_product:
             exponents, shape = exponents[:, ::-1], (degree + 1, degree + 1)
             controls, powers = (_tensor(x, x) for x in _lines(spline, exact))
         else:

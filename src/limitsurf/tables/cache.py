@@ -327,8 +327,7 @@ def _is_ordered(table: EigenTable) -> bool:
 def rational_table(scheme: Scheme, sector: Sector, rounded: bool = False) -> RationalTable:
     """Return the exact refinement step of `scheme` around a special corner.
 
-    If `rounded`, weights that are not rational are taken as float64 has them; else they raise a
-    TypeError.
+    Raises a TypeError for irrational masks; if `rounded`, they are taken as float64 has them.
     """
     matrix = subdivision_matrix(scheme, sector)
     if rounded and not all(isinstance(w, Fraction) for row in matrix.rows for w in row.values()):
