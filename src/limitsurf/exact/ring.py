@@ -100,7 +100,7 @@ def _check_convergence(valence: int, block: Block) -> None:
         raise diverging(f"interior valence {valence}", valence, max(roots, key=abs))
 
 
-def limit_mask(matrix: SubdivisionMatrix) -> tuple[Any, ...]:
+def smooth_limit(matrix: SubdivisionMatrix) -> tuple[Any, ...]:
     """Weights of the vertex, of each edge neighbour and face corner in the limit position.
 
     The left eigenvector of eigenvalue 1, as exact as the masks (Halstead, Kass and DeRose 1993,
@@ -110,7 +110,10 @@ def limit_mask(matrix: SubdivisionMatrix) -> tuple[Any, ...]:
 
 
 def centre_mask(faces: int, block: Block) -> tuple[Any, ...]:
-    """The same from the block of frequency 0 of so many faces."""
+    """Weights of a vertex, each edge neighbour and face corner in its limit: `smooth_limit`.
+
+    From the block of frequency 0 of so many faces.
+    """
     _check_convergence(faces, block)
     size = len(block)
     shifted = [[x - int(i == j) for j, x in enumerate(row)] for i, row in enumerate(block)]
@@ -260,7 +263,7 @@ def ring_rows(
 
 
 @dataclass(frozen=True, eq=False)
-class FourierRing:
+class FourierModes:
     """The eigenbasis of the ring of a smooth or conical vertex."""
 
     modes: list[Mode]
@@ -290,6 +293,6 @@ class FourierRing:
         return np.stack([rows[k] for k in every], axis=1)
 
 
-def fourier_ring(matrix: SubdivisionMatrix) -> FourierRing:
+def fourier_ring(matrix: SubdivisionMatrix) -> FourierModes:
     """The ring of a matrix of kind "interior" or "cone"."""
-    return FourierRing(ring_modes(matrix), matrix.sector.faces, matrix.sector.lattice.orbits)
+    return FourierModes(ring_modes(matrix), matrix.sector.faces, matrix.sector.lattice.orbits)

@@ -52,7 +52,7 @@ from limitsurf.scheme.sector import Sector
 
 
 @dataclass(frozen=True, eq=False)
-class DenseRing:
+class DenseModes:
     """The eigenbasis of a ring as matrices.
 
     Attributes
@@ -83,7 +83,7 @@ class DenseRing:
         return self.inverse
 
 
-def open_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseRing:
+def open_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseModes:
     """The ring of a crease or corner sector."""
     size, faces = matrix.sector.ring, matrix.sector.faces
     frequencies, waves, right, left = _sines(scheme, 2 * faces, size)
@@ -133,10 +133,10 @@ def open_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseRing:
     dense[:3, curve] = inverse
     dense[3:, curve] = -product(extent, inverse)
     labels = [(0, 0), (0, 1), (0, 2), *((f, k) for k, f in enumerate(frequencies))]
-    return DenseRing([*map(to_mpf, values), *waves], labels, heads, full, dense)
+    return DenseModes([*map(to_mpf, values), *waves], labels, heads, full, dense)
 
 
-def dart_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseRing:
+def dart_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseModes:
     """The ring of a dart."""
     size, faces = matrix.sector.ring, matrix.sector.faces
     frequencies, waves, right, left = _sines(scheme, faces, size)
@@ -153,10 +153,10 @@ def dart_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseRing:
         full[orbit, :n] = even[k]
         dense[:n, orbit] = (dual[:, k] // len(orbit))[:, None]
     labels = [(0, k) for k in range(n)] + [(f, k) for k, f in enumerate(frequencies)]
-    return DenseRing([*values, *waves], labels, {}, full, dense)
+    return DenseModes([*values, *waves], labels, {}, full, dense)
 
 
-def carried_ring(matrix: SubdivisionMatrix, still: Any) -> DenseRing:
+def carried_ring(matrix: SubdivisionMatrix, still: Any) -> DenseModes:
     """The ring of a pendant or flap, from the eigenbasis `still` of that whose vertex stays."""
     size = matrix.sector.ring
     n = size - 1
@@ -196,7 +196,7 @@ def carried_ring(matrix: SubdivisionMatrix, still: Any) -> DenseRing:
     right[:n, n] = product(right[:n, :n], extent)
     right[0, n], right[n, n] = to_fixed([slope])[0], 1 << BITS
     labels = [*still.labels, (0, 3)]
-    return DenseRing([*still.values, to_mpf(value)], labels, heads, right, inverse)
+    return DenseModes([*still.values, to_mpf(value)], labels, heads, right, inverse)
 
 
 def curve_mode(matrix: SubdivisionMatrix) -> tuple[Fraction, Fraction, Fraction]:

@@ -41,12 +41,12 @@ from limitsurf.exact.fixed import (
     to_mpf,
 )
 from limitsurf.exact.matrices import SubdivisionMatrix, subdivision_matrix
-from limitsurf.exact.ring import FourierRing, fourier_ring
-from limitsurf.exact.sectors import DenseRing, carried_ring, dart_ring, open_ring
+from limitsurf.exact.ring import FourierModes, fourier_ring
+from limitsurf.exact.sectors import DenseModes, carried_ring, dart_ring, open_ring
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 
-Ring: TypeAlias = FourierRing | DenseRing
+Ring: TypeAlias = FourierModes | DenseModes
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class Spectrum:
     Attributes
     ----------
     matrix : SubdivisionMatrix
-    ring : FourierRing or DenseRing
+    ring : FourierModes or DenseModes
         The eigenvectors of the ring; after them come the outer ones.
     G : (outer, ring)
     W, Winv : (outer, outer)
@@ -129,7 +129,7 @@ def outer_eigenbasis(
     return values, W, [row[size:] for row in solved]
 
 
-def outer_part(
+def outer_modes(
     matrix: SubdivisionMatrix,
 ) -> tuple[list[Fraction], list[list[Fraction]], list[list[Fraction]]]:
     """Eigenvalues and eigenvectors of the outer points, as `outer_eigenbasis` has them."""
@@ -140,7 +140,7 @@ def outer_part(
 
 
 @lru_cache(maxsize=8)
-def _dense_ring(scheme: Scheme, kind: str, faces: int) -> DenseRing:
+def _dense_ring(scheme: Scheme, kind: str, faces: int) -> DenseModes:
     """The ring of a sector, which all its positions share."""
     sector = scheme.sector(kind, faces)
     matrix = subdivision_matrix(scheme, sector)
@@ -178,7 +178,7 @@ def _joined(scheme: Scheme, matrix: SubdivisionMatrix, ring: Any) -> Spectrum:
     size, n = matrix.size, matrix.sector.ring
     ring_values = ring.values
     modes = len(ring_values)
-    values, outer, outer_inverse = outer_part(matrix)
+    values, outer, outer_inverse = outer_modes(matrix)
     eigenvalues = ring_values + [to_mpf(d) for d in values]
     pairs = [k for k, x in enumerate(ring_values) if isinstance(x, mp.mpc) and x.imag > 0]
     # the few ring points that outer points and pieces depend on
@@ -263,7 +263,7 @@ def ring_normal(scheme: Scheme, kind: str, faces: int) -> tuple[int, ...]:
         for p in {0, min(1, count - 1), count - 1}
     }
     ring = ring_basis(scheme, sector)
-    outer = {to_mpf(d) for matrix in matrices.values() for d in outer_part(matrix)[0]}
+    outer = {to_mpf(d) for matrix in matrices.values() for d in outer_modes(matrix)[0]}
     pair, without = leading_pair(ring.values, outer, ring.heads, _absent(sector, ring))
     if not pair:
         return ()

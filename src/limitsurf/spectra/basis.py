@@ -139,11 +139,15 @@ class Eigenbasis:
             return f"frequency {table.ring.frequency[mode]}"
         if sector.carried and mode == sector.ring - 1:
             return "curve"
-        if sector.kind == "pendant":
-            return f"frequency {(mode + 1) // 4}"
-        # vectors of the curve, or those even about the dart's edge; then waves, two of a frequency
-        first, name = (3, "curve") if sector.open else (sector.faces + 2, "even part")
-        return name if mode < first else f"wave {(mode - first) // 2 + 1}"
+        orbits, faces = len(sector.lattice.orbits), sector.faces
+        if (
+            sector.kind == "pendant"
+        ):  # of a wave cosine and sine, for each orbit; of frequency 0 v too
+            return f"frequency {(mode - 1 - orbits) // (2 * orbits) + 1}"
+        # vectors of the curve, or those even about the dart's edge; then waves, one for each orbit
+        even = 2 + faces // 2 + (orbits - 1) * ((faces + 1) // 2)
+        first, name = (3, "curve") if sector.open else (even, "even part")
+        return name if mode < first else f"wave {(mode - first) // orbits + 1}"
 
     def _distinct(self) -> list[tuple[float, int]]:
         values, counts = np.unique(self.float64.rates[0], return_counts=True)

@@ -66,7 +66,13 @@ class FourierRing:
 
 @dataclass(frozen=True, eq=False)
 class DenseRing:
-    """The same for sectors and darts: left eigenvectors as rows, (ring, ring)."""
+    """Coefficients of ring points in the eigenvectors of a sector or dart.
+
+    Attributes
+    ----------
+    left : (ring, ring)
+        Left eigenvectors as rows.
+    """
 
     left: Array
 
