@@ -79,7 +79,7 @@ class Precision:
         belongs to the user, in all threads at once.
     equal : mpf
         Two computed eigenvalues, or a numerator and zero, that agree to this are equal: to 60
-        digits of 96.
+        digits of 96. Derived in ``derivations/analysis.py``, section 5.
     """
 
     def __init__(self, bits: int) -> None:

@@ -289,6 +289,7 @@ def _certified_basis(matrix: list[list[Fraction]], at: Precision) -> tuple[list[
     size = len(matrix)
     floats = np.array([[float(x) for x in row] for row in matrix])
     found, vectors = np.linalg.eig(floats)
+    # (a pair that is taken for real values, or the reverse, does not converge below)
     real = np.abs(found.imag) < 1e-9
     order = sorted(np.flatnonzero(real | (found.imag > 0)), key=lambda k: -abs(found[k]))
     start: list[Any] = []
