@@ -106,7 +106,7 @@ class Sines:
         return self._waves.values(sympy.sin, frequency, self._steps, profile)
 
     def left(self, k: int) -> list[Any]:
-        """The same of the left eigenvector, times the norm."""
+        """Values of left eigenvector k there, times the norm, (points,)."""
         frequency, high = self._names[k]
         profile = tuple(self._norm * x for x in self._waves.left(frequency, high))
         return self._waves.values(sympy.sin, frequency, self._steps, profile)
@@ -265,7 +265,7 @@ class DartRing:
         self._size = matrix.sector.ring
         self._sines = Sines(scheme, matrix.sector.faces, self._size - 1, norm=1)
         self._orbits = sectors.mirrored(matrix.sector)
-        self._field, even = _even_part(matrix, self._orbits)
+        self._field, even = _even_matrix(matrix, self._orbits)
         self._factors = even_factors(even, self._field)
         # eigenvalue and factor of each even vector
         self._even: dict[int, tuple[Any, EvenFactor]] = {}
@@ -395,7 +395,7 @@ def even_factors(matrix: list[list[Any]], field: Any = QQ) -> list[EvenFactor]:
     return [EvenFactor(matrix, characteristic, factor) for factor, _ in factors]
 
 
-def _even_part(matrix: SubdivisionMatrix, orbits: list[list[int]]) -> tuple[Any, list[list[Any]]]:
+def _even_matrix(matrix: SubdivisionMatrix, orbits: list[list[int]]) -> tuple[Any, list[list[Any]]]:
     """A dart's matrix on points that are equal within orbits, and the field it is over."""
     weights, field = matrix.rows[0], QQ
     others = {w for c, w in weights.items() if c and not isinstance(w, Fraction)}

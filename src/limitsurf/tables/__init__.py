@@ -31,8 +31,10 @@ from limitsurf.tables.masks import strip_tables as strip_tables
 from limitsurf.tables.masks import strips_of as strips_of
 from limitsurf.tables.masks import vertex_weights as vertex_weights
 from limitsurf.tables.records import DenseRing as DenseRing
+from limitsurf.tables.records import EigenNumbers as EigenNumbers
 from limitsurf.tables.records import EigenTable as EigenTable
 from limitsurf.tables.records import FourierRing as FourierRing
 from limitsurf.tables.records import RationalTable as RationalTable
 from limitsurf.tables.records import RingMasks as RingMasks
 from limitsurf.tables.records import StripTables as StripTables
+from limitsurf.tables.records import eigen_numbers as eigen_numbers

@@ -44,7 +44,7 @@ from limitsurf.tables.records import (
 
 if TYPE_CHECKING:
     from limitsurf.exact.matrices import SubdivisionMatrix
-    from limitsurf.exact.ring import FourierRing as FourierModes
+    from limitsurf.exact.ring import FourierModes
 
 FORMAT = 2
 SHIPPED = Path(__file__).parent.parent / "_data" / "tables"
@@ -183,7 +183,7 @@ def _file_name(key: dict[str, Any]) -> str:
 def _derive(scheme: Scheme, sector: Sector) -> dict[str, Array]:
     """Derive a table and round it to float64."""
     from limitsurf.exact.fixed import mp
-    from limitsurf.exact.ring import FourierRing as FourierModes
+    from limitsurf.exact.ring import FourierModes
     from limitsurf.exact.spectrum import spectrum
 
     result = spectrum(scheme, sector)
