@@ -850,7 +850,7 @@ def real_cage(name):
     }
     options = ("boundary", "creasing", "triangles")
     tags |= {name: getattr(mesh, name) for name in options if getattr(mesh, name)}
-    return mesh.points, [face.tolist() for face in mesh.faces], tags
+    return mesh.points, mesh.faces.tolist(), tags
 
 
 @if_real_cages

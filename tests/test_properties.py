@@ -242,7 +242,7 @@ def test_refinement_of_a_relabelled_mesh():
     other = ls.refined(
         ls.Mesh(fractions(points)[np.argsort(new)], [[new[v] for v in face] for face in faces]), 2
     )
-    assert (fine.points[fine.faces] == other.points[other.faces]).all()
+    assert (fine.points[fine.uniform] == other.points[other.uniform]).all()
 
 
 @on_the_zoo

@@ -513,7 +513,7 @@ def test_real_cages(name):
     mesh = ls.read(SHARED_CAGES / f"{name}.obj")
     surface = ls.LimitSurface(mesh)
     size = np.ptp(mesh.points, axis=0).max()
-    faces = [list(map(int, face)) for face in mesh.faces]
+    faces = mesh.faces.tolist()
     levels = 1 if mesh.n_faces > 1000 else 2
     points, children = oracles.refine_times(mesh.points.tolist(), faces, levels)
     limits = np.array(oracles.limit_positions(points, children))

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from limitsurf.bezier import (
         bezier_patches as bezier_patches,
     )
+    from limitsurf.cage.faces import Faces as Faces
     from limitsurf.mesh import Mesh as Mesh
     from limitsurf.mesh import MeshError as MeshError
     from limitsurf.query import (
@@ -96,6 +97,7 @@ _HOME = {
     "Curvature": "surface",
     "Eigenbasis": "spectra",
     "ExactOperator": "refine",
+    "Faces": "cage.faces",
     "LimitSurface": "surface",
     "Mesh": "mesh",
     "MeshError": "mesh",

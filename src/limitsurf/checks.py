@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import masked
+from limitsurf.cage.faces import Faces, IntArray
 
-IntArray: TypeAlias = NDArray[np.int64]
-Faces: TypeAlias = ArrayLike | Sequence[ArrayLike] | tuple[ArrayLike, ArrayLike]
+FacesLike: TypeAlias = Faces | ArrayLike | Sequence[ArrayLike] | tuple[ArrayLike, ArrayLike]
 
 T = TypeVar("T")
 
@@ -157,8 +157,10 @@ def integers(values: Any, what: str) -> IntArray:
     return array.astype(np.int64, copy=False)
 
 
-def face_arrays(faces: Faces) -> tuple[IntArray, IntArray]:
-    """``sizes`` and ``indices`` from any of the three ways to give faces."""
+def face_arrays(faces: FacesLike) -> tuple[IntArray, IntArray]:
+    """``sizes`` and ``indices`` from any of the ways to give faces."""
+    if isinstance(faces, Faces):
+        faces = faces.sizes, faces.indices
     if isinstance(faces, np.ndarray) and faces.dtype != object:
         if faces.ndim != 2:
             raise MeshError(f"faces: got an array of shape {faces.shape}, need (n_faces, k)")

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import _kernels, checks
-from limitsurf.checks import Faces
-from limitsurf.checks import IntArray as IntArray
+from limitsurf.cage.faces import Faces, histogram
+from limitsurf.cage.faces import IntArray as IntArray
+from limitsurf.checks import FacesLike
 from limitsurf.checks import MeshError as MeshError
 
 __all__ = ["Mesh", "MeshError"]
@@ -132,10 +133,10 @@ class Mesh:
     points : array_like, shape (n_vertices, ...)
         Control points with any number of channels. Integers and floats are stored as float64;
         arrays of objects (Fractions, mpf, sympy numbers) are kept as they are.
-    faces : (m, k) integer array, or list of index sequences, or pair (sizes, indices)
+    faces : (m, k) integer array, list of index sequences, pair (sizes, indices), or Faces
         Vertex indices of each face, counter-clockwise. The pair is a tuple of two 1-d integer
         arrays: the number of corners of each face, and the vertices of all faces in turn. Two
-        faces are a list, or a tuple of tuples.
+        faces are a list, or a tuple of tuples. `Faces` are those of another mesh.
     creases : mapping {(a, b): sharpness} or pair (edges (c, 2), sharpness (c,)), optional
         Edges, in either order of their vertices, with a sharpness in [0, inf]; from 10 on an edge
         is infinitely sharp.
@@ -164,6 +165,10 @@ class Mesh:
         Number of corners of each face.
     indices : ndarray of int64, shape (n_corners,)
         Vertex of each corner.
+    faces : Faces
+        The faces by themselves: ``len(faces)`` arrays of vertices, whatever their sizes.
+    uniform : ndarray of int64, shape (n_faces, k), or None
+        The vertices of all faces if each has k corners; None where their sizes differ.
     creases : (edges (c, 2), sharpness (c,))
         Rows ascending, in the order of ``edges``. Sharpness is float64, or object where Fractions
         were given.
@@ -214,7 +219,7 @@ class Mesh:
     def __init__(
         self,
         points: ArrayLike,
-        faces: Faces,
+        faces: FacesLike,
         *,
         creases: Mapping[tuple[int, int], Any] | tuple[ArrayLike, ArrayLike] | None = None,
         corners: Mapping[int, Any] | tuple[ArrayLike, ArrayLike] | None = None,
@@ -335,11 +340,14 @@ class Mesh:
         return len(self.indices)
 
     @_shared
-    def faces(self) -> IntArray | list[IntArray]:
-        """Vertices of each face: an (m, k) array if all have k corners, else a list of m arrays."""
-        if (self.sizes == self.sizes[0]).all():
-            return self.indices.reshape(self.n_faces, -1)
-        return np.split(self.indices, self.offsets[1:-1])
+    def faces(self) -> Faces:
+        """The faces, a sequence of arrays of vertices, whatever their sizes."""
+        return Faces(self.sizes, self.indices)
+
+    @property
+    def uniform(self) -> IntArray | None:
+        """The vertices of all faces, (m, k), if each has k corners; None where they differ."""
+        return self.faces.uniform
 
     @_shared
     def offsets(self) -> IntArray:
@@ -615,10 +623,10 @@ class Mesh:
         parts = [
             checks.count(self.n_vertices, "vertex"),
             checks.count(self.n_edges, "edge"),
-            f"{checks.count(self.n_faces, 'face')} {_histogram(self.sizes)}",
+            f"{checks.count(self.n_faces, 'face')} {histogram(self.sizes)}",
         ]
         if len(interior):
-            parts.append(f"interior valences {_histogram(interior)}")
+            parts.append(f"interior valences {histogram(interior)}")
         tagged = {
             "boundary vertex": self.boundary_vertex.sum(),
             "non-manifold vertex": self.nonmanifold_vertex.sum(),
@@ -709,14 +717,6 @@ def _same(one: Any, other: Any) -> bool:
 
 def _offsets(counts: IntArray) -> IntArray:
     return np.concatenate([[0], np.cumsum(counts)])
-
-
-def _histogram(values: IntArray) -> str:
-    found, counts = np.unique(values, return_counts=True)
-    text = ", ".join(
-        f"{k}: {n}" for k, n in zip(found[:8].tolist(), counts[:8].tolist(), strict=True)
-    )
-    return f"{{{text}{', ...' if len(found) > 8 else ''}}}"
 
 
 def _check_faces(mesh: Mesh) -> None:

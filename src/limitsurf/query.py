@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from limitsurf import memory, numbers
 from limitsurf.caching import cached_property
+from limitsurf.cage.faces import Faces
 from limitsurf.checks import checked_integer
 from limitsurf.mesh import Mesh
 from limitsurf.patches import NO_LIMIT
@@ -242,6 +243,16 @@ class Polygons:
         return np.concatenate([[0], np.cumsum(self.sizes)])
 
     @cached_property
+    def faces(self) -> Faces:
+        """The polygons, a sequence of arrays of rows of `points`, whatever their sizes."""
+        return Faces(self.sizes, self.indices)
+
+    @property
+    def uniform(self) -> NDArray[np.int64] | None:
+        """The points of all polygons, (F, k), if each has k corners; None where they differ."""
+        return self.faces.uniform
+
+    @cached_property
     def triangles(self) -> NDArray[np.int64]:
         """The polygons cut into triangles, as positions among the C corners: shape (T, 3).
 
@@ -325,6 +336,10 @@ class Tessellation(Polygons):
         Corners of each polygon, 4 to 8.
     indices : (C,) int64
         Rows of `points` of all corners.
+    faces : Faces
+        The polygons by themselves: ``len(faces)`` arrays of rows of `points`.
+    uniform : (F, k) int64, or None
+        The rows of all polygons, if each has k corners; None where a quad beside an n-gon has more.
     face, u, v : (V,)
         One place of each point: ``surface.evaluate(face, u, v)`` equals `points`.
     normals : (K, 3) float64
