@@ -189,7 +189,7 @@ def test_places_are_queries(name):
             value = value * found.rate[:, None] ** ring
             if nu == (0, 0):
                 value = found.origin + value
-            wanted = np.ldexp(surface.evaluate(*query, nu), -ring * sum(nu))
+            wanted = np.ldexp(surface.evaluate(*query, nu=nu), -ring * sum(nu))
             assert np.abs(value - wanted).max(initial=0) < 2e-14
     if not special.all():
         with pytest.raises(ValueError, match="have rings"):
@@ -217,7 +217,7 @@ def test_characteristic_coordinates(name, faces):
         places, query = at_rings(patch, face, ring)
         found = reference.characteristic_jets(places)
         a, b, m = found.rates
-        f = {nu: np.ldexp(chart.evaluate(*query, nu), -ring * sum(nu)) for nu in ORDERS}
+        f = {nu: np.ldexp(chart.evaluate(*query, nu=nu), -ring * sum(nu)) for nu in ORDERS}
         assert np.allclose(found.coordinates * [a**ring, b**ring], f[0, 0].T, atol=1e-15, rtol=0)
         first = found.tangents + found.first * np.stack([m / a, m / b])[..., None] ** ring
         second = found.second * (m / np.stack([a * a, a * b, b * b]))[..., None] ** ring
@@ -232,7 +232,7 @@ def test_characteristic_coordinates(name, faces):
                     x[:, 1] * y[:, 1],
                 )
                 value = value + (np.stack(factors)[..., None] * second).sum(axis=0)
-            wanted = np.ldexp(surface.evaluate(*query, (i, j)), -ring * (i + j))
+            wanted = np.ldexp(surface.evaluate(*query, nu=(i, j)), -ring * (i + j))
             scale = np.abs(wanted).max()
             assert np.abs(value - wanted).max() < 1e-12 * scale, (ring, i, j)
     # at the corner itself d/dx and d/dy are the tangents, whatever the direction

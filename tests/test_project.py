@@ -1,6 +1,7 @@
 """The project keeps its own rules: style, types, rooms, documents, packaging."""
 
 import ast
+import inspect
 import os
 import subprocess
 import sys
@@ -78,6 +79,14 @@ def test_export_is_documented_with_an_example(name: str) -> None:
     documentation = getattr(limitsurf, name).__doc__
     assert documentation
     assert ">>>" in documentation  # the doctests of src run it
+
+
+@pytest.mark.parametrize("name", ["evaluate", "jet", "tangents", "normal", "curvature", "weights"])
+def test_queries_are_called_alike(name: str) -> None:
+    parameters = inspect.signature(getattr(limitsurf.LimitSurface, name)).parameters
+    named = {x.name for x in parameters.values() if x.kind is x.KEYWORD_ONLY}
+    assert [*parameters][:4] == ["self", "face", "u", "v"]
+    assert named == {*parameters} - {"self", "face", "u", "v"} >= {"channel", "workers"}
 
 
 def test_unknown_export_is_an_attribute_error() -> None:

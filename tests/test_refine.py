@@ -307,7 +307,8 @@ def test_limit_normals(name):
         normals = surface.normal(face, u, v)
         # where the sheets of a pillow meet, one derivative is nothing but rounding
         sizes = [
-            np.linalg.norm(surface.evaluate(face, u, v, nu), axis=1) for nu in np.eye(2, dtype=int)
+            np.linalg.norm(surface.evaluate(face, u, v, nu=nu), axis=1)
+            for nu in np.eye(2, dtype=int)
         ]
         fold = np.minimum(*sizes) < 1e-6 * np.maximum(*sizes)
         assert not fold.any() or "pillow" in name or name == "disconnected"

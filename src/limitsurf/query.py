@@ -17,7 +17,7 @@ from limitsurf.cage.faces import Faces
 from limitsurf.checks import checked_integer
 from limitsurf.mesh import Mesh
 from limitsurf.patches import NO_LIMIT
-from limitsurf.refine import refined, refuse_levels
+from limitsurf.refine import RefinedMesh, refined, refuse_levels
 from limitsurf.surface import LimitSurface
 
 Array: TypeAlias = NDArray[Any]
@@ -25,7 +25,7 @@ Array: TypeAlias = NDArray[Any]
 POLYGON = 200  # bytes that one of a tessellation takes, at least
 
 
-def validate(surface: LimitSurface, levels: int = 4) -> NDArray[Any]:
+def validate(surface: LimitSurface, levels: int = 4, *, workers: int = 1) -> NDArray[np.void]:
     """Compare the closed form with recursive refinement, level by level.
 
     Every refined vertex has a parent (limit face, u, v). The refined points themselves approach
@@ -37,6 +37,8 @@ def validate(surface: LimitSurface, levels: int = 4) -> NDArray[Any]:
         Of float64 points. Memory and time grow by four with every level.
     levels : int
         How many levels to refine, at least 1.
+    workers : int
+        Threads, as for `LimitSurface.evaluate`.
 
     Returns
     -------
@@ -81,12 +83,12 @@ def validate(surface: LimitSurface, levels: int = 4) -> NDArray[Any]:
     used = surface.mesh.indices[0]
     surface = surface.with_points(surface.points - surface.points[used])
     mesh = refined(surface.mesh, 0, **surface.rules)
-    errors = [_distance(mesh.points, surface, mesh)]
+    errors = [_distance(mesh.points, surface, mesh, workers)]
     # one level at a time; parameters are those of the cage's limit faces all along
     for level in range(1, levels + 1):
         mesh = refined(surface.mesh, level, **surface.rules)
-        errors.append(_distance(mesh.points, surface, mesh))
-        table["limit_error"][level - 1] = _distance(mesh.limit_points, surface, mesh)
+        errors.append(_distance(mesh.points, surface, mesh, workers))
+        table["limit_error"][level - 1] = _distance(mesh.limit_points, surface, mesh, workers)
     table["level"] = np.arange(1, levels + 1)
     table["error"] = errors[1:]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -194,11 +196,15 @@ def refinement_gap(
     return float(largest[0]), float(largest[1])
 
 
-def _distance(points: NDArray[Any], surface: LimitSurface, mesh: Any) -> float:
+def _distance(
+    points: NDArray[Any], surface: LimitSurface, mesh: RefinedMesh, workers: int
+) -> float:
     """Largest distance of points (n_vertices, ...) from the surface at the parents of `mesh`."""
     place = mesh.parent_face >= 0
     parents = mesh.parent_face[place], mesh.parent_u[place], mesh.parent_v[place]
-    gap = (points[place] - surface.evaluate(*parents)).reshape(int(place.sum()), -1)
+    gap = (points[place] - surface.evaluate(*parents, workers=workers)).reshape(
+        int(place.sum()), -1
+    )
     gap = gap[~np.isnan(gap).any(axis=1)]
     size = float(np.abs(gap).max(initial=0))  # squares of large gaps would overflow
     if not len(gap) or size == 0:

@@ -181,6 +181,7 @@ class LimitSurface:
     def __init__(
         self,
         mesh: Mesh,
+        *,
         scheme: str | Scheme | None = None,
         boundary: Literal["edge_and_corner", "edge_only", "none"] | None = None,
         creasing: Literal["uniform", "chaikin"] | None = None,
@@ -296,17 +297,17 @@ class LimitSurface:
 
     @overload
     def evaluate(
-        self, face: ArrayLike, u: Exact, v: Numbers, nu: Order = ..., channel: str | None = ...,
+        self, face: ArrayLike, u: Exact, v: Numbers, *, nu: Order = ..., channel: str | None = ...,
         workers: int = ...,
     ) -> NDArray[np.object_]: ...  # fmt: skip
     @overload
     def evaluate(
-        self, face: ArrayLike, u: Numbers, v: Exact, nu: Order = ..., channel: str | None = ...,
+        self, face: ArrayLike, u: Numbers, v: Exact, *, nu: Order = ..., channel: str | None = ...,
         workers: int = ...,
     ) -> NDArray[np.object_]: ...  # fmt: skip
     @overload
     def evaluate(
-        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, nu: Order = ...,
+        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, *, nu: Order = ...,
         channel: str | None = ..., workers: int = ...,
     ) -> Floats: ...  # fmt: skip
     def evaluate(
@@ -314,6 +315,7 @@ class LimitSurface:
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         nu: Order = _POSITION[0],
         channel: str | None = None,
         workers: int = 1,
@@ -373,6 +375,7 @@ class LimitSurface:
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         order: int = 2,
         channel: str | None = None,
         workers: int = 1,
@@ -415,6 +418,7 @@ class LimitSurface:
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         channel: str | None = None,
         workers: int = 1,
     ) -> tuple[Floats, Floats]:
@@ -463,6 +467,7 @@ class LimitSurface:
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         workers: int = 1,
         channel: str | None = None,
     ) -> Floats:
@@ -512,6 +517,7 @@ class LimitSurface:
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         workers: int = 1,
         channel: str | None = None,
     ) -> Curvature:
@@ -567,17 +573,17 @@ class LimitSurface:
 
     @overload
     def weights(
-        self, face: ArrayLike, u: Exact, v: Numbers, nu: Order = ..., workers: int = ...,
+        self, face: ArrayLike, u: Exact, v: Numbers, *, nu: Order = ..., workers: int = ...,
         channel: str | None = ...,
     ) -> ExactOperator: ...  # fmt: skip
     @overload
     def weights(
-        self, face: ArrayLike, u: Numbers, v: Exact, nu: Order = ..., workers: int = ...,
+        self, face: ArrayLike, u: Numbers, v: Exact, *, nu: Order = ..., workers: int = ...,
         channel: str | None = ...,
     ) -> ExactOperator: ...  # fmt: skip
     @overload
     def weights(
-        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, nu: Order = ..., workers: int = ...,
+        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, *, nu: Order = ..., workers: int = ...,
         channel: str | None = ...,
     ) -> csr_array[Any]: ...  # fmt: skip
     def weights(
@@ -585,6 +591,7 @@ class LimitSurface:
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         nu: Order = (0, 0),
         workers: int = 1,
         channel: str | None = None,

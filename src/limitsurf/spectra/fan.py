@@ -97,7 +97,9 @@ class Fan:
     def surface(self, values: Array) -> LimitSurface:
         """The limit surface of values (M, ...), on the inner faces."""
         holes = range(self.faces, len(self._cells))
-        return LimitSurface(Mesh(values, self._cells, holes=holes, **self._tags), self.scheme)
+        return LimitSurface(
+            Mesh(values, self._cells, holes=holes, **self._tags), scheme=self.scheme
+        )
 
     def operator(self) -> Array:
         """One step of refinement, (M, M)."""
