@@ -19,6 +19,13 @@ MODULES = sorted(SOURCE.rglob("*.py"))
 DERIVATIONS = sorted((ROOT / "derivations").glob("*.py"))
 LINT_IMPORTS = Path(sysconfig.get_path("scripts")) / "lint-imports"
 
+# what users get wrong, and mypy says
+WRONG = {
+    "surface.evaluate(0, 0.5, 0.5, (1, 0))": 'No overload variant of "evaluate"',
+    "ls.LimitSurface(mesh, boundary='corner')": "incompatible type \"Literal['corner']\"",
+    "ls.refined(mesh, operator=True).points": 'has no attribute "points"',
+}
+
 
 def by_name(path: Path) -> str:
     return str(path.relative_to(ROOT))
@@ -49,6 +56,24 @@ def run(*command: str | Path) -> str:
 )
 def test_style_types_and_rooms(command: list[str | Path]) -> None:
     run(*command)
+
+
+@pytest.mark.long
+def test_types_are_what_a_user_is_told(tmp_path: Path) -> None:
+    """The installed package, as `py.typed` has it, seen by a script that knows no more."""
+    script = ROOT / "tests" / "users_script.py"
+    run(sys.executable, "-W", "error", script)
+    (tmp_path / "mypy.ini").write_text("[mypy]\n")
+    wrong = tmp_path / "wrong.py"
+    wrong.write_text("\n".join([script.read_text(encoding="utf-8"), *WRONG]), encoding="utf-8")
+    options = ["--config-file", tmp_path / "mypy.ini", "--cache-dir", ROOT / ".mypy_cache" / "user"]
+    command = [sys.executable, "-m", "mypy", "--strict", "--hide-error-context", *options]
+    said = subprocess.run([*command, script, wrong], cwd=tmp_path, text=True, capture_output=True)
+    errors = [line for line in said.stdout.splitlines() if ": error: " in line]
+    assert len(errors) == len(WRONG), said.stdout
+    for error, expected in zip(errors, WRONG.values(), strict=True):
+        assert error.startswith("wrong.py:")
+        assert expected in error
 
 
 @pytest.mark.long

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import masked
 from limitsurf.cage.faces import Faces, IntArray
+from limitsurf.numbers import Numbers
 
 FacesLike: TypeAlias = Faces | ArrayLike | Sequence[ArrayLike] | tuple[ArrayLike, ArrayLike]
 
@@ -87,7 +88,7 @@ def units(value: Any) -> float | None:
     return float(value)
 
 
-def numbers(values: ArrayLike, row: str, prefix: str = "", gaps: bool = False) -> NDArray[Any]:
+def numbers(values: Numbers, row: str, prefix: str = "", gaps: bool = False) -> NDArray[Any]:
     """A copy of coordinates as float64 or objects; messages call an entry a ``row``.
 
     All are finite, or NaN if there may be gaps.

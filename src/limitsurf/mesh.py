@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Generic, Self, TypeAlias, TypeVar, overload
+from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,7 @@ from limitsurf.cage.faces import Faces, histogram
 from limitsurf.cage.faces import IntArray as IntArray
 from limitsurf.checks import FacesLike
 from limitsurf.checks import MeshError as MeshError
+from limitsurf.numbers import Numbers
 
 __all__ = ["Mesh", "MeshError"]
 
@@ -23,10 +24,15 @@ Channel: TypeAlias = tuple[NDArray[Any], IntArray, str]
 
 T = TypeVar("T")
 
-BOUNDARY = (None, "none", "edge_only", "edge_and_corner")
-CREASING = (None, "uniform", "chaikin")
-TRIANGLES = (None, "catmull-clark", "smooth")
-UP = (None, "y", "z")
+Boundary: TypeAlias = Literal["none", "edge_only", "edge_and_corner"]
+Creasing: TypeAlias = Literal["uniform", "chaikin"]
+Triangles: TypeAlias = Literal["catmull-clark", "smooth"]
+Up: TypeAlias = Literal["y", "z"]
+
+BOUNDARY: tuple[Boundary | None, ...] = (None, *get_args(Boundary))
+CREASING: tuple[Creasing | None, ...] = (None, *get_args(Creasing))
+TRIANGLES: tuple[Triangles | None, ...] = (None, *get_args(Triangles))
+UP: tuple[Up | None, ...] = (None, *get_args(Up))
 INTERPOLATION = ("none", "corners_only", "corners_plus1", "corners_plus2", "boundaries", "all")
 # what a mesh has besides points, faces, tags and channels, as it is given
 CHOICES = ("scheme", "boundary", "creasing", "triangles", "units", "up")
@@ -210,27 +216,27 @@ class Mesh:
     corners: tuple[IntArray, NDArray[Any]]
     holes: IntArray
     scheme: Any
-    boundary: str | None
-    creasing: str | None
-    triangles: str | None
+    boundary: Boundary | None
+    creasing: Creasing | None
+    triangles: Triangles | None
     units: float | None
-    up: str | None
+    up: Up | None
 
     def __init__(
         self,
-        points: ArrayLike,
+        points: Numbers,
         faces: FacesLike,
         *,
         creases: Mapping[tuple[int, int], Any] | tuple[ArrayLike, ArrayLike] | None = None,
         corners: Mapping[int, Any] | tuple[ArrayLike, ArrayLike] | None = None,
         holes: ArrayLike | None = None,
         scheme: Any = None,
-        boundary: str | None = None,
-        creasing: str | None = None,
-        triangles: str | None = None,
-        channels: Mapping[str, tuple[ArrayLike, ArrayLike, str]] | None = None,
+        boundary: Boundary | None = None,
+        creasing: Creasing | None = None,
+        triangles: Triangles | None = None,
+        channels: Mapping[str, tuple[Numbers, ArrayLike, str]] | None = None,
         units: float | None = None,
-        up: str | None = None,
+        up: Up | None = None,
     ) -> None:
         self._connectivity: dict[str, Any] = {}
         self.points = read_only(checks.numbers(points, "vertex"))
@@ -276,12 +282,12 @@ class Mesh:
         corners: Any = None,
         holes: Any = None,
         scheme: Any = None,
-        boundary: str | None = None,
-        creasing: str | None = None,
-        triangles: str | None = None,
+        boundary: Boundary | None = None,
+        creasing: Creasing | None = None,
+        triangles: Triangles | None = None,
         channels: Any = None,
         units: float | None = None,
-        up: str | None = None,
+        up: Up | None = None,
     ) -> None:
         self.scheme = scheme
         self.boundary = checks.choice(boundary, "boundary", BOUNDARY)
@@ -297,7 +303,7 @@ class Mesh:
             {name: _channel(self, name, given) for name, given in (channels or {}).items()}
         )
 
-    def with_points(self, points: ArrayLike) -> Self:
+    def with_points(self, points: Numbers) -> Self:
         """A copy with other points, (n_vertices, ...); faces, tags and connectivity are shared.
 
         Raises

@@ -15,7 +15,7 @@ from limitsurf import memory, numbers
 from limitsurf.caching import cached_property
 from limitsurf.cage.faces import Faces
 from limitsurf.checks import checked_integer
-from limitsurf.mesh import Mesh
+from limitsurf.mesh import Mesh, Up
 from limitsurf.patches import NO_LIMIT
 from limitsurf.refine import RefinedMesh, refined, refuse_levels
 from limitsurf.surface import LimitSurface
@@ -369,7 +369,7 @@ class Tessellation(Polygons):
     u: NDArray[np.float64]
     v: NDArray[np.float64]
     units: float | None = None
-    up: str | None = None
+    up: Up | None = None
 
     _by_point: ClassVar[tuple[str, ...]] = ("points", "face", "u", "v")
 

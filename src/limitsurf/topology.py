@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import _kernels
-from limitsurf.mesh import Mesh, read_only
+from limitsurf.mesh import IntArray, Mesh, read_only
 
 Array = NDArray[Any]
 
@@ -192,7 +192,7 @@ class MeshPart:
         return cls(part, wanted, faces, corners, vertices)
 
 
-def first_limit_face(mesh: Mesh) -> Array:
+def first_limit_face(mesh: Mesh) -> IntArray:
     """First limit face of each face and, last, their number, (n_faces + 1,)."""
     if mesh._steps[0] == 4:
         return np.arange(mesh.n_faces + 1)
@@ -213,9 +213,9 @@ class LimitFaces:
         First limit face of each face.
     """
 
-    face: Array
-    corner: Array
-    first: Array
+    face: IntArray
+    corner: IntArray
+    first: IntArray
 
     @classmethod
     def of(cls, mesh: Mesh) -> LimitFaces:
