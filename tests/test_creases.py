@@ -128,7 +128,7 @@ class Oracle(TaggedSurface):
             for j in weights if dv else [0]:
                 near = super().evaluate(face, F(u) + i * du, F(v) + j * dv, nu=nu)
                 total = total + weights.get(i, 1) * weights.get(j, 1) * np.array(near)
-        return tuple(total.tolist())
+        return tuple(np.asarray(total).tolist())
 
 
 def both(points, faces, tags):
@@ -716,7 +716,7 @@ def assert_continuous(surface, oracle, faces, edges, fractions_of_the_edge):
     """Exactly the same position in all faces of an edge; unless it is sharp, one tangent plane."""
     for edge in edges:
         for t in fractions_of_the_edge:
-            found = list(along_edge(faces, *edge, t))
+            found = list(along_edge(faces, *edge, t=t))
             queries = columns([query for query, _, _ in found])
             values = [x for x in surface.evaluate(*queries).tolist() if x[0] == x[0]]
             assert all(x == values[0] for x in values)
@@ -756,7 +756,7 @@ def test_continuity_of_normals(name):
         [query for query, _, _ in found]
         for edge in random.Random(name).sample(edges, min(len(edges), 12))
         for t in (0.0, 0.3, 1.0)
-        for found in [list(along_edge(faces, *edge, t))]
+        for found in [list(along_edge(faces, *edge, t=t))]
         if oracle.cage.creases[edge] != INF and len(found) == 2
     ]
     holes = oracle.cage.holes

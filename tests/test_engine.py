@@ -208,9 +208,9 @@ def test_characteristic_coordinates(name, faces):
     patch, face = patch[special], face[special]
     ids = patches.controls[patches.kind[patch[0]]][patches.row[patch[0]]]
     basis = ls.eigenbasis("catmull-clark", faces).float64
-    chart = np.zeros_like(surface.points)[:, :2]
-    chart[ids] = basis.V[:, basis.normal]
-    chart = surface.with_points(chart)
+    plane = np.zeros_like(surface.points)[:, :2]
+    plane[ids] = basis.V[:, basis.normal]
+    chart = surface.with_points(plane)
     (lam, other, mu) = reference.corner_rates(patch)
     assert np.allclose([lam, other, mu], np.abs(basis.rates[0, 1:4])[:, None])
     for ring in (0, 2, 9):

@@ -8,6 +8,7 @@ import sys
 import warnings
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -786,7 +787,7 @@ NON_MANIFOLD = {"catmark_fan", "catmark_gregory_test4", "catmark_nonman_edges"}
 
 def tags_of(text):
     """Creases, corners, holes and options of a file whose tags are on lines of their own."""
-    found = {"crease": {}, "corner": {}, "hole": set(), "options": {}}
+    found: dict[str, Any] = {"crease": {}, "corner": {}, "hole": set(), "options": {}}
     for line in re.findall(r"^t\s+(.*)", text, re.M):
         name, counts, *words = line.split()
         integers, floats, _ = map(int, counts.split("/"))

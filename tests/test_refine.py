@@ -5,6 +5,7 @@ import random
 from decimal import Decimal
 from fractions import Fraction as F
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import oracles
@@ -307,8 +308,7 @@ def test_limit_normals(name):
         normals = surface.normal(face, u, v)
         # where the sheets of a pillow meet, one derivative is nothing but rounding
         sizes = [
-            np.linalg.norm(surface.evaluate(face, u, v, nu=nu), axis=1)
-            for nu in np.eye(2, dtype=int)
+            np.linalg.norm(surface.evaluate(face, u, v, nu=nu), axis=1) for nu in ((1, 0), (0, 1))
         ]
         fold = np.minimum(*sizes) < 1e-6 * np.maximum(*sizes)
         assert not fold.any() or "pillow" in name or name == "disconnected"
@@ -341,7 +341,8 @@ def test_limits_at_boundaries(name):
     """There is no normal at boundary vertices of 5 faces and more, and no limit under "none"."""
     points, faces = CAGES[name]
     mesh = ls.Mesh(zoo.random_points(len(points), name), faces)
-    for mode in oracles.MODES:
+    modes: list[Any] = [*oracles.MODES]
+    for mode in modes:
         fine = ls.refined(mesh, 2, boundary=mode)
         odd = fine.boundary_vertex & (fine.vertex_faces >= 5)
         assert (np.isnan(fine.limit_points).any(axis=1) == (fine.vertex_faces == 0)).all()
@@ -454,8 +455,9 @@ def test_options():
         assert (again.points[0] == points[0]).all() == corners_stay
     mesh = ls.Mesh(points, faces)
     for option in ("boundary", "creasing", "triangles"):
+        wrong: dict[str, Any] = {option: "odd"}
         with pytest.raises(ValueError, match=f"{option} must be one of .*, got 'odd'"):
-            ls.refined(mesh, **{option: "odd"})
+            ls.refined(mesh, **wrong)
     with pytest.raises(ValueError, match="unknown scheme 'odd'; known: catmull-clark"):
         ls.refined(mesh, scheme="odd")
     for scheme in ("catmull-clark", tables.SCHEMES["catmull-clark"]):

@@ -164,7 +164,7 @@ def test_regular_quads_beside_an_ngon():
 def test_exact_on_the_zoo(name, mode):
     """Fractions give the oracle's very numbers, at any parameter, in any derivative."""
     rng = random.Random(f"{name} {mode}")
-    surface, oracle = both(*shaken(name, 3), mode)
+    surface, oracle = both(*shaken(name, 3), mode=mode)
     orders = [(0, 0), (1, 0), (0, 1), *rng.sample(ORDERS, 3)]
     assert_exact(surface, oracle, exact_queries(surface, 12, rng), orders)
 
@@ -306,7 +306,7 @@ def accuracy(surface, oracle, queries, orders=LOW_ORDERS, floor=F(1, 1000)):
         else:
             size = max(map(abs, exact))
             if max(errors) > size / 10**12:
-                size = max(size, floor * largest_on_ring(oracle, *query, sum(nu)))
+                size = max(size, floor * largest_on_ring(oracle, *query, order=sum(nu)))
             yield float(max(errors) / size * 10**12) if size else float(max(errors))
 
 
@@ -354,7 +354,7 @@ def test_accuracy_on_the_zoo(name, mode):
     Second derivatives vanish across every boundary, and in places on cages as small as these.
     There, the rounding of a few additions is measured by 1e-2 of the largest on the ring.
     """
-    surface, oracle = both(*shaken(name), mode)
+    surface, oracle = both(*shaken(name), mode=mode)
     queries = float_queries(range(len(surface.limit_faces)), 8, random.Random(name))
     assert max(accuracy(surface, oracle, queries, LOW_ORDERS[:6], floor=F(1, 100))) <= 1
 
@@ -608,7 +608,7 @@ def test_normals_at_a_pole_by_published_masks(N):
 
 @on_the_zoo
 def test_normals_on_the_zoo(name, mode):
-    surface, oracle = both(*shaken(name), mode)
+    surface, oracle = both(*shaken(name), mode=mode)
     rng = random.Random(name)
     faces = rng.choices(range(len(surface.limit_faces)), k=8)
     near = [(0.0, 0.0), (0.3, 0.7), (1e-12, 1e-13), (0.0, 1e-9)]

@@ -344,9 +344,9 @@ class LimitSurface:
         -------
         ndarray
             Shape ``broadcast(face, u, v).shape + points.shape[1:]``; with `channel`, of its values
-            instead of the points. float64, or Fractions if u, v or the points are exact: of the
-            points a type checker cannot know. See the class for the scaling of derivatives, and for NaN and
-            infinity.
+            instead of the points. float64, or Fractions if u, v or the points are exact, which of
+            points a type checker cannot know. See the class for the scaling of derivatives, and
+            for NaN and infinity.
 
         Raises
         ------
