@@ -88,7 +88,7 @@ if TYPE_CHECKING:
         precompile as precompile,
     )
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # what is public, and the module that defines it; imported on first use
 _HOME = {

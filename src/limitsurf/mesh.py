@@ -685,7 +685,7 @@ def valid_mesh(
 
 
 def read_only(value: T) -> T:
-    """The same with every array in it, also in tuples, lists and dicts, as a read-only view."""
+    """A value with every array in it, also in tuples, lists and dicts, as a read-only view."""
     found: Any = value
     if isinstance(value, np.ndarray):
         found = value.view()

@@ -119,7 +119,7 @@ def agrees(surface: LimitSurface, table: NDArray[Any]) -> bool:
 def on_refined(
     surface: LimitSurface, face: NDArray[Any], u: NDArray[Any], v: NDArray[Any]
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """The same points as queries of the surface of ``refined(surface.mesh)``, once refined.
+    """Queries of the once refined surface, that of ``refined(surface.mesh)``, for the same points.
 
     There they lie in other patches with other control points: that both surfaces agree checks
     evaluation against refinement at any (face, u, v), not at refined vertices alone.
@@ -283,7 +283,7 @@ class Polygons:
         return triangles
 
     def split(self) -> Self:
-        """The same polygons with one normal and one value of each channel per point.
+        """These polygons with one normal and one value of each channel per point.
 
         Points are repeated where they have several, at creases and seams, behind the others, with
         the same face, u and v. The indices of points, normals and channels are then all the same,

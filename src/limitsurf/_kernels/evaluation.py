@@ -204,7 +204,7 @@ def cubic_weights(t: float, order: int, at: int, weights: Array) -> None:
 def strip_weights(
     t: float, order: int, up: bool, pieces: Array, first: int, depth: int, at: int, weights: Array
 ) -> None:
-    """The same across a semi-sharp crease."""
+    """Cubic B-splines across a semi-sharp crease, and their derivatives up to an order."""
     k = min(halvings(t, up), depth)
     level = min(k + 1, depth)
     T = scale_by_two(t, level)
@@ -311,7 +311,7 @@ def _crossed(found: Array, noise: float, other: float, out: Array, query: int) -
 
 @inlined
 def _spline_normal(weights: Array, found: Array, error: float, out: Array, query: int) -> bool:
-    """The same of a bicubic patch, from its weights, sums of order 1 and errors of its points."""
+    """A bicubic patch's unit normal, from weights, sums of order 1 and errors; False in doubt."""
     reach = max(found[3 * LANES], found[3 * LANES + 1], found[3 * LANES + 2]) + error
     reach = reach * NOISE + TINY
     values = slopes = rises = steep = 0.0
@@ -328,7 +328,7 @@ def _eigen_normal(
     level: int, kind: int, at: int, width: int, tables: Tables, modes: Array, rows: Array,
     found: Array, out: Array, query: int,
 ) -> bool:  # fmt: skip
-    """The same around a special corner, from rows of order 1; see `basis.eigen_normals`."""
+    """The unit normal around a special corner, from rows of order 1; see `basis.eigen_normals`."""
     n = tables.kinds[kind, ROWS]
     size, added = modes[at + (n + 1) * width], modes[at + (n + 1) * width + 2]
     if tables.kinds[kind, SIZE] < 2 or not size > 0:
