@@ -686,7 +686,7 @@ def test_eigenexpansion_is_the_limit_by_refinement(sector):
             # on a line between pieces the oracle takes the piece nearer the corner
             slopes = np.array([i * S ** max(i - 1, 0) * T**j for j in range(4) for i in range(4)])
             got = coefficients.dot(slopes.dot(s.pieces[piece])) / ONE**2 * 2 ** (level + 1)
-            needed = surface.evaluate(p, u / 2**level, v / 2**level, (1, 0))
+            needed = surface.evaluate(p, u / 2**level, v / 2**level, nu=(1, 0))
             assert abs(got - np.array(needed)).max() < F(1, 10**75)
 
 

@@ -739,11 +739,13 @@ def test_any_wrong_file_of_a_sector_is_replaced(cache, monkeypatch, sector):
 
 
 def counted(function):
+    calls = []
+
     def call(*arguments):
-        call.calls.append(arguments)
+        calls.append(arguments)
         return function(*arguments)
 
-    call.calls = []
+    vars(call)["calls"] = calls
     return call
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from limitsurf.bezier import (
         bezier_patches as bezier_patches,
     )
+    from limitsurf.cage.faces import Faces as Faces
     from limitsurf.mesh import Mesh as Mesh
     from limitsurf.mesh import MeshError as MeshError
     from limitsurf.query import (
@@ -93,7 +94,7 @@ if TYPE_CHECKING:
         precompile as precompile,
     )
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # what is public, and the module that defines it; imported on first use
 _HOME = {
@@ -102,6 +103,7 @@ _HOME = {
     "Curvature": "surface",
     "Eigenbasis": "spectra",
     "ExactOperator": "refine",
+    "Faces": "cage.faces",
     "LimitSurface": "surface",
     "Mesh": "mesh",
     "MeshError": "mesh",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import _kernels
-from limitsurf.mesh import Mesh, read_only
+from limitsurf.mesh import IntArray, Mesh, read_only
 from limitsurf.scheme.lattice import Lattice
 
 Array = NDArray[Any]
@@ -380,7 +380,7 @@ def _part_edges(mesh: Mesh, corners: Array, indices: Array) -> dict[str, Any]:
     return {"twin": twin, "_parallel": True, "_edge_table": table}
 
 
-def first_limit_face(mesh: Mesh, lattice: Lattice) -> Array:
+def first_limit_face(mesh: Mesh, lattice: Lattice) -> IntArray:
     """First limit face of each face and, last, their number, (n_faces + 1,)."""
     if all_regular(mesh, lattice):
         return np.arange(mesh.n_faces + 1)
@@ -404,9 +404,9 @@ class LimitFaces:
         First limit face of each face.
     """
 
-    face: Array
-    corner: Array
-    first: Array
+    face: IntArray
+    corner: IntArray
+    first: IntArray
 
     @classmethod
     def of(cls, mesh: Mesh, lattice: Lattice) -> LimitFaces:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal, Self, overload
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from limitsurf import _kernels, memory, numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
 from limitsurf.checks import checked_integer
-from limitsurf.mesh import Mesh, read_only
+from limitsurf.mesh import Boundary, Creasing, IntArray, Mesh, Triangles, read_only
 from limitsurf.refine.limits import limit_normals, limit_points, normal_weights, ring_weights
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
 from limitsurf.refine.stages import channel_groups, refined_values, refinement_stages
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
+Floats: TypeAlias = NDArray[np.float64]
 
 
 class RefinedMesh(Mesh):
@@ -63,7 +64,7 @@ class RefinedMesh(Mesh):
     _rounded: bool  # whether the points come from refinement, and not from outside
 
     @cached_property
-    def _parents(self) -> tuple[Array, Array, Array]:
+    def _parents(self) -> tuple[IntArray, Floats, Floats]:
         """Parent face and parameters, taken in a vertex's first face, one with a limit if any."""
         lattice = self._rules.scheme.lattice
         limit_face, uv = _cage_parameters(self._lineage[0], lattice)
@@ -80,17 +81,17 @@ class RefinedMesh(Mesh):
         return read_only((face, u, v))
 
     @property
-    def parent_face(self) -> Array:
+    def parent_face(self) -> IntArray:
         """Limit face of the original mesh that each vertex is on."""
         return self._parents[0]
 
     @property
-    def parent_u(self) -> Array:
+    def parent_u(self) -> Floats:
         """First parameter of each vertex in its limit face."""
         return self._parents[1]
 
     @property
-    def parent_v(self) -> Array:
+    def parent_v(self) -> Floats:
         """Second parameter of each vertex in its limit face."""
         return self._parents[2]
 
@@ -135,7 +136,7 @@ class RefinedMesh(Mesh):
         return np.asarray(result.reshape(self.points.shape))
 
     @cached_property
-    def limit_normals(self) -> Array:
+    def limit_normals(self) -> Floats:
         """Unit limit normals by face corner, (n_corners, 3), by tangent masks.
 
         At creases the faces on each side have their own. NaN where no limit normal exists: at
@@ -186,7 +187,7 @@ class RefinedMesh(Mesh):
         result.reshape(-1, lattice.face_size, 3)[rules.without_limit(self)] = np.nan
         return np.asarray(result)
 
-    def with_points(self, points: ArrayLike) -> Self:
+    def with_points(self, points: numbers.Numbers) -> Self:
         """A copy with other points, (n_vertices, ...); limits are computed afresh."""
         mesh = super().with_points(points)
         for name in ("limit_points", "limit_normals"):
@@ -202,9 +203,9 @@ def refined(
     *,
     operator: Literal[False] = False,
     scheme: str | Scheme | None = None,
-    boundary: str | None = None,
-    creasing: str | None = None,
-    triangles: str | None = None,
+    boundary: Boundary | None = None,
+    creasing: Creasing | None = None,
+    triangles: Triangles | None = None,
 ) -> RefinedMesh: ...
 @overload
 def refined(
@@ -213,9 +214,9 @@ def refined(
     *,
     operator: Literal[True],
     scheme: str | Scheme | None = None,
-    boundary: str | None = None,
-    creasing: str | None = None,
-    triangles: str | None = None,
+    boundary: Boundary | None = None,
+    creasing: Creasing | None = None,
+    triangles: Triangles | None = None,
 ) -> tuple[RefinedMesh, csr_array[Any] | ExactOperator]: ...
 def refined(
     mesh: Mesh,
@@ -223,9 +224,9 @@ def refined(
     *,
     operator: bool = False,
     scheme: str | Scheme | None = None,
-    boundary: str | None = None,
-    creasing: str | None = None,
-    triangles: str | None = None,
+    boundary: Boundary | None = None,
+    creasing: Creasing | None = None,
+    triangles: Triangles | None = None,
 ) -> RefinedMesh | tuple[RefinedMesh, csr_array[Any] | ExactOperator]:
     """Refine a mesh recursively by its subdivision rules.
 

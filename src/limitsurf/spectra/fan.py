@@ -104,7 +104,9 @@ class Fan:
     def surface(self, values: Array) -> LimitSurface:
         """The limit surface of values (M, ...), on the inner faces."""
         holes = range(self.faces, len(self._cells))
-        return LimitSurface(Mesh(values, self._cells, holes=holes, **self._tags), self.scheme)
+        return LimitSurface(
+            Mesh(values, self._cells, holes=holes, **self._tags), scheme=self.scheme
+        )
 
     def mirrored(self, values: Array) -> Array:
         """Values (M,) reflected: at the first axis, or in open fans at the bisector."""
