@@ -298,8 +298,6 @@ def plot_eigenfunctions(
 
     Parameters
     ----------
-    scheme : str or Scheme
-        A name such as "catmull-clark", or a scheme of your own.
     file : str or os.PathLike, optional
         A file to write: ``.png``, and of a single one ``.html``, of a panel ``.svg`` and ``.pdf``.
     valence : int
@@ -308,10 +306,8 @@ def plot_eigenfunctions(
         Only this one, counted from 0, the constant, by decreasing eigenvalue; of two that are
         turned against each other the one that is symmetric about the first edge comes first. By
         default a panel of the first after the constant, one of each such pair.
-    window_size : (int, int)
-        Width and height in pixels.
-    off_screen : bool, optional
-        As for `plot`.
+    scheme, window_size, off_screen
+        As for `plot_characteristic_map`.
 
     Returns
     -------
