@@ -105,7 +105,7 @@ def naive_ring(scheme, kind, n):
     points = np.eye(2 * n + 1)
     v, e, f = points[0], points[1::2], points[2::2]
     new = [(v + e[j] + f[j] + e[(j + 1) % n]) / 4 for j in range(n)]
-    A[0] = own * v + edge * e.sum(axis=0) + face * np.sum(new, axis=0)
+    A[0] = own * v + edge * np.sum(e, axis=0) + face * np.sum(new, axis=0)
     for j in range(n):
         A[1 + 2 * j] = (v + e[j] + new[j - 1] + new[j]) / 4
         A[2 + 2 * j] = new[j]

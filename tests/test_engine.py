@@ -15,7 +15,7 @@ from limitsurf import _kernels
 from limitsurf.engine.choice import VARIABLE
 from limitsurf.engine.places import Places
 from limitsurf.patches import STRIP
-from limitsurf.scheme import CATMULL_CLARK
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from limitsurf.scheme.loop import LOOP
 
 HOME = os.path.dirname(ls.__file__)

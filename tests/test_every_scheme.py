@@ -10,6 +10,7 @@ from fractions import Fraction as F
 from typing import NamedTuple
 
 import numpy as np
+import oracles
 import oracles_creases
 import oracles_loop
 import pytest
@@ -328,7 +329,7 @@ def test_eigenbases_hold(kind):
 
 
 @ENGINES
-@pytest.mark.skipif(not oracles_loop.CASES.is_dir(), reason="no reference numbers here")
+@pytest.mark.skipif(not oracles.CASES.is_dir(), reason="no reference numbers here")
 @pytest.mark.parametrize("valence", oracles_loop.reference_cases() or [3])
 def test_reference_numbers(valence, engine):
     """Also at 1e-12 from the vertex."""

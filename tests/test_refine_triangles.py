@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction as F
 
@@ -162,9 +163,13 @@ def test_irrational_masks_have_no_exact_points():
     mesh = ls.Mesh(zoo.random_points(len(points), 1), faces, scheme=LOOP, corners={2: 1.5})
     exact = mesh.with_points(mesh.points.astype(object))
     ls.refined(exact)
-    for use in (lambda: ls.refined(exact, 2), lambda: ls.refined(exact, 0).limit_points):
+    uses: list[Callable[[], object]] = [
+        lambda: ls.refined(exact, 2),
+        lambda: ls.refined(exact, 0).limit_points,
+    ]
+    for act in uses:
         with pytest.raises(TypeError, match=r"vertex 2 has (valence )?5"):
-            use()
+            act()
 
 
 def test_other_faces_are_refused():
