@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import limitsurf as ls
-from limitsurf.mesh import Mesh, MeshError
+from limitsurf.cage.mesh import Mesh, MeshError
 
 TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 INTERPOLATIONS = ["none", "corners_only", "corners_plus1", "corners_plus2", "boundaries", "all"]

@@ -15,7 +15,7 @@ from oracles_creases import Cage
 
 import limitsurf as ls
 from limitsurf import tables
-from limitsurf.mesh import Mesh, MeshError
+from limitsurf.cage.mesh import Mesh, MeshError
 from limitsurf.scheme.loop import LOOP
 
 TWO = [[0, 1, 2], [0, 2, 1], [1, 0, 3]]  # two faces on three vertices, and one beside them

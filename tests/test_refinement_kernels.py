@@ -10,7 +10,7 @@ from hypothesis import given
 
 import limitsurf as ls
 from limitsurf import _kernels
-from limitsurf.mesh import Mesh
+from limitsurf.cage.mesh import Mesh
 from limitsurf.scheme.lattice import QUADS
 from limitsurf.topology import child_mesh
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
         bezier_patches as bezier_patches,
     )
     from limitsurf.cage.faces import Faces as Faces
-    from limitsurf.mesh import Mesh as Mesh
-    from limitsurf.mesh import MeshError as MeshError
+    from limitsurf.cage.mesh import Mesh as Mesh
+    from limitsurf.cage.mesh import MeshError as MeshError
     from limitsurf.query import (
         Tessellation as Tessellation,
     )
@@ -105,8 +105,8 @@ _HOME = {
     "ExactOperator": "refine",
     "Faces": "cage.faces",
     "LimitSurface": "surface",
-    "Mesh": "mesh",
-    "MeshError": "mesh",
+    "Mesh": "cage.mesh",
+    "MeshError": "cage.checks",
     "Picture": "shell.plot.plots",
     "RefinedMesh": "refine",
     "Scheme": "scheme.scheme",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from limitsurf import numbers
-from limitsurf.checks import checked_integer
+from limitsurf.cage.checks import checked_integer
 from limitsurf.engine.protocol import Request
 from limitsurf.pieces.cells import BezierPatches as BezierPatches
 from limitsurf.pieces.cells import BezierRest as BezierRest

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from limitsurf import numbers, tables
 from limitsurf._kernels.rationals import Digits, integers
 from limitsurf.caching import cached_property
-from limitsurf.mesh import Mesh
+from limitsurf.cage.mesh import Mesh
 from limitsurf.rules import CORNER, SMOOTH, Rationals, Rules, Sharpness, _numbered
 from limitsurf.scheme.lattice import Lattice
 from limitsurf.topology import MeshPart, child_mesh, child_vertices

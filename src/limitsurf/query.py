@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from limitsurf import memory, numbers
 from limitsurf.caching import cached_property
+from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.faces import Faces
-from limitsurf.checks import checked_integer
-from limitsurf.mesh import Mesh, Up
+from limitsurf.cage.mesh import Mesh, Up
 from limitsurf.patches import NO_LIMIT
 from limitsurf.refine import RefinedMesh, refined, refuse_levels
 from limitsurf.surface import LimitSurface

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import checks, numbers, tables
+from limitsurf import numbers, tables
 from limitsurf._kernels.rationals import Digits, Objects, counting, integers, rationals
 from limitsurf.caching import cached_property
-from limitsurf.mesh import Fans, Mesh
+from limitsurf.cage import checks
+from limitsurf.cage.mesh import Fans, Mesh
 from limitsurf.numbers import NumberType
 from limitsurf.topology import MeshPart, child_halves
 

@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import _kernels, lazy, numbers
 from limitsurf._kernels import reference as kernels
+from limitsurf.cage.checks import checked_integer
+from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles
 from limitsurf.channels import ChannelMesh
-from limitsurf.checks import checked_integer
 from limitsurf.engine.choice import Answers, Choice, chosen
 from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.topology import Topology
-from limitsurf.mesh import Boundary, Creasing, Mesh, Triangles
 from limitsurf.numbers import Exact, Numbers, Plain
 from limitsurf.patches import PatchTable
 from limitsurf.refine import ExactOperator, refined, sparse_operator

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import _kernels
-from limitsurf.mesh import IntArray, Mesh, read_only
+from limitsurf.cage.mesh import IntArray, Mesh, read_only
 from limitsurf.scheme.lattice import Lattice
 
 Array = NDArray[Any]

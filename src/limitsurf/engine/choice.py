@@ -8,11 +8,11 @@ from typing import Literal, TypeAlias, get_args
 
 from limitsurf import _kernels
 from limitsurf.caching import cached_property
+from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.compiled import Compiled
 from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.reference import Reference
 from limitsurf.engine.topology import Topology
-from limitsurf.mesh import Mesh
 
 Choice: TypeAlias = Literal["auto", "reference", "compiled"]
 VARIABLE = "LIMITSURF_ENGINE"

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
+from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.groups import CHUNK
 from limitsurf.engine.kinds import Group
 from limitsurf.engine.protocol import Request, on_slope
 from limitsurf.engine.topology import Topology
-from limitsurf.mesh import Mesh
 from limitsurf.refine import refined
 from limitsurf.values import Values
 

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from limitsurf import numbers
 from limitsurf.caching import cached_property
+from limitsurf.cage.mesh import Mesh
 from limitsurf.engine import places as places_
 from limitsurf.engine.groups import CHUNK
 from limitsurf.engine.limits import Limits
 from limitsurf.engine.places import CharacteristicJets, PlaceJets, Places
 from limitsurf.engine.protocol import Order, Request
 from limitsurf.engine.topology import Topology
-from limitsurf.mesh import Mesh
 from limitsurf.refine import eliminated, sparse_operator, stacked
 from limitsurf.values import Values, exact_control_points
 

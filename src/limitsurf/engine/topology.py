@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from limitsurf import _kernels, numbers, tables
 from limitsurf.caching import cached_property
+from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.groups import Groups
 from limitsurf.engine.packing import Packing
-from limitsurf.mesh import Mesh
 from limitsurf.patches import PatchTable
 from limitsurf.rules import Rules, Sharpness
 from limitsurf.topology import LimitFaces

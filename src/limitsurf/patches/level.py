@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.mesh import Mesh
+from limitsurf.cage.mesh import Mesh
 from limitsurf.rules import Sharpness
 from limitsurf.topology import MeshPart
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.mesh import Mesh, read_only
+from limitsurf.cage.mesh import Mesh, read_only
 from limitsurf.patches import squares
 from limitsurf.rules import Sectors, Sharpness
 from limitsurf.scheme.lattice import Lattice, Place

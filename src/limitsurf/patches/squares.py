@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.mesh import Mesh, read_only
+from limitsurf.cage.mesh import Mesh, read_only
 from limitsurf.scheme.lattice import Lattice
 
 Array = NDArray[Any]

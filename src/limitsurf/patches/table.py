@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import numbers, tables
-from limitsurf.mesh import Mesh
+from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
 from limitsurf.patches import neighbourhood
 from limitsurf.patches.level import Level, corners_of

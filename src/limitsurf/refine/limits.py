@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from limitsurf import numbers, tables
 from limitsurf._kernels import reference as kernels
-from limitsurf.mesh import Mesh, read_only
+from limitsurf.cage.mesh import Mesh, read_only
 from limitsurf.refine.operators import entries, identity, sparse_operator, stacked
 from limitsurf.refine.stages import irrational, refined_values, refinement_stages, smooth_valences
 from limitsurf.rules import PENDING, Rules, Sectors, Sharpness

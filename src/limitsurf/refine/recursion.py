@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from limitsurf import _kernels, memory, numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
+from limitsurf.cage.checks import checked_integer
+from limitsurf.cage.mesh import Boundary, Creasing, IntArray, Mesh, Triangles, read_only
 from limitsurf.channels import ChannelMesh
-from limitsurf.checks import checked_integer
-from limitsurf.mesh import Boundary, Creasing, IntArray, Mesh, Triangles, read_only
 from limitsurf.refine.limits import limit_normals, limit_points, normal_weights, ring_weights
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
 from limitsurf.refine.stages import channel_groups, refined_values, refinement_stages

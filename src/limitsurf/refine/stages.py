@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import numbers, tables
-from limitsurf.mesh import Mesh, read_only
+from limitsurf.cage.mesh import Mesh, read_only
 from limitsurf.numbers import NumberType
 from limitsurf.refine.operators import csr, sparse_operator
 from limitsurf.rules import DART, Rules, Sharpness

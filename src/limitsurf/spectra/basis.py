@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from limitsurf.caching import cached_property
-from limitsurf.checks import checked_integer
+from limitsurf.cage.checks import checked_integer
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 from limitsurf.tables import EigenNumbers, FourierRing, eigen_numbers, eigen_table, find_scheme

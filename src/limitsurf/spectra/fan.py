@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.mesh import Mesh
+from limitsurf.cage.mesh import Mesh
 from limitsurf.scheme.lattice import QUADS
 from limitsurf.spectra.basis import eigenbasis
 from limitsurf.surface import LimitSurface

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from limitsurf import disk_cache
-from limitsurf.checks import users_level
+from limitsurf.cage.checks import users_level
 from limitsurf.disk_cache import Formats
 from limitsurf.exact.matrices import subdivision_matrix
 from limitsurf.scheme import SCHEMES

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import limitsurf as ls
-from limitsurf.mesh import Mesh
+from limitsurf.cage.mesh import Mesh
 from limitsurf.shell import terminal
 from limitsurf.tables import is_infinite
 

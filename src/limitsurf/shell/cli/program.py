@@ -15,11 +15,11 @@ from typing import IO, TYPE_CHECKING, Any, TypeVar
 import click
 
 import limitsurf as ls
-from limitsurf.mesh import BOUNDARY, CREASING, TRIANGLES
+from limitsurf.cage.mesh import BOUNDARY, CREASING, TRIANGLES
 from limitsurf.shell import files, terminal
 
 if TYPE_CHECKING:
-    from limitsurf.mesh import Mesh
+    from limitsurf.cage.mesh import Mesh
     from limitsurf.query import Tessellation
     from limitsurf.surface import LimitSurface
 

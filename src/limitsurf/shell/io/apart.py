@@ -30,7 +30,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from limitsurf.mesh import Mesh, MeshError
+from limitsurf.cage.mesh import Mesh, MeshError
 
 try:
     import resource

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from limitsurf.mesh import Mesh, MeshError
+from limitsurf.cage.mesh import Mesh, MeshError
 from limitsurf.shell.io import vtk_reader
 from limitsurf.shell.io.apart import read_apart
 

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.mesh import Channel, IntArray, Mesh, MeshError, valid_mesh
+from limitsurf.cage.mesh import Channel, IntArray, Mesh, MeshError, valid_mesh
 
 Array: TypeAlias = NDArray[Any]
 LISTED = 3  # places that a warning names, beside the first one

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.mesh import Mesh, MeshError
+from limitsurf.cage.mesh import Mesh, MeshError
 from limitsurf.shell.io.losses import Losses
 from limitsurf.shell.io.obj import Statements
 from limitsurf.shell.io.ply import Elements

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.mesh import Channel, IntArray, Mesh, MeshError, valid_mesh
+from limitsurf.cage.mesh import Channel, IntArray, Mesh, MeshError, valid_mesh
 from limitsurf.shell.io.losses import Losses, joined_channels, listed
 
 Array: TypeAlias = NDArray[Any]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.mesh import Mesh
+from limitsurf.cage.mesh import Mesh
 from limitsurf.shell.io import vtk_reader
 from limitsurf.shell.io.losses import Losses
 from limitsurf.shell.io.polygons import mesh_of, polygons

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from limitsurf.mesh import Mesh, MeshError
+from limitsurf.cage.mesh import Mesh, MeshError
 from limitsurf.shell.io import references
 from limitsurf.shell.io.losses import Losses
 from limitsurf.shell.io.polygons import mesh_of, strips

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import memory
-from limitsurf.checks import checked_integer
+from limitsurf.cage.checks import checked_integer
 from limitsurf.query import POLYGON, validate
 from limitsurf.shell.files import Path
 from limitsurf.shell.io.vtk import imported_pyvista

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.checks import users_level
+from limitsurf.cage.checks import users_level
 from limitsurf.shell.io.vtk import imported_pyvista
 from limitsurf.shell.plot import paint
 from limitsurf.shell.plot import scene as scenes

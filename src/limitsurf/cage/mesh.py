@@ -10,11 +10,12 @@ from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, get_args, ov
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import _kernels, checks
+from limitsurf import _kernels
+from limitsurf.cage import checks
+from limitsurf.cage.checks import FacesLike
+from limitsurf.cage.checks import MeshError as MeshError
 from limitsurf.cage.faces import Faces, histogram
 from limitsurf.cage.faces import IntArray as IntArray
-from limitsurf.checks import FacesLike
-from limitsurf.checks import MeshError as MeshError
 from limitsurf.numbers import Numbers
 
 __all__ = ["Mesh", "MeshError"]
