@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import limitsurf as ls
-from limitsurf.cage.mesh import INTERPOLATION
+from limitsurf.cage.checks import INTERPOLATION
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 # of this warning there are tests of their own

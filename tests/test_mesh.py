@@ -15,7 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import limitsurf as ls
-from limitsurf.cage.mesh import Mesh, MeshError
+from limitsurf.cage.checks import MeshError
+from limitsurf.cage.connectivity import Connectivity
+from limitsurf.cage.mesh import Mesh, valid_mesh
 
 TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 INTERPOLATIONS = ["none", "corners_only", "corners_plus1", "corners_plus2", "boundaries", "all"]
@@ -632,7 +634,7 @@ def test_with_points_shares_everything_else():
     assert other.creases is mesh.creases
     assert other != mesh
     assert other.with_points(mesh.points) == mesh
-    late = Mesh._from_valid(mesh.points, mesh.sizes, mesh.indices)
+    late = valid_mesh(Mesh, mesh.points, Connectivity(6, mesh.sizes, mesh.indices))
     assert late.with_points(mesh.points).twin is late.twin
 
 
@@ -683,14 +685,14 @@ def test_pickle_and_copy():
         assert other.with_points(mesh.points) == mesh
 
 
-def test_from_valid_in_a_subclass():
+def test_valid_mesh_of_a_subclass():
     class Refined(Mesh):
         parent: np.ndarray
 
     points, faces = zoo.prism(5)
     mesh = Mesh(points, faces)
-    other = Refined._from_valid(
-        points, mesh.sizes, mesh.indices, creases={(0, 1): 3}, boundary="edge_only"
+    other = valid_mesh(
+        Refined, points, mesh.connectivity, creases={(0, 1): 3}, boundary="edge_only"
     )
     other.parent = np.arange(3)
     assert isinstance(other, Refined)

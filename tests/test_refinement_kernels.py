@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import weakref
 
 import numpy as np
 import pytest
@@ -153,20 +154,21 @@ def test_refinements_of_one_topology_share_it(use):
     one = ls.refined(mesh, 2)
     other = ls.refined(mesh.with_points(2 * mesh.points), 2)
     assert np.shares_memory(one.indices, other.indices)
-    assert other._connectivity is one._connectivity
+    assert other.connectivity is one.connectivity
     assert (other.points == 2 * one.points).all()
-    children = mesh._connectivity["children as quads"]
+    assert list(mesh.connectivity.children) == ["quads"]
     del one, other
-    assert children() is None
+    assert not list(mesh.connectivity.children)
     assert (ls.refined(mesh, 2).indices == ls.refined(cage("cube"), 2).indices).all()
 
 
 def test_points_of_a_cage_are_not_kept_alive():
     mesh = cage("cube")
-    children = child_mesh(mesh, np.zeros((26, 3)), QUADS)
-    points = vars(children._connectivity)["mesh"].points
-    assert points.base is not mesh.points
-    assert points.strides == (0,)
+    children, points = child_mesh(mesh, np.zeros((26, 3)), QUADS), weakref.ref(mesh.points.base)
+    assert points() is not None
+    del mesh
+    assert points() is None
+    assert (children.twin >= 0).all()
 
 
 def test_many_faces_at_a_pole(use):

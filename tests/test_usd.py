@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
 
 import limitsurf as ls
-from limitsurf.cage.mesh import INTERPOLATION
+from limitsurf.cage.checks import INTERPOLATION
 from limitsurf.shell.cli.commands import main
 from limitsurf.shell.io import usd
 

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from limitsurf.bezier import (
         bezier_patches as bezier_patches,
     )
+    from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
-    from limitsurf.cage.mesh import MeshError as MeshError
     from limitsurf.query import (
         Tessellation as Tessellation,
     )

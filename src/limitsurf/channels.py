@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from limitsurf import numbers, tables
 from limitsurf._kernels.rationals import Digits, integers
 from limitsurf.caching import cached_property
-from limitsurf.cage.mesh import Mesh
+from limitsurf.cage.connectivity import Connectivity
+from limitsurf.cage.mesh import Mesh, valid_mesh
 from limitsurf.rules import CORNER, SMOOTH, Rationals, Rules, Sharpness, _numbered
 from limitsurf.scheme.lattice import Lattice
 from limitsurf.topology import MeshPart, child_mesh, child_vertices
@@ -45,7 +46,7 @@ class ChannelMesh(Mesh):
         return known.children(self, self._rules.scheme.lattice) if coarser else known
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**super().__getstate__(), "_known": (self._sharpness, False)}
+        return {**vars(self), "_known": (self._sharpness, False)}
 
     @classmethod
     def of(
@@ -62,16 +63,17 @@ class ChannelMesh(Mesh):
             listed = ", ".join(map(repr, mesh.channels)) or "none"
             raise ValueError(f"the mesh has no channel {name!r}; it has {listed}")
         rows, corner_rows, mode = mesh.channels[name]
-        if mesh._compiled:
+        if mesh.connectivity.compiled:
             from limitsurf._kernels import connectivity
 
-            vertex, row, value = connectivity.values(corner_rows, *mesh._around[:2])
+            vertex, row, value = connectivity.values(corner_rows, *mesh.connectivity.around[:2])
         else:
             key, value = np.unique(mesh.indices * len(rows) + corner_rows, return_inverse=True)
             vertex, row = np.divmod(key, len(rows))
         holes = np.flatnonzero(rules.without_limit(mesh))
-        known = {"separate": mesh.separate, "_repeats": mesh._repeats}
-        result = cls._from_valid(rows[row], mesh.sizes, value, known, holes=holes)
+        known = {"separate": mesh.separate, "repeats": mesh.connectivity.repeats}
+        faces = Connectivity(len(row), mesh.sizes, value, **known)
+        result = valid_mesh(cls, rows[row], faces, holes=holes)
         # what boundary="none" leaves without a limit are holes here: seams leave nothing
         result._base, result._rules = rules, replace(rules, boundary="edge_only")
         if sharpness is None:
@@ -87,8 +89,7 @@ class ChannelMesh(Mesh):
 
         The sharpness may be that of the next `coarser` mesh.
         """
-        known = mesh._connectivity
-        result = type(self)._from_valid(values, mesh.sizes, mesh.indices, known, holes=holes)
+        result = valid_mesh(type(self), values, mesh.connectivity, holes=holes)
         result._base, result._rules, result._known = self._base, self._rules, (sharpness, coarser)
         return result
 
@@ -128,7 +129,7 @@ class ChannelSharpness(Sharpness):
     def children(self, mesh: Mesh, lattice: Lattice) -> ChannelSharpness:
         """The sharpness of the refined mesh."""
         coarse = self.geometry.mesh
-        finer = child_mesh(coarse, np.zeros(child_vertices(coarse, lattice)), lattice)
+        finer = child_mesh(coarse, np.zeros(child_vertices(coarse.connectivity, lattice)), lattice)
         geometry = self.geometry.children(finer, lattice)
         children = replace(super().children(mesh, lattice), geometry=geometry)
         if self.linear:

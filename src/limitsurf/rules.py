@@ -15,7 +15,8 @@ from limitsurf import numbers, tables
 from limitsurf._kernels.rationals import Digits, Objects, counting, integers, rationals
 from limitsurf.caching import cached_property
 from limitsurf.cage import checks
-from limitsurf.cage.mesh import Fans, Mesh
+from limitsurf.cage.connectivity import Fans
+from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
 from limitsurf.topology import MeshPart, child_halves
 
@@ -168,7 +169,7 @@ class Sharpness:
         if len(ends) or (len(sides) and mesh.separate[sides].any()):
             key = mesh.corner_edge[sides]
         else:
-            pairs = mesh.indices[np.stack([sides, mesh._after(sides)])]
+            pairs = mesh.indices[np.stack([sides, mesh.connectivity.after(sides)])]
             key = pairs.min(axis=0) * mesh.n_vertices + pairs.max(axis=0)
         unique, edge = np.unique(key, return_inverse=True)
         is_open = np.zeros(len(unique), dtype=bool)
@@ -274,7 +275,9 @@ class Sharpness:
     def _pairs(self) -> Array:
         """Tails and heads of the edges of positive sharpness, (2, S)."""
         first = self.first[self.edge_sharpness > 0]
-        return np.stack([self.mesh.indices[h] for h in (first, self.mesh._after(first))])
+        return np.stack(
+            [self.mesh.indices[h] for h in (first, self.mesh.connectivity.after(first))]
+        )
 
     @property
     def concerned(self) -> Array:
@@ -509,7 +512,7 @@ class Sharpness:
         kept[halves] = np.arange(len(halves))
         turned = coarse.indices[self.sides] != coarse.indices[self.first[self.edge]]
         half = np.concatenate([2 * self.edge + turned, 2 * self.edge + ~turned])
-        sides = np.concatenate(child_halves(coarse, self.sides, lattice))
+        sides = np.concatenate(child_halves(coarse.connectivity, self.sides, lattice))
         sharp = np.flatnonzero(kept[half] >= 0)
         later, exact = self._later[0], None
         stay = np.flatnonzero(later > 0)
@@ -565,7 +568,7 @@ class Sharpness:
         """What comes from tags, as ``creases`` and ``corners`` of a mesh."""
         tagged = np.flatnonzero(self.edge_tagged)
         h = self.first[tagged]
-        pairs = self.mesh.indices[np.stack([h, self.mesh._after(h)])]
+        pairs = self.mesh.indices[np.stack([h, self.mesh.connectivity.after(h)])]
         key = pairs.min(axis=0) * self.mesh.n_vertices + pairs.max(axis=0)
         key, place = np.unique(key, return_index=True)
         edges = np.stack(np.divmod(key, self.mesh.n_vertices), axis=1)
@@ -644,7 +647,7 @@ class Sectors:
         if len(cut):
             twin = twin.copy()
             twin[cut] = -1
-        fans = Fans.of(mesh, twin) if len(cut) else mesh.fans
+        fans = Fans.of(mesh.connectivity, twin) if len(cut) else mesh.fans
         rule = sharpness.rule[fans.vertex]
         kind = _KINDS[rule]
         kind[(rule == CORNER) & fans.closed] = tables.KINDS.index("cone")

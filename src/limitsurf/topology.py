@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import weakref
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -11,74 +10,94 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import _kernels
-from limitsurf.cage.mesh import IntArray, Mesh, read_only
+from limitsurf.cage.connectivity import Connectivity, derived, read_only
+from limitsurf.cage.faces import IntArray
+from limitsurf.cage.mesh import Mesh, valid_mesh
 from limitsurf.scheme.lattice import Lattice
 
 Array = NDArray[Any]
 
 
-class ChildConnectivity(dict[str, Any]):
+class ChildConnectivity(Connectivity):
     """Connectivity of the refinement of a mesh, derived from that of the mesh when it is needed.
 
     Parameters
     ----------
-    mesh : Mesh
-        The coarse mesh; its points do not matter.
+    coarse : Connectivity
+        That of the mesh.
     lattice : Lattice
     """
 
-    def __init__(self, mesh: Mesh, lattice: Lattice) -> None:
+    def __init__(self, coarse: Connectivity, lattice: Lattice) -> None:
+        faces = child_faces(coarse, lattice)
         super().__init__(
-            _repeats=False, _large=mesh._large or _kernels.compiled(4 * mesh.n_corners)
+            child_vertices(coarse, lattice),
+            np.full(len(faces), lattice.face_size),
+            faces.ravel(),
+            repeats=False,
+            uniform_size=lattice.face_size,
+            large=coarse.large or _kernels.compiled(4 * coarse.n_corners),
         )
-        self.mesh, self.lattice = without_points(mesh), lattice
-        self.indices = read_only(child_faces(mesh, lattice).ravel())
-        self.sizes = read_only(np.full(len(self.indices) // lattice.face_size, lattice.face_size))
+        self.coarse, self.lattice = coarse, lattice
 
-    def __missing__(self, name: str) -> Any:
-        mesh, lattice = self.mesh, self.lattice
-        centres = lattice.face_points
-        if name == "twin":
-            found: Any = child_twins(mesh, lattice)
-        elif name == "_steps" and lattice.face_size == 4:
-            found = 4, np.zeros(0, np.int64), np.zeros(0, np.int64)
-        elif name in ("vertex_faces", "_valences"):
-            sides = np.bincount(mesh.corner_edge, minlength=mesh.n_edges)
-            if name == "_valences":
-                sides = np.where(mesh.edge_corners[:, 1] >= 0, 2, np.where(sides == 1, -1, 0))
-            parts = [getattr(mesh, name), lattice.valence // 2 * sides, mesh.sizes]
-            found = np.concatenate(parts[: 2 + centres])
-        elif name == "_edge_table" and (mesh._compiled or not centres):
-            if centres:
-                found = _child_edges(mesh)
-            else:
-                found = _edges_without_centres(mesh, lattice, self["twin"])
-        elif name == "_parallel" and not centres:
-            edges = self["_edge_table"][0]
-            found = bool((edges[1:] == edges[:-1]).all(axis=1).any())
-        else:
-            raise KeyError(name)
-        self[name] = found = read_only(found)
-        return found
+    @derived
+    def twin(self) -> IntArray:
+        """Without sorting edges."""
+        return child_twins(self.coarse, self.lattice)
+
+    @derived
+    def vertex_faces(self) -> IntArray:
+        """By what a vertex was made for."""
+        coarse = self.coarse
+        sides = np.bincount(coarse.corner_edge, minlength=coarse.n_edges)
+        return self._by_origin(coarse.vertex_faces, sides)
+
+    @derived
+    def valences(self) -> IntArray:
+        """By what a vertex was made for."""
+        coarse = self.coarse
+        sides = np.bincount(coarse.corner_edge, minlength=coarse.n_edges)
+        sides = np.where(coarse.edge_corners[:, 1] >= 0, 2, np.where(sides == 1, -1, 0))
+        return self._by_origin(coarse.valences, sides)
+
+    def _by_origin(self, own: Array, sides: Array) -> Array:
+        """Of old vertices, and of those for edges, on so many sides, and for faces."""
+        parts = [own, self.lattice.valence // 2 * sides, self.coarse.sizes]
+        return np.concatenate(parts[: 2 + self.lattice.face_points])
+
+    @derived
+    def edge_table(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Without sorting half-edges, unless nothing is compiled."""
+        if not self.lattice.face_points:
+            return _edges_without_centres(self.coarse, self.lattice, self.twin)
+        return _child_edges(self.coarse) if self.coarse.compiled else super().edge_table
+
+    @derived
+    def parallel(self) -> bool:
+        """By the edges, of which there may be parallel ones where no face gets a point."""
+        if self.lattice.face_points:
+            return False
+        edges = self.edges
+        return bool((edges[1:] == edges[:-1]).all(axis=1).any())
 
 
-def _child_edges(mesh: Mesh) -> tuple[Array, Array, Array]:
+def _child_edges(cage: Connectivity) -> tuple[Array, Array, Array]:
     """``edges``, ``corner_edge`` and ``edge_corners`` of the refined mesh, without sorting."""
     from limitsurf._kernels import refinement
 
-    V, E, H = mesh.n_vertices, mesh.n_edges, mesh.n_corners
+    V, E, H = cage.n_vertices, cage.n_edges, cage.n_corners
     halves, edges, sides = (np.empty((n, 2), np.int64) for n in (E, 2 * E + H, 2 * E + H))
     corner_edge = np.empty(4 * H, np.int64)
     starts = [
         np.cumsum(count) - count
-        for count in (np.bincount(mesh.edges.ravel(), minlength=V), np.bincount(mesh.corner_edge))
+        for count in (np.bincount(cage.edges.ravel(), minlength=V), np.bincount(cage.corner_edge))
     ]
     refinement.child_edges(
-        mesh.indices,
-        quad_offsets(mesh),
-        mesh.twin,
-        mesh.edges,
-        mesh.corner_edge,
+        cage.indices,
+        cage.varying_offsets,
+        cage.twin,
+        cage.edges,
+        cage.corner_edge,
         starts[0],
         2 * E + starts[1],
         halves,
@@ -89,7 +108,9 @@ def _child_edges(mesh: Mesh) -> tuple[Array, Array, Array]:
     return edges, corner_edge, sides
 
 
-def _edges_without_centres(mesh: Mesh, lattice: Lattice, twin: Array) -> tuple[Array, Array, Array]:
+def _edges_without_centres(
+    cage: Connectivity, lattice: Lattice, twin: Array
+) -> tuple[Array, Array, Array]:
     """The same where a face is cut along lines between the points of its edges.
 
     First come the two halves of each edge, then the cuts. Faces that have two edges in common have
@@ -97,25 +118,25 @@ def _edges_without_centres(mesh: Mesh, lattice: Lattice, twin: Array) -> tuple[A
     those of the refined mesh.
     """
     split = _Split.of(lattice)
-    V, E, size = mesh.n_vertices, mesh.n_edges, lattice.face_size
+    V, E, size = cage.n_vertices, cage.n_edges, lattice.face_size
     corner_edge = np.empty(len(twin), np.int64)
     # halves by vertex, then edge, then end
-    order = np.argsort(mesh.edges.ravel(), kind="stable")
+    order = np.argsort(cage.edges.ravel(), kind="stable")
     number = np.empty(2 * E, np.int64)
     number[order] = np.arange(2 * E)
-    tail_first = mesh.edges[mesh.corner_edge, 0] == mesh.indices
-    for half, end in zip(child_halves(mesh, None, lattice), (0, 1), strict=True):
-        corner_edge[half] = number[2 * mesh.corner_edge + (tail_first == end)]
+    tail_first = cage.edges[cage.corner_edge, 0] == cage.indices
+    for half, end in zip(child_halves(cage, None, lattice), (0, 1), strict=True):
+        corner_edge[half] = number[2 * cage.corner_edge + (tail_first == end)]
     # cuts by the edges at their ends, then face
-    around = mesh.corner_edge.reshape(-1, size)
+    around = cage.corner_edge.reshape(-1, size)
     ends = np.sort(around[:, split.cuts], axis=2).reshape(-1, 2)
     by_ends = np.argsort(ends[:, 0] * E + ends[:, 1], kind="stable")
     number = np.empty(len(ends), np.int64)
     number[by_ends] = np.arange(2 * E, 2 * E + len(ends))
-    inner = split.stride * np.arange(mesh.n_faces)[:, None, None] + split.inner
+    inner = split.stride * np.arange(cage.n_faces)[:, None, None] + split.inner
     corner_edge[inner] = number.reshape(-1, len(split.cuts), 1)
     edges = np.concatenate(
-        [np.stack([mesh.edges.ravel()[order], V + order // 2], axis=1), V + ends[by_ends]]
+        [np.stack([cage.edges.ravel()[order], V + order // 2], axis=1), V + ends[by_ends]]
     )
     # the last to be written stays
     first = np.empty(len(edges), np.int64)
@@ -126,18 +147,13 @@ def _edges_without_centres(mesh: Mesh, lattice: Lattice, twin: Array) -> tuple[A
 def without_points(mesh: Mesh) -> Mesh:
     """The faces of a mesh alone, which keep no points alive."""
     nowhere = np.broadcast_to(0.0, mesh.n_vertices)
-    return Mesh._from_valid(nowhere, mesh.sizes, mesh.indices, mesh._connectivity)
+    return valid_mesh(Mesh, nowhere, mesh.connectivity)
 
 
 def vertex_numbers(mesh: Mesh) -> Array:
     """What the vertices are called in messages: of a part, as in the whole."""
     named = mesh.points.dtype == np.int64  # the points of a cage are no integers
     return mesh.points if named else np.arange(mesh.n_vertices)
-
-
-def quad_offsets(mesh: Mesh) -> Array:
-    """First corners of faces, (n_faces + 1,), as kernels take them: none if all are quads."""
-    return mesh._steps[1] if mesh._steps[0] == 4 else mesh.offsets
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,38 +210,40 @@ class _Split:
 
 def all_regular(mesh: Mesh, lattice: Lattice) -> bool:
     """Whether all faces have as many corners as those of the lattice, which may have to."""
-    return not lattice.face_points or mesh._steps[0] == lattice.face_size
+    return not lattice.face_points or mesh.connectivity.uniform_size == lattice.face_size
 
 
-def child_faces(mesh: Mesh, lattice: Lattice) -> Array:
+def child_faces(cage: Connectivity, lattice: Lattice) -> Array:
     """Faces of the refined mesh, (n, face_size); see `refined`."""
-    V, E = mesh.n_vertices, mesh.n_edges
-    if mesh._compiled and lattice.face_points:
+    V, E = cage.n_vertices, cage.n_edges
+    if cage.compiled and lattice.face_points:
         from limitsurf._kernels import refinement
 
-        result = np.empty((mesh.n_corners, 4), np.int64)
-        known = mesh.indices, quad_offsets(mesh), mesh.corner_edge, V, E
+        result = np.empty((cage.n_corners, 4), np.int64)
+        known = cage.indices, cage.varying_offsets, cage.corner_edge, V, E
         refinement.child_faces(*known, result.ravel())
         return result
-    return at_children(mesh, mesh.indices, V + mesh.corner_edge, V + E + mesh.corner_face, lattice)
+    return at_children(cage, cage.indices, V + cage.corner_edge, V + E + cage.corner_face, lattice)
 
 
-def at_children(mesh: Mesh, corners: Array, edges: Array, faces: Array, lattice: Lattice) -> Array:
+def at_children(
+    cage: Connectivity, corners: Array, edges: Array, faces: Array, lattice: Lattice
+) -> Array:
     """What is at the corners of the children, (n, face_size, ...).
 
     By corner of the mesh: from what is there, at the point of the edge that begins there, and at
     that of the face, if it has one; (n_corners, ...) each.
     """
     if lattice.face_points:
-        return np.stack([corners, edges, faces, edges[mesh.previous_corner]], axis=1)
+        return np.stack([corners, edges, faces, edges[cage.previous_corner]], axis=1)
     shape = -1, lattice.face_size, *corners.shape[1:]
     around = np.concatenate([corners.reshape(shape), edges.reshape(shape)], axis=1)
     return np.asarray(around[:, _Split.of(lattice).corners].reshape(shape))
 
 
-def child_vertices(mesh: Mesh, lattice: Lattice) -> int:
+def child_vertices(cage: Connectivity, lattice: Lattice) -> int:
     """Number of vertices of the refined mesh."""
-    return mesh.n_vertices + mesh.n_edges + mesh.n_faces * lattice.face_points
+    return cage.n_vertices + cage.n_edges + cage.n_faces * lattice.face_points
 
 
 def children_of(mesh: Mesh, faces: Array, lattice: Lattice) -> Array:
@@ -240,42 +258,44 @@ def children_of(mesh: Mesh, faces: Array, lattice: Lattice) -> Array:
     return np.asarray(np.repeat(mesh.offsets[faces], sizes) + place)
 
 
-def child_halves(mesh: Mesh, corners: Array | None, lattice: Lattice) -> tuple[Array, Array]:
+def child_halves(
+    cage: Connectivity, corners: Array | None, lattice: Lattice
+) -> tuple[Array, Array]:
     """The first and the second halves of some half-edges, or of all, in the refined mesh.
 
     The first half of half-edge h is also the corner that the children have where h has its own.
     """
     if corners is None:
-        corners = np.arange(mesh.n_corners)
+        corners = np.arange(cage.n_corners)
     if lattice.face_points:
         # child h goes from corner to midpoint, to face point, to midpoint before, to corner
-        return 4 * corners, 4 * mesh._after(corners) + 3
+        return 4 * corners, 4 * cage.after(corners) + 3
     split = _Split.of(lattice)
     face, k = np.divmod(corners, lattice.face_size)
     first, second = split.stride * face + split.halves[:, k]
     return first, second
 
 
-def child_twins(mesh: Mesh, lattice: Lattice) -> Array:
+def child_twins(cage: Connectivity, lattice: Lattice) -> Array:
     """The twins of the refined mesh, without sorting edges."""
     if not lattice.face_points:
-        split, twin = _Split.of(lattice), mesh.twin
-        first, second = child_halves(mesh, None, lattice)
-        twins = np.empty((mesh.n_faces, split.stride), np.int64)
-        begin = split.stride * np.arange(mesh.n_faces)[:, None]
+        split, twin = _Split.of(lattice), cage.twin
+        first, second = child_halves(cage, None, lattice)
+        twins = np.empty((cage.n_faces, split.stride), np.int64)
+        begin = split.stride * np.arange(cage.n_faces)[:, None]
         for one, other in (split.inner.T, split.inner[:, ::-1].T):
             twins[:, one] = begin + other
         result = twins.ravel()
         result[first] = np.where(twin < 0, -1, second[twin])
         result[second] = np.where(twin < 0, -1, first[twin])
         return result
-    if mesh._compiled:
+    if cage.compiled:
         from limitsurf._kernels import refinement
 
-        result = np.empty(4 * mesh.n_corners, np.int64)
-        refinement.child_twins(quad_offsets(mesh), mesh.twin, result)
+        result = np.empty(4 * cage.n_corners, np.int64)
+        refinement.child_twins(cage.varying_offsets, cage.twin, result)
         return result
-    after, before, twin = mesh.next_corner, mesh.previous_corner, mesh.twin
+    after, before, twin = cage.next_corner, cage.previous_corner, cage.twin
     entering = twin[before]  # across the edge that ends at the corner
     # half-edges of child h: corner to midpoint, to face point, to midpoint before, to corner
     found = [
@@ -289,26 +309,26 @@ def child_twins(mesh: Mesh, lattice: Lattice) -> Array:
 
 def child_mesh(mesh: Mesh, points: Array, lattice: Lattice) -> Mesh:
     """The refined mesh on given points; while one is alive, others share its connectivity."""
-    if mesh._repeats:
+    cage = mesh.connectivity
+    if cage.repeats:
         # no corner of a child is repeated, but the halves of an edge from a vertex to itself are
         # alike, and twins may be missing, then and ever after, that would be found in the child
-        loops = np.flatnonzero(mesh.indices == mesh.indices[mesh.next_corner])
-        faces, twin = child_faces(mesh, lattice), child_twins(mesh, lattice)
+        loops = np.flatnonzero(cage.indices == cage.indices[cage.next_corner])
+        faces, twin = child_faces(cage, lattice), child_twins(cage, lattice)
         separate = np.zeros(faces.size, dtype=bool)
-        for half in child_halves(mesh, loops, lattice):
+        for half in child_halves(cage, loops, lattice):
             separate[half] = True
-        known: dict[str, Any] = {"twin": twin, "separate": separate, "_repeats": True}
+        known: dict[str, Any] = {"twin": twin, "separate": separate, "repeats": True}
         if not lattice.face_points:
-            known["_parallel"] = True
-            known["_edge_table"] = _edges_without_centres(mesh, lattice, twin)
+            known["parallel"] = True
+            known["edge_table"] = _edges_without_centres(cage, lattice, twin)
         sizes = np.full(len(faces), lattice.face_size)
-        return Mesh._from_valid(points, sizes, faces.ravel(), read_only(known))
-    name = f"children as {lattice.name}"
-    children = mesh._connectivity.get(name, lambda: None)()
-    if children is None:
-        children = ChildConnectivity(mesh, lattice)
-        mesh._connectivity[name] = weakref.ref(children)
-    return Mesh._from_valid(points, children.sizes, children.indices, children)
+        children = Connectivity(child_vertices(cage, lattice), sizes, faces.ravel(), **known)
+        return valid_mesh(Mesh, points, children)
+    found = cage.children.get(lattice.name)
+    if found is None:
+        cage.children[lattice.name] = found = ChildConnectivity(cage, lattice)
+    return valid_mesh(Mesh, points, found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,51 +353,53 @@ class MeshPart:
     @classmethod
     def of(cls, mesh: Mesh, wanted: Array) -> MeshPart:
         """The faces that have one of the wanted corners (n_corners,) bool."""
-        known: dict[str, Any] = {"_repeats": mesh._repeats, "_large": mesh._large}
-        if mesh._compiled:
+        cage = mesh.connectivity
+        known: dict[str, Any] = {"repeats": cage.repeats, "large": cage.large}
+        if cage.compiled:
             from limitsurf._kernels import connectivity
 
-            given = read_only(wanted), mesh.indices, quad_offsets(mesh), mesh.twin
-            found = connectivity.part(*given, mesh.n_vertices)
+            given = read_only(wanted), cage.indices, cage.varying_offsets, cage.twin
+            found = connectivity.part(*given, cage.n_vertices)
             faces, corners, vertices, indices, twin = found
             # right where all faces at an edge, or vertex, are in the part; elsewhere nobody asks
-            known |= {"twin": twin, "_valences": mesh._valences[vertices]}
+            known |= {"twin": twin, "valences": cage.valences[vertices]}
         else:
-            inside = np.logical_or.reduceat(wanted, mesh.offsets[:-1])
-            faces, corners = np.flatnonzero(inside), np.flatnonzero(inside[mesh.corner_face])
-            indices = mesh.indices[corners]
-            number = np.zeros(mesh.n_vertices, dtype=np.int64)
+            inside = np.logical_or.reduceat(wanted, cage.offsets[:-1])
+            faces, corners = np.flatnonzero(inside), np.flatnonzero(inside[cage.corner_face])
+            indices = cage.indices[corners]
+            number = np.zeros(cage.n_vertices, dtype=np.int64)
             number[indices] = 1
             vertices = np.flatnonzero(number)
             number[vertices] = np.arange(len(vertices))
             indices = number[indices]
-        if mesh._repeats:
-            known["separate"] = mesh.separate[corners]
-        if mesh._parallel:
-            known |= _part_edges(mesh, corners, indices)
-        if mesh._of_quads:
-            known["_steps"] = mesh._steps
-        part = Mesh._from_valid(vertex_numbers(mesh)[vertices], mesh.sizes[faces], indices, known)
+        if cage.repeats:
+            known["separate"] = cage.separate[corners]
+        if cage.parallel:
+            known |= _part_edges(cage, corners, indices)
+        if cage.uniform_size:
+            known["uniform_size"] = cage.uniform_size
+        inner = Connectivity(len(vertices), cage.sizes[faces], indices, **known)
+        part = valid_mesh(Mesh, vertex_numbers(mesh)[vertices], inner)
         return cls(part, wanted, faces, corners, vertices)
 
 
-def _part_edges(mesh: Mesh, corners: Array, indices: Array) -> dict[str, Any]:
+def _part_edges(cage: Connectivity, corners: Array, indices: Array) -> dict[str, Any]:
     """What a part of a mesh with parallel edges has to know, from some corners and their vertices.
 
     It cannot be told from the faces.
     """
-    number = np.full(mesh.n_corners + 1, -1)  # the last is for none
+    number = np.full(cage.n_corners + 1, -1)  # the last is for none
     number[corners] = np.arange(len(corners))
-    twin = number[mesh.twin[corners]]
-    _, corner_edge = np.unique(mesh.corner_edge[corners], return_inverse=True)
+    twin = number[cage.twin[corners]]
+    _, corner_edge = np.unique(cage.corner_edge[corners], return_inverse=True)
     first = np.empty(corner_edge.max() + 1, np.int64)
     first[corner_edge[::-1]] = np.arange(len(corners))[::-1]
-    last = np.full(mesh.n_corners, -1)
+    last = np.full(cage.n_corners, -1)
     last[corners] = indices
-    heads = last[mesh.next_corner[corners]]
+    heads = last[cage.next_corner[corners]]
     edges = np.sort(np.stack([indices, heads], axis=1)[first], axis=1)
     table = edges, corner_edge, np.stack([first, twin[first]], axis=1)
-    return {"twin": twin, "_parallel": True, "_edge_table": table}
+    return {"twin": twin, "parallel": True, "edge_table": table}
 
 
 def first_limit_face(mesh: Mesh, lattice: Lattice) -> IntArray:

@@ -13,10 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import masked
+from limitsurf.cage.connectivity import Connectivity
 from limitsurf.cage.faces import Faces, IntArray
 from limitsurf.numbers import Numbers
 
 FacesLike: TypeAlias = Faces | ArrayLike | Sequence[ArrayLike] | tuple[ArrayLike, ArrayLike]
+Channel: TypeAlias = tuple[NDArray[Any], IntArray, str]
+
+INTERPOLATION = ("none", "corners_only", "corners_plus1", "corners_plus2", "boundaries", "all")
 
 T = TypeVar("T")
 
@@ -281,3 +285,78 @@ def distinct_order(keys: IntArray, what: str, names: IntArray) -> IntArray:
 
     check(np.diff(keys[order]) == 0, twice)
     return order
+
+
+def check_faces(cage: Connectivity) -> None:
+    """Every face has three or more corners, at vertices that exist."""
+    check_sizes(cage.sizes)
+
+    def missing(h: int) -> tuple[Any, ...]:
+        face, vertex = int(cage.corner_face[h]), cage.indices[h]
+        reason = "negative" if vertex < 0 else "out of range"
+        need = f"need 0 to {cage.n_vertices - 1}"
+        return f"face {face}: vertex index {vertex} is {reason}, {need}", ("face", face)
+
+    if cage.indices.min() < 0 or cage.indices.max() >= cage.n_vertices:
+        check((cage.indices < 0) | (cage.indices >= cage.n_vertices), missing)
+
+
+def crease_tags(cage: Connectivity, given: Any) -> tuple[IntArray, NDArray[Any]]:
+    """Edges (c, 2), rows ascending and in order, and their sharpness, from a mapping or a pair."""
+    keys, values = tagged(given, "crease")
+    ends = integers(keys, "vertices of creases") if len(keys) else np.zeros((0, 2), dtype=np.int64)
+    if ends.ndim != 2 or ends.shape[1] != 2:
+        raise MeshError(f"creases: got edges of shape {ends.shape}, need (c, 2)")
+    names = ends
+    sharp = sharpness(values, "crease", names)
+    if len(names) == 0:
+        return ends, sharp
+    ends = np.sort(ends, axis=1)
+    edge = cage.edge_numbers(ends).clip(max=cage.n_edges - 1)
+    check(
+        (cage.edges[edge] != ends).any(axis=1),
+        lambda i: (
+            f"crease {named(names[i])}: the mesh has no such edge",
+            ("crease", named(names[i])),
+        ),
+    )
+    order = distinct_order(edge, "crease", names)
+    return ends[order], sharp[order]
+
+
+def corner_tags(cage: Connectivity, given: Any) -> tuple[IntArray, NDArray[Any]]:
+    """Vertices, ascending, and their sharpness, from a mapping or a pair."""
+    keys, values = tagged(given, "corner")
+    vertices = integers(keys, "vertices of corners")
+    check_range(vertices, "corner", cage.n_vertices)
+    sharp = sharpness(values, "corner", vertices)
+    order = distinct_order(vertices, "corner", vertices)
+    return vertices[order], sharp[order]
+
+
+def hole_tags(cage: Connectivity, given: Any) -> IntArray:
+    """Faces, ascending."""
+    faces = integers(() if given is None else given, "holes")
+    check_range(faces, "hole", cage.n_faces)
+    return faces[distinct_order(faces, "hole", faces)]
+
+
+def channel(cage: Connectivity, name: str, given: Any) -> Channel:
+    """Values, a row of them for each corner, and how they are interpolated."""
+    if not isinstance(given, (tuple, list)) or len(given) != 3:
+        raise TypeError(f"channel {name!r}: need (values, face_indices, interpolation)")
+    values = numbers(given[0], "row", f"channel {name!r}: ", gaps=True)
+    rows = integers(given[1], f"channel {name!r}: face_indices")
+    if rows.shape != (cage.n_corners,):
+        raise MeshError(
+            f"channel {name!r}: got face_indices of shape {rows.shape}, need ({cage.n_corners},)"
+        )
+
+    def missing(h: int) -> tuple[Any, ...]:
+        face = int(cage.corner_face[h])
+        need = f"need 0 to {len(values) - 1}"
+        return f"channel {name!r}: face {face} has index {rows[h]}, {need}", ("face", face)
+
+    check((rows < 0) | (rows >= len(values)), missing)
+    interpolation = choice(given[2], f"channel {name!r}: interpolation", INTERPOLATION)
+    return values, rows, interpolation

@@ -1,29 +1,22 @@
-"""The control cage: faces, rings and tags as integers; points are carried, never computed with."""
+"""The control cage: faces and tags as integers; points are carried, never computed with."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import _kernels
 from limitsurf.cage import checks
-from limitsurf.cage.checks import FacesLike
-from limitsurf.cage.checks import MeshError as MeshError
-from limitsurf.cage.faces import Faces, histogram
-from limitsurf.cage.faces import IntArray as IntArray
+from limitsurf.cage.checks import Channel, FacesLike, MeshError
+from limitsurf.cage.connectivity import Connectivity, derived, read_only
+from limitsurf.cage.faces import IntArray, histogram
 from limitsurf.numbers import Numbers
 
-__all__ = ["Mesh", "MeshError"]
-
-BoolArray: TypeAlias = NDArray[np.bool_]
-Channel: TypeAlias = tuple[NDArray[Any], IntArray, str]
-
 T = TypeVar("T")
+M = TypeVar("M", bound="Mesh")
 
 Boundary: TypeAlias = Literal["none", "edge_only", "edge_and_corner"]
 Creasing: TypeAlias = Literal["uniform", "chaikin"]
@@ -34,18 +27,15 @@ BOUNDARY: tuple[Boundary | None, ...] = (None, *get_args(Boundary))
 CREASING: tuple[Creasing | None, ...] = (None, *get_args(Creasing))
 TRIANGLES: tuple[Triangles | None, ...] = (None, *get_args(Triangles))
 UP: tuple[Up | None, ...] = (None, *get_args(Up))
-INTERPOLATION = ("none", "corners_only", "corners_plus1", "corners_plus2", "boundaries", "all")
 # what a mesh has besides points, faces, tags and channels, as it is given
 CHOICES = ("scheme", "boundary", "creasing", "triangles", "units", "up")
 
 
-class _shared(Generic[T]):  # noqa: N801  (a decorator)
-    """Computed on first use, read-only, and shared by all copies of a mesh with other points."""
+class _of_faces(Generic[T]):  # noqa: N801  (it stands for a property)
+    """A member of the connectivity, as one of a mesh."""
 
-    def __init__(self, compute: Callable[[Any], T]) -> None:
-        self.compute = compute
-        self.name = compute.__name__
-        self.__doc__ = compute.__doc__
+    def __init__(self, member: derived[T]) -> None:
+        self.name, self.__doc__ = member.name, member.__doc__
 
     @overload
     def __get__(self, mesh: None, owner: type) -> Self: ...
@@ -54,78 +44,8 @@ class _shared(Generic[T]):  # noqa: N801  (a decorator)
     def __get__(self, mesh: Mesh | None, owner: type) -> Self | T:
         if mesh is None:
             return self
-        try:
-            found: T = mesh._connectivity[self.name]
-        except KeyError:
-            mesh._connectivity[self.name] = found = read_only(self.compute(mesh))
+        found: T = getattr(mesh.connectivity, self.name)
         return found
-
-
-@dataclass(frozen=True)
-class Fans:
-    """The corners at each vertex, parted into fans of faces that are joined along edges.
-
-    Fans are numbered by vertex, then by first corner; the first corner of an open fan is the one
-    whose own half-edge has no twin, that of a closed one the smallest.
-
-    Attributes
-    ----------
-    vertex : (n_fans,) int
-    closed : (n_fans,) bool
-        Whether the last face of the fan is joined to the first.
-    offsets : (n_fans + 1,) int
-        Start of each fan in `corners`, and the end.
-    corners : (n_corners,) int
-        The corners of each fan, counter-clockwise.
-    fan, position : (n_corners,) int
-        The fan of each corner, and its place in there.
-    """
-
-    vertex: IntArray
-    closed: BoolArray
-    offsets: IntArray
-    corners: IntArray
-    fan: IntArray
-    position: IntArray
-
-    @property
-    def sizes(self) -> IntArray:
-        """Number of faces of each fan: shape (n_fans,)."""
-        return np.diff(self.offsets)
-
-    @classmethod
-    def of(cls, mesh: Mesh, twin: IntArray) -> Fans:
-        """Fans of faces joined where a half-edge has a twin (n_corners,); it is -1 elsewhere.
-
-        Linked lists ranked by pointer doubling, in log2 of the largest valence steps.
-        """
-        if mesh._compiled:
-            from limitsurf._kernels import connectivity
-
-            return cls(*connectivity.fans(mesh._steps, read_only(twin), *mesh._around[:2]))
-        corner = np.arange(mesh.n_corners)
-        clockwise = np.where(twin < 0, corner, mesh.next_corner[twin])
-        steps = int(mesh.vertex_faces.max()).bit_length()
-        least, back = corner, clockwise
-        for _ in range(steps):
-            least = np.minimum(least, least[back])
-            back = back[back]
-        cyclic = twin[back] >= 0
-        first = np.where(cyclic, least, back)
-        back = np.where(corner == first, corner, clockwise)
-        position = (back != corner).astype(np.int64)
-        for _ in range(steps):
-            position += position[back]
-            back = back[back]
-        start = np.flatnonzero(first == corner)
-        start = start[np.argsort(mesh.indices[start], kind="stable")]
-        fan = np.empty_like(corner)
-        fan[start] = np.arange(len(start))
-        fan = fan[first]
-        offsets = _offsets(np.bincount(fan))
-        corners = np.empty_like(corner)
-        corners[offsets[fan] + position] = corner
-        return cls(mesh.indices[start], cyclic[start], offsets, corners, fan, position)
 
 
 class Mesh:
@@ -211,8 +131,7 @@ class Mesh:
     """
 
     points: NDArray[Any]
-    sizes: IntArray
-    indices: IntArray
+    connectivity: Connectivity
     creases: tuple[IntArray, NDArray[Any]]
     corners: tuple[IntArray, NDArray[Any]]
     holes: IntArray
@@ -222,6 +141,7 @@ class Mesh:
     triangles: Triangles | None
     units: float | None
     up: Up | None
+    _channels: dict[str, Channel]
 
     def __init__(
         self,
@@ -239,12 +159,11 @@ class Mesh:
         units: float | None = None,
         up: Up | None = None,
     ) -> None:
-        self._connectivity: dict[str, Any] = {}
         self.points = read_only(checks.numbers(points, "vertex"))
-        sizes, indices = checks.face_arrays(faces)
-        self.sizes, self.indices = read_only(sizes), read_only(indices)
-        _check_faces(self)
-        self._set_tags(
+        self.connectivity = Connectivity(len(self.points), *checks.face_arrays(faces))
+        checks.check_faces(self.connectivity)
+        tags = _checked(
+            self.connectivity,
             creases=creases,
             corners=corners,
             holes=holes,
@@ -256,53 +175,7 @@ class Mesh:
             units=units,
             up=up,
         )
-
-    @classmethod
-    def _from_valid(
-        cls,
-        points: NDArray[Any],
-        sizes: IntArray,
-        indices: IntArray,
-        connectivity: dict[str, Any] | None = None,
-        **tags: Any,
-    ) -> Self:
-        """A mesh of arrays known to be valid, taken without a copy; tags are as in ``Mesh``."""
-        mesh = object.__new__(cls)
-        mesh._connectivity = {} if connectivity is None else connectivity
-        mesh.points, mesh.sizes, mesh.indices = map(read_only, (points, sizes, indices))
-        if tags:
-            mesh._set_tags(**tags)
-        else:
-            mesh.__dict__.update(_NO_TAGS)
-        return mesh
-
-    def _set_tags(
-        self,
-        *,
-        creases: Any = None,
-        corners: Any = None,
-        holes: Any = None,
-        scheme: Any = None,
-        boundary: Boundary | None = None,
-        creasing: Creasing | None = None,
-        triangles: Triangles | None = None,
-        channels: Any = None,
-        units: float | None = None,
-        up: Up | None = None,
-    ) -> None:
-        self.scheme = scheme
-        self.boundary = checks.choice(boundary, "boundary", BOUNDARY)
-        self.creasing = checks.choice(creasing, "creasing", CREASING)
-        self.triangles = checks.choice(triangles, "triangles", TRIANGLES)
-        self.units, self.up = checks.units(units), checks.choice(up, "up", UP)
-        self.creases = read_only(_crease_tags(self, creases))
-        self.corners = read_only(_corner_tags(self, corners))
-        self.holes = read_only(_hole_tags(self, holes))
-        if not isinstance(channels, Mapping | None):
-            raise TypeError(f"channels: need a mapping, got {type(channels).__name__}")
-        self._channels = read_only(
-            {name: _channel(self, name, given) for name, given in (channels or {}).items()}
-        )
+        vars(self).update(tags)
 
     def with_points(self, points: Numbers) -> Self:
         """A copy with other points, (n_vertices, ...); faces, tags and connectivity are shared.
@@ -327,310 +200,64 @@ class Mesh:
         return MappingProxyType(self._channels)
 
     @property
+    def sizes(self) -> IntArray:
+        """Number of corners of each face: shape (n_faces,)."""
+        return self.connectivity.sizes
+
+    @property
+    def indices(self) -> IntArray:
+        """Vertex of each corner: shape (n_corners,)."""
+        return self.connectivity.indices
+
+    @property
     def n_vertices(self) -> int:
         """Number of vertices, unused ones included."""
-        return len(self.points)
+        return self.connectivity.n_vertices
 
     @property
     def n_faces(self) -> int:
         """Number of faces."""
-        return len(self.sizes)
+        return self.connectivity.n_faces
 
     @property
     def n_edges(self) -> int:
         """Number of edges."""
-        return len(self.edges)
+        return self.connectivity.n_edges
 
     @property
     def n_corners(self) -> int:
         """Number of face corners, the sum of ``sizes``."""
-        return len(self.indices)
-
-    @_shared
-    def faces(self) -> Faces:
-        """The faces, a sequence of arrays of vertices, whatever their sizes."""
-        return Faces(self.sizes, self.indices)
+        return self.connectivity.n_corners
 
     @property
     def uniform(self) -> IntArray | None:
         """The vertices of all faces, (m, k), if each has k corners; None where they differ."""
         return self.faces.uniform
 
-    @_shared
-    def offsets(self) -> IntArray:
-        """First corner of each face, and ``n_corners``: shape (n_faces + 1,)."""
-        return _offsets(self.sizes)
-
-    @_shared
-    def corner_face(self) -> IntArray:
-        """Face of each corner: shape (n_corners,)."""
-        return np.repeat(np.arange(self.n_faces), self.sizes)
-
-    @_shared
-    def next_corner(self) -> IntArray:
-        """The next corner in the same face: shape (n_corners,)."""
-        following = np.arange(1, self.n_corners + 1)
-        following[self.offsets[1:] - 1] = self.offsets[:-1]
-        return following
-
-    @_shared
-    def previous_corner(self) -> IntArray:
-        """The previous corner in the same face: shape (n_corners,)."""
-        preceding = np.arange(-1, self.n_corners - 1)
-        preceding[self.offsets[:-1]] = self.offsets[1:] - 1
-        return preceding
-
-    @_shared
-    def _large(self) -> bool:
-        """Whether the mesh, or that which it is a part of, is large enough for compiled kernels."""
-        return _kernels.compiled(self.n_corners)
-
-    @_shared
-    def _compiled(self) -> bool:
-        """Whether to use compiled connectivity, whose corners have 32 bits in places.
-
-        It finds the same integers: once a large mesh has used it, small ones do too.
-        """
-        return self.n_corners < 2**31 and (_kernels.connects() or self._large)
-
-    @_shared
-    def _steps(self) -> tuple[int, IntArray, IntArray]:
-        """How kernels go around faces: 4 for quads; else 0, and the next and previous corner."""
-        if int(self.sizes.max()) == 4 == int(self.sizes.min()):
-            return 4, np.zeros(0, np.int64), np.zeros(0, np.int64)
-        return 0, self.next_corner, self.previous_corner
-
-    @property
-    def _of_quads(self) -> bool:
-        """Whether all faces are quads."""
-        return self._steps[0] == 4
-
-    def _first(self, faces: IntArray) -> IntArray:
-        """The first corners of faces."""
-        return 4 * faces if self._of_quads else self.offsets[faces]
-
-    def _after(self, corners: IntArray) -> IntArray:
-        """The next corners in the same faces."""
-        size, after, _ = self._steps
-        return corners & ~3 | corners + 1 & 3 if size == 4 else after[corners]
-
-    @_shared
-    def _around(self) -> tuple[IntArray, IntArray, bool]:
-        """The corners at each vertex, and whether a face has a vertex more than once."""
-        from limitsurf._kernels import connectivity
-
-        return connectivity.around(self.indices, self.offsets, self.n_vertices)
-
-    @_shared
-    def separate(self) -> BoolArray:
-        """Half-edges with an edge of their own, whatever others join their vertices: (n_corners,).
-
-        Those from a vertex to itself, and those whose face has run along their edge before.
-        """
-        if not self._repeats:
-            return np.zeros(self.n_corners, dtype=bool)
-        start, end = self.indices, self.indices[self.next_corner]
-        result: BoolArray = np.asarray(start == end)
-        key = np.minimum(start, end) * self.n_vertices + np.maximum(start, end)
-        order = np.lexsort((key, self.corner_face))
-        key, face = key[order], self.corner_face[order]
-        result[order[1:]] |= (key[1:] == key[:-1]) & (face[1:] == face[:-1])
-        return result
-
-    @_shared
-    def _parallel(self) -> bool:
-        """Whether there are edges between the same vertices that the faces do not tell of.
-
-        Refinement may make them, with an `_edge_table` that it knows.
-        """
-        return False
-
-    @_shared
-    def _repeats(self) -> bool:
-        """Whether a face has a vertex more than once."""
-        if self._compiled:
-            return self._around[2]
-        size = int(self.sizes[0])
-        if size <= 4 and (self.sizes == size).all():
-            corners = self.indices.reshape(-1, size).T
-            return any(
-                bool((corners[i] == corners[j]).any()) for i in range(size) for j in range(i)
-            )
-        key = np.sort(self.corner_face * self.n_vertices + self.indices)
-        return bool((key[1:] == key[:-1]).any())
-
-    @_shared
-    def _edge_table(self) -> tuple[IntArray, IntArray, IntArray]:
-        """``edges``, ``corner_edge``, ``edge_corners``: half-edges sorted by their vertices."""
-        if self._compiled and not self._repeats:
-            from limitsurf._kernels import connectivity
-
-            known = self.indices, self._steps, self.twin
-            return connectivity.edges(*known, *self._around[:2])
-        start, end = self.indices, self.indices[self.next_corner]
-        key = np.minimum(start, end) * self.n_vertices + np.maximum(start, end)
-        alone = self.separate
-        order = np.lexsort((alone, key)) if alone.any() else np.argsort(key)
-        key = key[order]
-        is_first = np.append(True, key[1:] != key[:-1]) | alone[order]
-        first = np.flatnonzero(is_first)  # (E,) into order
-        corner_edge = np.empty_like(order)
-        corner_edge[order] = np.cumsum(is_first) - 1
-        counts = np.diff(first, append=len(order))
-        one = np.minimum.reduceat(order, first)
-        paired = np.flatnonzero(counts == 2)
-        other = np.full_like(one, -1)
-        other[paired] = np.maximum(order[first[paired]], order[first[paired] + 1])
-        manifold = (other >= 0) & (start[one] != start[other])
-        if alone.any():
-            # nor is an edge manifold that one of its faces runs along again
-            again = np.isin(key[first], key[alone[order]])
-            manifold &= ~again
-        edges = np.stack(np.divmod(key[first], self.n_vertices), axis=1)
-        return edges, corner_edge, np.stack([one, np.where(manifold, other, -1)], axis=1)
-
-    @_shared
-    def edges(self) -> IntArray:
-        """The vertices of each edge, ascending, rows in lexicographic order: shape (n_edges, 2).
-
-        Rows are distinct unless a face has a vertex more than once, see `separate`.
-        """
-        return self._edge_table[0]
-
-    @_shared
-    def corner_edge(self) -> IntArray:
-        """Edge of each corner's half-edge: shape (n_corners,)."""
-        return self._edge_table[1]
-
-    @_shared
-    def edge_corners(self) -> IntArray:
-        """The half-edges of each edge, lower first: shape (n_edges, 2).
-
-        Second -1 on a boundary, and on a non-manifold edge, whose first is the lowest.
-        """
-        return self._edge_table[2]
+    faces = _of_faces(Connectivity.faces)
+    offsets = _of_faces(Connectivity.offsets)
+    corner_face = _of_faces(Connectivity.corner_face)
+    next_corner = _of_faces(Connectivity.next_corner)
+    previous_corner = _of_faces(Connectivity.previous_corner)
+    separate = _of_faces(Connectivity.separate)
+    edges = _of_faces(Connectivity.edges)
+    corner_edge = _of_faces(Connectivity.corner_edge)
+    edge_corners = _of_faces(Connectivity.edge_corners)
+    edge_faces = _of_faces(Connectivity.edge_faces)
+    boundary_edge = _of_faces(Connectivity.boundary_edge)
+    nonmanifold_edge = _of_faces(Connectivity.nonmanifold_edge)
+    twin = _of_faces(Connectivity.twin)
+    boundary_vertex = _of_faces(Connectivity.boundary_vertex)
+    nonmanifold_vertex = _of_faces(Connectivity.nonmanifold_vertex)
+    vertex_faces = _of_faces(Connectivity.vertex_faces)
+    fans = _of_faces(Connectivity.fans)
+    ring_offsets = _of_faces(Connectivity.ring_offsets)
+    ring_position = _of_faces(Connectivity.ring_position)
+    ring_corners = _of_faces(Connectivity.ring_corners)
 
     def edge_numbers(self, ends: IntArray) -> IntArray:
         """Numbers (c,) of edges from their vertices (c, 2), ascending; they must exist."""
-        key = self.edges[:, 0] * self.n_vertices + self.edges[:, 1]
-        return np.searchsorted(key, ends[:, 0] * self.n_vertices + ends[:, 1])
-
-    @_shared
-    def edge_faces(self) -> IntArray:
-        """Number of faces at each edge: shape (n_edges,)."""
-        return np.bincount(self.corner_edge)
-
-    @_shared
-    def boundary_edge(self) -> BoolArray:
-        """Whether an edge has one face only: shape (n_edges,)."""
-        return np.asarray(self.edge_faces == 1)
-
-    @_shared
-    def nonmanifold_edge(self) -> BoolArray:
-        """Whether an edge has three or more faces, or two that run along it the same way.
-
-        Or one face that does so twice. Shape (n_edges,).
-        """
-        result = (self.edge_corners[:, 1] < 0) & ~self.boundary_edge
-        if self.separate.any():
-            result |= np.isin(
-                self.edges @ [self.n_vertices, 1],
-                self.edges[self.corner_edge[self.separate]] @ [self.n_vertices, 1],
-            )
-        return result
-
-    @_shared
-    def twin(self) -> IntArray:
-        """The half-edge in the opposite direction, -1 on boundary and non-manifold edges.
-
-        Shape (n_corners,).
-        """
-        if self._compiled and not self._repeats:
-            from limitsurf._kernels import connectivity
-
-            return connectivity.twins(self.indices, self._steps, *self._around[:2])
-        twin = np.full(self.n_corners, -1)
-        one, other = self.edge_corners[self.edge_corners[:, 1] >= 0].T
-        twin[one], twin[other] = other, one
-        return twin
-
-    @_shared
-    def boundary_vertex(self) -> BoolArray:
-        """Whether a vertex lies on a boundary edge: shape (n_vertices,)."""
-        on_boundary = np.zeros(self.n_vertices, dtype=bool)
-        ends, alone, _ = self._rim
-        on_boundary[ends[alone]] = True
-        return on_boundary
-
-    @_shared
-    def nonmanifold_vertex(self) -> BoolArray:
-        """Whether a vertex is on a non-manifold edge or of several fans: shape (n_vertices,)."""
-        result = np.asarray((self._valences == 0) & (self.vertex_faces > 0))
-        ends, _, odd = self._rim
-        result[ends[odd]] = True
-        return result
-
-    @_shared
-    def _valences(self) -> IntArray:
-        """Faces at each vertex, (n_vertices,); negative on a rim, 0 where they form no one fan."""
-        if self._compiled:
-            from limitsurf._kernels import connectivity
-
-            return connectivity.valences(self._steps, self.twin, *self._around[:2])
-        fans = self.fans
-        valences = np.zeros(self.n_vertices, dtype=np.int64)
-        valences[fans.vertex] = np.where(fans.closed, fans.sizes, -fans.sizes)
-        valences[np.bincount(fans.vertex, minlength=self.n_vertices) > 1] = 0
-        return valences
-
-    @_shared
-    def _rim(self) -> tuple[IntArray, BoolArray, BoolArray]:
-        """Vertices (n, 2) of edges without twins; whether they have one face; are not manifold."""
-        if self._repeats:
-            rim = np.flatnonzero(self.edge_corners[:, 1] < 0)
-            return self.edges[rim], self.boundary_edge[rim], self.nonmanifold_edge[rim]
-        corners = np.flatnonzero(self.twin < 0)
-        one, other = self.indices[corners], self.indices[self._after(corners)]
-        key = np.minimum(one, other) * self.n_vertices + np.maximum(one, other)
-        key, faces = np.unique(key, return_counts=True)
-        return np.stack(np.divmod(key, self.n_vertices), axis=1), faces == 1, faces > 1
-
-    @_shared
-    def vertex_faces(self) -> IntArray:
-        """Number of faces at each vertex, 0 if it is unused: shape (n_vertices,).
-
-        At an interior vertex this is its valence.
-        """
-        if self._compiled:
-            return np.diff(self._around[0])
-        return np.bincount(self.indices, minlength=self.n_vertices)
-
-    @_shared
-    def fans(self) -> Fans:
-        """The corners at each vertex in fans of faces joined along manifold edges."""
-        return Fans.of(self, self.twin)
-
-    @_shared
-    def ring_offsets(self) -> IntArray:
-        """Start of each vertex's ring in ``ring_corners``, and the end: shape (n_vertices + 1,)."""
-        return _offsets(self.vertex_faces)
-
-    @_shared
-    def ring_position(self) -> IntArray:
-        """Position of each corner in the ring of its vertex: shape (n_corners,)."""
-        position = np.empty(self.n_corners, dtype=np.int64)
-        position[self.ring_corners] = np.arange(self.n_corners)
-        return position - self.ring_offsets[self.indices]
-
-    @_shared
-    def ring_corners(self) -> IntArray:
-        """The corners (outgoing half-edges) at each vertex, counter-clockwise: shape (n_corners,).
-
-        After corner ``h`` comes ``twin[previous_corner[h]]``. The ring of a boundary vertex starts
-        at its outgoing boundary half-edge, that of an interior vertex at its smallest corner; at
-        a non-manifold vertex its fans follow each other.
-        """
-        return self.fans.corners
+        return self.connectivity.edge_numbers(ends)
 
     def __repr__(self) -> str:
         on_rim = self.boundary_vertex | self.nonmanifold_vertex
@@ -668,42 +295,54 @@ class Mesh:
         cage = (self.points, self.sizes, self.indices, self.creases, self.corners, self.holes)
         return *cage, *(getattr(self, name) for name in CHOICES), self._channels
 
-    def __getstate__(self) -> dict[str, Any]:
-        # these can be known from how the mesh was made; everything else is computed again
-        known = ("separate", "twin", "_repeats", *("_parallel", "_edge_table") * self._parallel)
-        given = {name: x for name, x in self._connectivity.items() if name in known}
-        return {**self.__dict__, "_connectivity": given}
-
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(read_only(state))
 
 
-def valid_mesh(
-    points: NDArray[Any],
-    sizes: IntArray,
-    indices: IntArray,
-    like: Mesh | None = None,
-    **tags: Any,
-) -> Mesh:
-    """A mesh of arrays known to be valid, taken without a copy; tags are as in ``Mesh``.
+def valid_mesh(kind: type[M], points: NDArray[Any], faces: Connectivity, **tags: Any) -> M:
+    """A mesh of points known to be valid, taken without a copy, and of faces by what is known.
 
-    With one `like` it, of the same faces, it shares what is known of these.
+    Of a kind that is `Mesh` or derived from it; tags are as in ``Mesh``.
     """
-    known = None if like is None else like._connectivity
-    return Mesh._from_valid(points, sizes, indices, known, **tags)
+    mesh = object.__new__(kind)
+    mesh.points, mesh.connectivity = read_only(points), faces
+    vars(mesh).update(_checked(faces, **tags) if tags else _NO_TAGS)
+    return mesh
 
 
-def read_only(value: T) -> T:
-    """A value with every array in it, also in tuples, lists and dicts, as a read-only view."""
-    found: Any = value
-    if isinstance(value, np.ndarray):
-        found = value.view()
-        found.setflags(write=False)
-    elif isinstance(value, (tuple, list)):
-        found = type(value)(map(read_only, value))
-    elif isinstance(value, dict):
-        found = {name: read_only(item) for name, item in value.items()}
-    return found  # type: ignore[no-any-return]
+def _checked(
+    cage: Connectivity,
+    *,
+    creases: Any = None,
+    corners: Any = None,
+    holes: Any = None,
+    scheme: Any = None,
+    boundary: Boundary | None = None,
+    creasing: Creasing | None = None,
+    triangles: Triangles | None = None,
+    channels: Any = None,
+    units: float | None = None,
+    up: Up | None = None,
+) -> dict[str, Any]:
+    """What a mesh has besides points and faces, checked, by the names of its attributes."""
+    choices = {
+        "scheme": scheme,
+        "boundary": checks.choice(boundary, "boundary", BOUNDARY),
+        "creasing": checks.choice(creasing, "creasing", CREASING),
+        "triangles": checks.choice(triangles, "triangles", TRIANGLES),
+        "units": checks.units(units),
+        "up": checks.choice(up, "up", UP),
+    }
+    tags = {
+        "creases": checks.crease_tags(cage, creases),
+        "corners": checks.corner_tags(cage, corners),
+        "holes": checks.hole_tags(cage, holes),
+    }
+    if not isinstance(channels, Mapping | None):
+        raise TypeError(f"channels: need a mapping, got {type(channels).__name__}")
+    given = (channels or {}).items()
+    found = {name: checks.channel(cage, name, channel) for name, channel in given}
+    return {**choices, **read_only(tags), "_channels": read_only(found)}
 
 
 _NO_TAGS: dict[str, Any] = read_only(
@@ -728,82 +367,3 @@ def _same(one: Any, other: Any) -> bool:
     if isinstance(one, tuple):
         return len(one) == len(other) and all(map(_same, one, other))
     return bool(one == other)
-
-
-def _offsets(counts: IntArray) -> IntArray:
-    return np.concatenate([[0], np.cumsum(counts)])
-
-
-def _check_faces(mesh: Mesh) -> None:
-    """Every face has three or more corners, at vertices that exist."""
-    checks.check_sizes(mesh.sizes)
-
-    def missing(h: int) -> tuple[Any, ...]:
-        face, vertex = int(mesh.corner_face[h]), mesh.indices[h]
-        reason = "negative" if vertex < 0 else "out of range"
-        need = f"need 0 to {mesh.n_vertices - 1}"
-        return f"face {face}: vertex index {vertex} is {reason}, {need}", ("face", face)
-
-    if mesh.indices.min() < 0 or mesh.indices.max() >= mesh.n_vertices:
-        checks.check((mesh.indices < 0) | (mesh.indices >= mesh.n_vertices), missing)
-
-
-def _crease_tags(mesh: Mesh, given: Any) -> tuple[IntArray, NDArray[Any]]:
-    keys, values = checks.tagged(given, "crease")
-    ends = (
-        checks.integers(keys, "vertices of creases")
-        if len(keys)
-        else np.zeros((0, 2), dtype=np.int64)
-    )
-    if ends.ndim != 2 or ends.shape[1] != 2:
-        raise MeshError(f"creases: got edges of shape {ends.shape}, need (c, 2)")
-    names = ends
-    sharpness = checks.sharpness(values, "crease", names)
-    if len(names) == 0:
-        return ends, sharpness
-    ends = np.sort(ends, axis=1)
-    edge = mesh.edge_numbers(ends).clip(max=mesh.n_edges - 1)
-    checks.check(
-        (mesh.edges[edge] != ends).any(axis=1),
-        lambda i: (
-            f"crease {checks.named(names[i])}: the mesh has no such edge",
-            ("crease", checks.named(names[i])),
-        ),
-    )
-    order = checks.distinct_order(edge, "crease", names)
-    return ends[order], sharpness[order]
-
-
-def _corner_tags(mesh: Mesh, given: Any) -> tuple[IntArray, NDArray[Any]]:
-    keys, values = checks.tagged(given, "corner")
-    vertices = checks.integers(keys, "vertices of corners")
-    checks.check_range(vertices, "corner", mesh.n_vertices)
-    sharpness = checks.sharpness(values, "corner", vertices)
-    order = checks.distinct_order(vertices, "corner", vertices)
-    return vertices[order], sharpness[order]
-
-
-def _hole_tags(mesh: Mesh, given: Any) -> IntArray:
-    faces = checks.integers(() if given is None else given, "holes")
-    checks.check_range(faces, "hole", mesh.n_faces)
-    return faces[checks.distinct_order(faces, "hole", faces)]
-
-
-def _channel(mesh: Mesh, name: str, given: Any) -> Channel:
-    if not isinstance(given, (tuple, list)) or len(given) != 3:
-        raise TypeError(f"channel {name!r}: need (values, face_indices, interpolation)")
-    values = checks.numbers(given[0], "row", f"channel {name!r}: ", gaps=True)
-    rows = checks.integers(given[1], f"channel {name!r}: face_indices")
-    if rows.shape != (mesh.n_corners,):
-        raise MeshError(
-            f"channel {name!r}: got face_indices of shape {rows.shape}, need ({mesh.n_corners},)"
-        )
-
-    def missing(h: int) -> tuple[Any, ...]:
-        face = int(mesh.corner_face[h])
-        need = f"need 0 to {len(values) - 1}"
-        return f"channel {name!r}: face {face} has index {rows[h]}, {need}", ("face", face)
-
-    checks.check((rows < 0) | (rows >= len(values)), missing)
-    interpolation = checks.choice(given[2], f"channel {name!r}: interpolation", INTERPOLATION)
-    return values, rows, interpolation

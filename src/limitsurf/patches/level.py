@@ -67,9 +67,10 @@ class Level:
 
 def corners_of(mesh: Mesh, faces: Array) -> tuple[Array, Array]:
     """All corners of some faces, and which of its face each is."""
-    if mesh._of_quads:
-        corner = np.tile(np.arange(4), len(faces))
-        return np.repeat(4 * faces, 4) + corner, corner
+    size = mesh.connectivity.uniform_size
+    if size:
+        corner = np.tile(np.arange(size), len(faces))
+        return np.repeat(size * faces, size) + corner, corner
     sizes = mesh.sizes[faces]
     corner = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    return np.repeat(mesh._first(faces), sizes) + corner, corner
+    return np.repeat(mesh.connectivity.first(faces), sizes) + corner, corner

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.cage.mesh import Mesh, read_only
+from limitsurf.cage.connectivity import read_only
+from limitsurf.cage.mesh import Mesh
 from limitsurf.patches import squares
 from limitsurf.rules import Sectors, Sharpness
 from limitsurf.scheme.lattice import Lattice, Place
@@ -40,7 +41,7 @@ def smooth_faces(
     start : (n,) int8
         That corner, or the one at (0, 0).
     """
-    if mesh._compiled and squares.fit(lattice):
+    if mesh.connectivity.compiled and squares.fit(lattice):
         from limitsurf._kernels import connectivity
 
         return connectivity.smooth_faces(mesh.indices, *map(read_only, (first, turn, valence)))
@@ -86,14 +87,16 @@ def sharp_faces(
     mesh, fans, size = sharpness.mesh, sectors.fans, lattice.face_size
     # by fan: -1 with other faces, 0 semi-sharp, 1 special, 2 regular
     state = np.minimum(sectors.kind + 1, 1).clip(0) + sectors.regular
-    if not mesh._of_quads:
+    if mesh.connectivity.uniform_size != size:
         state[fans.fan[mesh.sizes[mesh.corner_face] != size]] = -1
     around = np.where(fans.closed, fans.sizes, 0)
-    if mesh._compiled and strips and squares.fit(lattice):
+    if mesh.connectivity.compiled and strips and squares.fit(lattice):
         from limitsurf._kernels import connectivity
 
         known = sectors.twin, fans.fan, state, around, *sharpness.codes, first, turn
-        return connectivity.sharp_faces(mesh.indices, mesh._steps, *map(read_only, known))
+        return connectivity.sharp_faces(
+            mesh.indices, mesh.connectivity.steps, *map(read_only, known)
+        )
     corners = _corners(mesh, lattice, first)
     here = state[fans.fan[corners]]  # (n, size)
     settled = (here > 0).all(axis=1)
@@ -191,10 +194,10 @@ def specials(
 
     Those around it as in `Sectors.ring`, then those at `outer` places of the template.
     """
-    if mesh._compiled and squares.fit(lattice):
+    if mesh.connectivity.compiled and squares.fit(lattice):
         from limitsurf._kernels import connectivity
 
-        known = numbers, mesh._steps, mesh.twin, first, start, valence, outer
+        known = numbers, mesh.connectivity.steps, mesh.twin, first, start, valence, outer
         return connectivity.specials(*read_only(known))
     corners = first + start
     parts = [numbers[corners]]

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.cage.mesh import Mesh, read_only
+from limitsurf.cage.connectivity import read_only
+from limitsurf.cage.mesh import Mesh
 from limitsurf.scheme.lattice import Lattice
 
 Array = NDArray[Any]
@@ -33,10 +34,12 @@ def templates(mesh: Mesh, twin: Array, numbers: Array, first: Array, start: Arra
     From the corner ``first + start`` on; `numbers` (n_corners,) are the control points of corners,
     `twin` (n_corners,) joins faces.
     """
-    if mesh._compiled:
+    if mesh.connectivity.compiled:
         from limitsurf._kernels import connectivity
 
-        return connectivity.grids(*read_only((numbers, mesh._steps, twin, first, start)))
+        return connectivity.grids(
+            *read_only((numbers, mesh.connectivity.steps, twin, first, start))
+        )
     corners = first[:, None] + (start[:, None] + np.arange(4)) % 4
     after, before = mesh.next_corner, mesh.previous_corner
     other = twin[corners]

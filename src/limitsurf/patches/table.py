@@ -130,12 +130,12 @@ class PatchTable:
         Also whether there are some among these at which too many faces meet.
         """
         mesh, numbers, slot, turn = level.mesh, level.numbers, level.slot, level.turn
-        valence = np.maximum(mesh._valences, 0)
+        valence = np.maximum(mesh.connectivity.valences, 0)
         valence[level.sharpness.concerned] = 0
         lattice, size, regular = self.lattice, self.lattice.face_size, self.lattice.valence
-        if not mesh._of_quads:
+        if mesh.connectivity.uniform_size != size:
             valence[mesh.indices[mesh.sizes[mesh.corner_face] != size]] = 0
-        first = mesh._first(level.faces)
+        first = mesh.connectivity.first(level.faces)
         found, start = neighbourhood.smooth_faces(mesh, lattice, first, turn, valence)
         shared = (found > tables.MOST_FACES) & lattice.face_points
         found[shared] = 0
@@ -154,7 +154,7 @@ class PatchTable:
 
     def _add_sharp(self, level: Level, sectors: Sectors) -> Array:
         """Add the patches of faces at sharp edges and vertices; return which are to be split."""
-        first = level.mesh._first(level.faces)
+        first = level.mesh.connectivity.first(level.faces)
         strips = self._scheme.spline.is_product
         found, start = neighbourhood.sharp_faces(
             level.sharpness, sectors, self.lattice, strips, first, level.turn

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from limitsurf import numbers, tables
 from limitsurf._kernels import reference as kernels
-from limitsurf.cage.mesh import Mesh, read_only
+from limitsurf.cage.connectivity import read_only
+from limitsurf.cage.mesh import Mesh
 from limitsurf.refine.operators import entries, identity, sparse_operator, stacked
 from limitsurf.refine.stages import irrational, refined_values, refinement_stages, smooth_valences
 from limitsurf.rules import PENDING, Rules, Sectors, Sharpness
@@ -52,7 +53,7 @@ def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arra
     if pending.any():
         near = MeshPart.of(sharpness.mesh, sharpness.neighbours(pending[sharpness.mesh.indices]))
         inner = sharpness.part(near)
-        compiled = not numbers.type_of(points).exact and near.mesh._large
+        compiled = not numbers.type_of(points).exact and near.mesh.connectivity.large
         finer = refined_values(near.mesh, rules, inner, points[near.vertices], compiled)
         later = np.zeros(len(finer), dtype=bool)
         later[: near.mesh.n_vertices] = pending[near.vertices]
@@ -93,7 +94,7 @@ def _normal_operators(
         first = np.searchsorted(near.corners, sectors.fans.corners[sectors.fans.offsets[pending]])
         child_fans = Sectors.of(later, lattice).fans
         fan = np.full(len(child_fans.vertex), -1)
-        fan[child_fans.fan[child_halves(near.mesh, first, lattice)[0]]] = pending
+        fan[child_fans.fan[child_halves(near.mesh.connectivity, first, lattice)[0]]] = pending
         both = stacked([identity(near.mesh.n_vertices, numbers.FLOAT64), faces_stage])
         limits = _normal_operators(later, rules, fan >= 0, masks)
         for part, finer in zip(parts, limits, strict=True):

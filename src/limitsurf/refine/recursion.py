@@ -12,7 +12,9 @@ from limitsurf import _kernels, memory, numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.cage.checks import checked_integer
-from limitsurf.cage.mesh import Boundary, Creasing, IntArray, Mesh, Triangles, read_only
+from limitsurf.cage.connectivity import read_only
+from limitsurf.cage.faces import IntArray
+from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, valid_mesh
 from limitsurf.channels import ChannelMesh
 from limitsurf.refine.limits import limit_normals, limit_points, normal_weights, ring_weights
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
@@ -97,7 +99,7 @@ class RefinedMesh(Mesh):
 
     def __getstate__(self) -> dict[str, Any]:
         _ = self._parents
-        return {name: x for name, x in super().__getstate__().items() if name != "_lineage"}
+        return {name: x for name, x in vars(self).items() if name != "_lineage"}
 
     @cached_property
     def limit_points(self) -> Array:
@@ -113,7 +115,7 @@ class RefinedMesh(Mesh):
         points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
         rules = self._rules
         sharpness = Sharpness.of(self, rules, numbers.type_of(points))
-        if sharpness.number.exact or not (self._large and lattice.face_points):
+        if sharpness.number.exact or not (self.connectivity.large and lattice.face_points):
             result = limit_points(sharpness, rules, points, self.vertex_faces > 0)
         else:
             from limitsurf._kernels import refinement
@@ -159,12 +161,14 @@ class RefinedMesh(Mesh):
         lattice = self._rules.scheme.lattice
         if not all_regular(self, lattice):
             finer = refined(self, **vars(self._rules))
-            return np.asarray(finer.limit_normals[child_halves(self, None, lattice)[0]])
+            return np.asarray(
+                finer.limit_normals[child_halves(self.connectivity, None, lattice)[0]]
+            )
         rules, sharpness = self._rules, Sharpness.of(self, self._rules, numbers.FLOAT64)
         points = np.ldexp(self.points, kernels.balance(self.points))
         # what refinement rounded; a cage is exact
         errors = np.abs(points).max(axis=1) * self._rounded
-        if not (self._large and lattice.face_points):
+        if not (self.connectivity.large and lattice.face_points):
             result = limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
         else:
             from limitsurf._kernels import refinement
@@ -191,8 +195,8 @@ class RefinedMesh(Mesh):
         """A copy with other points, (n_vertices, ...); limits are computed afresh."""
         mesh = super().with_points(points)
         for name in ("limit_points", "limit_normals"):
-            mesh.__dict__.pop(name, None)
-        mesh._rounded = False
+            vars(mesh).pop(name, None)
+        vars(mesh)["_rounded"] = False
         return mesh
 
 
@@ -314,11 +318,10 @@ def refined(
         name: _refined_channel(ChannelMesh.of(mesh, name, rules, first), levels, holes)
         for name in mesh.channels
     }
-    fine = RefinedMesh._from_valid(
+    fine = valid_mesh(
+        RefinedMesh,
         points.reshape(len(points), *mesh.points.shape[1:]),
-        coarse.sizes,
-        coarse.indices,
-        coarse._connectivity,
+        coarse.connectivity,
         scheme=scheme if scheme is not None else mesh.scheme,
         boundary=boundary if boundary is not None else mesh.boundary,
         creasing=creasing if creasing is not None else mesh.creasing,
@@ -334,9 +337,13 @@ def refined(
         for name, channel in channels.items()
     }
     vars(fine).update(read_only(tags))
-    fine._rules, fine._sharpness, fine._channel_meshes = rules, sharpness, channels
-    fine._lineage = *lineage, without_points(coarse)
-    fine._rounded = levels > 0 or getattr(mesh, "_rounded", False)
+    vars(fine).update(
+        _rules=rules,
+        _sharpness=sharpness,
+        _channel_meshes=channels,
+        _lineage=(*lineage, without_points(coarse)),
+        _rounded=levels > 0 or getattr(mesh, "_rounded", False),
+    )
     return (fine, total) if operator else fine
 
 
@@ -371,12 +378,12 @@ def _refined_channel(channel: ChannelMesh, levels: int, holes: Array) -> Channel
     values, balance = _balanced(channel.points.reshape(channel.n_vertices, -1))
     mesh: Mesh = channel
     lattice = channel.rules.scheme.lattice
-    sharpness = Sharpness.of(channel, channel._rules, number)
+    sharpness = Sharpness.of(channel, channel.rules, number)
     compiled = not number.exact and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
     coarser = None
     for _ in range(levels):
         sharpness = sharpness if coarser is None else coarser.children(mesh, lattice)
-        values = refined_values(mesh, channel._rules, sharpness, values, compiled)
+        values = refined_values(mesh, channel.rules, sharpness, values, compiled)
         mesh, coarser = child_mesh(mesh, values, lattice), sharpness
     if balance:
         values = np.ldexp(values, -balance)
@@ -400,7 +407,7 @@ def _child_parameters(
     after = mesh.next_corner
     middle = (uv + uv[after]) / 2
     opposite = (uv + uv[after[after]]) / 2
-    children = at_children(mesh, uv, middle, opposite, lattice)
+    children = at_children(mesh.connectivity, uv, middle, opposite, lattice)
     if not all_regular(mesh, lattice):
         children[mesh.sizes[mesh.corner_face] != lattice.face_size] = lattice.corners
     return np.repeat(limit_face, children.size // uv.size), children.reshape(-1, 2)

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import numbers, tables
-from limitsurf.cage.mesh import Mesh, read_only
+from limitsurf.cage.connectivity import read_only
+from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
 from limitsurf.refine.operators import csr, sparse_operator
 from limitsurf.rules import DART, Rules, Sharpness
-from limitsurf.topology import quad_offsets, vertex_numbers
+from limitsurf.topology import vertex_numbers
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -40,7 +41,7 @@ def refinement_stages(
     corner_weights = _corner_weights(mesh, rules, number)
     shapes = (F, V), (V + mesh.n_edges + F, V + F)
     if compiled is None:
-        compiled = not number.exact and mesh._large
+        compiled = not number.exact and mesh.connectivity.large
     if compiled and centres:
         faces = csr(mesh.offsets, mesh.indices, corner_weights, shapes[0])
         return faces, _compiled_stage(mesh, vertices, edges, parts)
@@ -222,10 +223,10 @@ def _compiled_stage(
         at = place[rows]
         columns[at], values[at] = column, value
         place[rows] += 1
-    known = mesh.indices, quad_offsets(mesh), mesh.corner_edge
+    known = mesh.indices, mesh.connectivity.varying_offsets, mesh.corner_edge
     refinement.operator_rows(*known, vertices.weights, edges.towards, place, columns, values)
     stage = csr(starts, columns, values, (V + E + F, V + F))
-    if mesh._repeats or (vertices.smooth[vertices.end] != 0).any():
+    if mesh.connectivity.repeats or (vertices.smooth[vertices.end] != 0).any():
         # an edge neighbour may be met twice
         stage.sum_duplicates()
     return stage
@@ -235,8 +236,10 @@ def _corner_weights(mesh: Mesh, rules: Rules, number: NumberType) -> Array:
     """Weight of every face corner in its face point, (n_corners,); none where there is none."""
     if not rules.scheme.lattice.face_points:
         return number.full(0, number.zero)
-    if mesh._steps[0] == 4:
-        return np.tile(tables.corner_weights(rules.scheme, np.array([4]), number), mesh.n_faces)
+    size = mesh.connectivity.uniform_size
+    if size:
+        one = tables.corner_weights(rules.scheme, np.array([size]), number)
+        return np.tile(one, mesh.n_faces)
     return tables.corner_weights(rules.scheme, mesh.sizes, number)
 
 
@@ -264,7 +267,7 @@ def _refuse_irrational(mesh: Mesh, rules: Rules, faces: int, rough: Array) -> No
     smooth = mesh.vertex_faces == faces
     smooth[rough] = False
     rim = np.flatnonzero(mesh.twin < 0)
-    smooth[mesh.indices[rim]] = smooth[mesh.indices[mesh._after(rim)]] = False
+    smooth[mesh.indices[rim]] = smooth[mesh.indices[mesh.connectivity.after(rim)]] = False
     if smooth.any():
         what = f"vertex {vertex_numbers(mesh)[smooth.argmax()]} has valence {faces}"
         raise TypeError(irrational(what, rules)) from None
@@ -282,7 +285,7 @@ def refined_values(
     smooth, _, along = (x.astype(float, copy=False) for x in sharpness.vertex_masks)
     middle = sharpness.edge_masks.astype(float, copy=False)
     _, crease_edge, crease_vertex = tables.rule_weights(rules.scheme, numbers.FLOAT64)
-    offsets = quad_offsets(mesh)
+    offsets = mesh.connectivity.varying_offsets
     result = np.empty((mesh.n_vertices + mesh.n_edges + mesh.n_faces, values.shape[1]))
     known = (
         read_only(values),
@@ -323,7 +326,8 @@ def channel_groups(count: int) -> Iterator[tuple[int, tuple[int, ...]]]:
 
 def _smooth_masks(mesh: Mesh, rules: Rules, rough: Array) -> tuple[Array, Array, Array, Array]:
     """The masks that the kernel `refined_points` needs, but for those of `rough` vertices."""
-    sizes = [4] if mesh._steps[0] == 4 else np.flatnonzero(np.bincount(mesh.sizes)).tolist()
+    size = mesh.connectivity.uniform_size
+    sizes = [size] if size else np.flatnonzero(np.bincount(mesh.sizes)).tolist()
     most, valences = smooth_valences(mesh, rough)
     return _rounded_masks(rules, tuple(sizes), most, tuple(valences))
 

@@ -30,7 +30,8 @@ from typing import IO, Any
 
 import numpy as np
 
-from limitsurf.cage.mesh import Mesh, MeshError
+from limitsurf.cage.checks import MeshError
+from limitsurf.cage.mesh import Mesh
 
 try:
     import resource

@@ -12,7 +12,8 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from limitsurf.cage.mesh import Mesh, MeshError
+from limitsurf.cage.checks import MeshError
+from limitsurf.cage.mesh import Mesh
 from limitsurf.shell import files
 from limitsurf.shell.files import Path, replacing
 from limitsurf.shell.io import by_trimesh, formats, obj, off, ply, vtk

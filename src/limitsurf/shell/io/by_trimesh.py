@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.cage.mesh import UP, Mesh, MeshError
+from limitsurf.cage.checks import MeshError
+from limitsurf.cage.mesh import UP, Mesh
 from limitsurf.shell.io import gltf, references
 from limitsurf.shell.io.apart import allow
 from limitsurf.shell.io.formats import MEASURES

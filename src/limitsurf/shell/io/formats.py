@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from limitsurf.cage.mesh import Mesh, MeshError
+from limitsurf.cage.checks import MeshError
+from limitsurf.cage.mesh import Mesh
 from limitsurf.shell.io import vtk_reader
 from limitsurf.shell.io.apart import read_apart
 

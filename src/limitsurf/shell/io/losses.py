@@ -9,7 +9,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.cage.mesh import Channel, IntArray, Mesh, MeshError, valid_mesh
+from limitsurf.cage.checks import Channel, MeshError
+from limitsurf.cage.faces import IntArray
+from limitsurf.cage.mesh import Mesh, valid_mesh
 
 Array: TypeAlias = NDArray[Any]
 LISTED = 3  # places that a warning names, beside the first one
@@ -162,7 +164,7 @@ def tagged(
         need = f" is out of range, need 0 to {mesh.n_faces - 1}"
         outside = (faces < 0) | (faces >= mesh.n_faces)
         tags["holes"] = faces[kept("hole", faces, np.zeros(len(faces)), outside, need)]
-    return valid_mesh(mesh.points, mesh.sizes, mesh.indices, mesh, **tags, **others)
+    return valid_mesh(Mesh, mesh.points, mesh.connectivity, **tags, **others)
 
 
 def first_of(names: IntArray) -> tuple[str, str]:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.cage.mesh import INTERPOLATION, Mesh, MeshError
+from limitsurf.cage.checks import INTERPOLATION, MeshError
+from limitsurf.cage.mesh import Mesh
 from limitsurf.shell.io.losses import Losses, first_of
 from limitsurf.shell.io.polygons import INTERPOLATED, IntArray, mesh_of, polygons, texture
 

@@ -10,7 +10,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.cage.mesh import Channel, IntArray, Mesh, MeshError, valid_mesh
+from limitsurf.cage.checks import Channel, MeshError
+from limitsurf.cage.connectivity import Connectivity
+from limitsurf.cage.faces import IntArray
+from limitsurf.cage.mesh import Mesh, valid_mesh
 from limitsurf.shell.io.losses import Losses, joined_channels, listed
 
 Array: TypeAlias = NDArray[Any]
@@ -134,10 +137,12 @@ def merged(parts: Sequence[Part], losses: Losses, **others: Any) -> Mesh:
 
     holes = [tag["holes"] + first for tag, first in zip(tags, first_face, strict=False)]
     indices = [part.indices + first for part, first in zip(parts, first_vertex, strict=False)]
+    points = np.concatenate([part.points for part in parts])
+    sizes = np.concatenate([part.sizes for part in parts])
     return valid_mesh(
-        np.concatenate([part.points for part in parts]),
-        np.concatenate([part.sizes for part in parts]),
-        np.concatenate(indices),
+        Mesh,
+        points,
+        Connectivity(len(points), sizes, np.concatenate(indices)),
         creases=joined("creases"),
         corners=joined("corners"),
         holes=np.concatenate(holes),

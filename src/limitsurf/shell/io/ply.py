@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.cage.mesh import Mesh, MeshError
+from limitsurf.cage.checks import MeshError
+from limitsurf.cage.mesh import Mesh
 from limitsurf.shell.io.losses import Losses
 from limitsurf.shell.io.polygons import IntArray, mesh_of, strips
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.cage.mesh import CHOICES, Mesh, MeshError
+from limitsurf.cage.checks import MeshError
+from limitsurf.cage.mesh import CHOICES, Mesh
 from limitsurf.shell.io.losses import Losses, finite_points, tagged, with_gaps
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import stat
 from contextlib import suppress
 from typing import Any
 
-from limitsurf.cage.mesh import MeshError
+from limitsurf.cage.checks import MeshError
 from limitsurf.shell.io.apart import allow
 
 _TEXT = 1 << 22  # bytes of a file in which names of others are sought

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.cage.mesh import Mesh, MeshError
+from limitsurf.cage.checks import MeshError
+from limitsurf.cage.mesh import Mesh
 from limitsurf.shell.io.losses import LocatedError, Losses, listed
 from limitsurf.shell.io.parts import DEFAULTS, MIXED, Part, merged
 from limitsurf.shell.io.polygons import IntArray, float_points, polygons

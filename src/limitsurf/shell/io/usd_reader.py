@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import UsdGeom
 
-from limitsurf.cage.mesh import CREASING, INTERPOLATION, Channel, Mesh, MeshError
+from limitsurf.cage.checks import INTERPOLATION, Channel, MeshError
+from limitsurf.cage.mesh import CREASING, Mesh
 from limitsurf.shell.io.losses import Losses, finite_points, first_of, tagged
 from limitsurf.shell.io.polygons import IntArray
 

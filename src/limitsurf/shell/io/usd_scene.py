@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Tf, Usd, UsdGeom
 
-from limitsurf.cage.mesh import MeshError
+from limitsurf.cage.checks import MeshError
 from limitsurf.shell.io.losses import LocatedError, Losses, first_of
 from limitsurf.shell.io.usd_reader import numbers_of, one_line
 

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from limitsurf.cage.mesh import Mesh, MeshError
+from limitsurf.cage.checks import MeshError
+from limitsurf.cage.mesh import Mesh
 from limitsurf.shell.io import references
 from limitsurf.shell.io.losses import Losses
 from limitsurf.shell.io.polygons import mesh_of, strips
