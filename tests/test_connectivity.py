@@ -8,11 +8,12 @@ from hypothesis import strategies as st
 
 import limitsurf as ls
 from limitsurf import Mesh
+from limitsurf.cage.connectivity import Connectivity
 
 NAMES = [
     *("offsets", "corner_face", "next_corner", "previous_corner", "separate", "twin", "edges"),
     *("corner_edge", "edge_corners", "edge_faces", "boundary_edge", "nonmanifold_edge"),
-    *("boundary_vertex", "nonmanifold_vertex", "vertex_faces", "_valences", "_repeats"),
+    *("boundary_vertex", "nonmanifold_vertex", "vertex_faces", "valences", "repeats"),
     *("ring_offsets", "ring_position", "ring_corners"),
 ]
 FANS = ["vertex", "closed", "offsets", "corners", "fan", "position"]
@@ -23,15 +24,15 @@ def both(make):
     results = []
     for compiled in (True, False):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(Mesh, "_compiled", compiled)
+            patch.setattr(Connectivity, "compiled", compiled)
             results.append(make())
     return results
 
 
 def connectivity(points, faces):
-    mesh = Mesh(points, faces)
-    arrays = {name: getattr(mesh, name) for name in NAMES}
-    return arrays | {f"fans.{name}": getattr(mesh.fans, name) for name in FANS}
+    cage = Mesh(points, faces).connectivity
+    arrays = {name: getattr(cage, name) for name in NAMES}
+    return arrays | {f"fans.{name}": getattr(cage.fans, name) for name in FANS}
 
 
 def assert_same(one, other):
