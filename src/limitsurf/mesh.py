@@ -393,25 +393,34 @@ class Mesh:
         return self.n_corners < 2**31 and (_kernels.connects() or self._large)
 
     @_shared
+    def _face_size(self) -> int:
+        """Number of corners of all faces, 0 if they differ."""
+        size = int(self.sizes.min())
+        return size if size == int(self.sizes.max()) else 0
+
+    @_shared
     def _steps(self) -> tuple[int, IntArray, IntArray]:
         """How kernels go around faces: 4 for quads; else 0, and the next and previous corner."""
-        if int(self.sizes.max()) == 4 == int(self.sizes.min()):
+        if self._face_size == 4:
             return 4, np.zeros(0, np.int64), np.zeros(0, np.int64)
         return 0, self.next_corner, self.previous_corner
 
     @property
     def _of_quads(self) -> bool:
         """Whether all faces are quads."""
-        return self._steps[0] == 4
+        return self._face_size == 4
 
     def _first(self, faces: IntArray) -> IntArray:
         """The first corners of faces."""
-        return 4 * faces if self._of_quads else self.offsets[faces]
+        size = self._face_size
+        return size * faces if size else self.offsets[faces]
 
     def _after(self, corners: IntArray) -> IntArray:
         """The next corners in the same faces."""
-        size, after, _ = self._steps
-        return corners & ~3 | corners + 1 & 3 if size == 4 else after[corners]
+        size, after = self._face_size, corners + 1
+        if size == 4:
+            return corners & ~3 | after & 3
+        return after - size * (after % size == 0) if size else self.next_corner[corners]
 
     @_shared
     def _around(self) -> tuple[IntArray, IntArray, bool]:

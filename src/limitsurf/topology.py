@@ -29,7 +29,9 @@ class ChildConnectivity(dict[str, Any]):
 
     def __init__(self, mesh: Mesh, lattice: Lattice) -> None:
         super().__init__(
-            _repeats=False, _large=mesh._large or _kernels.compiled(4 * mesh.n_corners)
+            _repeats=False,
+            _large=mesh._large or _kernels.compiled(4 * mesh.n_corners),
+            _face_size=lattice.face_size,
         )
         self.mesh, self.lattice = without_points(mesh), lattice
         self.indices = read_only(child_faces(mesh, lattice).ravel())
@@ -40,8 +42,6 @@ class ChildConnectivity(dict[str, Any]):
         centres = lattice.face_points
         if name == "twin":
             found: Any = child_twins(mesh, lattice)
-        elif name == "_steps" and lattice.face_size == 4:
-            found = 4, np.zeros(0, np.int64), np.zeros(0, np.int64)
         elif name in ("vertex_faces", "_valences"):
             sides = np.bincount(mesh.corner_edge, minlength=mesh.n_edges)
             if name == "_valences":
@@ -49,8 +49,8 @@ class ChildConnectivity(dict[str, Any]):
             parts = [getattr(mesh, name), lattice.valence // 2 * sides, mesh.sizes]
             found = np.concatenate(parts[: 2 + centres])
         elif name == "_edge_table" and (mesh._compiled or not centres):
-            if centres:
-                found = _child_edges(mesh)
+            if mesh._compiled:
+                found = _child_edges(mesh, lattice)
             else:
                 found = _edges_without_centres(mesh, lattice, self["twin"])
         elif name == "_parallel" and not centres:
@@ -62,30 +62,22 @@ class ChildConnectivity(dict[str, Any]):
         return found
 
 
-def _child_edges(mesh: Mesh) -> tuple[Array, Array, Array]:
+def _child_edges(mesh: Mesh, lattice: Lattice) -> tuple[Array, Array, Array]:
     """``edges``, ``corner_edge`` and ``edge_corners`` of the refined mesh, without sorting."""
     from limitsurf._kernels import refinement
 
     V, E, H = mesh.n_vertices, mesh.n_edges, mesh.n_corners
     halves, edges, sides = (np.empty((n, 2), np.int64) for n in (E, 2 * E + H, 2 * E + H))
     corner_edge = np.empty(4 * H, np.int64)
-    starts = [
-        np.cumsum(count) - count
-        for count in (np.bincount(mesh.edges.ravel(), minlength=V), np.bincount(mesh.corner_edge))
-    ]
-    refinement.child_edges(
-        mesh.indices,
-        quad_offsets(mesh),
-        mesh.twin,
-        mesh.edges,
-        mesh.corner_edge,
-        starts[0],
-        2 * E + starts[1],
-        halves,
-        edges,
-        corner_edge,
-        sides,
-    )
+    count = np.bincount(mesh.edges.ravel(), minlength=V)
+    known, first = (mesh.twin, mesh.edges, mesh.corner_edge), np.cumsum(count) - count
+    made = halves, edges, corner_edge, sides
+    if lattice.face_points:
+        count = np.bincount(mesh.corner_edge)
+        middle = 2 * E + np.cumsum(count) - count
+        refinement.child_edges(mesh.indices, quad_offsets(mesh), *known, first, middle, *made)
+    else:
+        refinement.triangle_edges(mesh.indices, *known, first, np.zeros(E, np.int64), *made)
     return edges, corner_edge, sides
 
 
@@ -137,7 +129,7 @@ def vertex_numbers(mesh: Mesh) -> Array:
 
 def quad_offsets(mesh: Mesh) -> Array:
     """First corners of faces, (n_faces + 1,), as kernels take them: none if all are quads."""
-    return mesh._steps[1] if mesh._steps[0] == 4 else mesh.offsets
+    return mesh._steps[1] if mesh._of_quads else mesh.offsets
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,20 +185,23 @@ class _Split:
 
 
 def all_regular(mesh: Mesh, lattice: Lattice) -> bool:
-    """Whether all faces have as many corners as those of the lattice, which may have to."""
-    return not lattice.face_points or mesh._steps[0] == lattice.face_size
+    """Whether all faces have as many corners as those of the lattice."""
+    return mesh._face_size == lattice.face_size
 
 
 def child_faces(mesh: Mesh, lattice: Lattice) -> Array:
     """Faces of the refined mesh, (n, face_size); see `refined`."""
     V, E = mesh.n_vertices, mesh.n_edges
-    if mesh._compiled and lattice.face_points:
+    if mesh._compiled:
         from limitsurf._kernels import refinement
 
-        result = np.empty((mesh.n_corners, 4), np.int64)
-        known = mesh.indices, quad_offsets(mesh), mesh.corner_edge, V, E
-        refinement.child_faces(*known, result.ravel())
-        return result
+        result = np.empty(4 * mesh.n_corners, np.int64)
+        if lattice.face_points:
+            known = mesh.indices, quad_offsets(mesh), mesh.corner_edge, V, E
+            refinement.child_faces(*known, result)
+        else:
+            refinement.triangle_children(mesh.indices, mesh.corner_edge, V, result)
+        return result.reshape(-1, lattice.face_size)
     return at_children(mesh, mesh.indices, V + mesh.corner_edge, V + E + mesh.corner_face, lattice)
 
 
@@ -258,6 +253,15 @@ def child_halves(mesh: Mesh, corners: Array | None, lattice: Lattice) -> tuple[A
 
 def child_twins(mesh: Mesh, lattice: Lattice) -> Array:
     """The twins of the refined mesh, without sorting edges."""
+    if mesh._compiled:
+        from limitsurf._kernels import refinement
+
+        result = np.empty(4 * mesh.n_corners, np.int64)
+        if lattice.face_points:
+            refinement.child_twins(quad_offsets(mesh), mesh.twin, result)
+        else:
+            refinement.triangle_twins(mesh.twin, result)
+        return result
     if not lattice.face_points:
         split, twin = _Split.of(lattice), mesh.twin
         first, second = child_halves(mesh, None, lattice)
@@ -268,12 +272,6 @@ def child_twins(mesh: Mesh, lattice: Lattice) -> Array:
         result = twins.ravel()
         result[first] = np.where(twin < 0, -1, second[twin])
         result[second] = np.where(twin < 0, -1, first[twin])
-        return result
-    if mesh._compiled:
-        from limitsurf._kernels import refinement
-
-        result = np.empty(4 * mesh.n_corners, np.int64)
-        refinement.child_twins(quad_offsets(mesh), mesh.twin, result)
         return result
     after, before, twin = mesh.next_corner, mesh.previous_corner, mesh.twin
     entering = twin[before]  # across the edge that ends at the corner
@@ -355,8 +353,8 @@ class MeshPart:
             known["separate"] = mesh.separate[corners]
         if mesh._parallel:
             known |= _part_edges(mesh, corners, indices)
-        if mesh._of_quads:
-            known["_steps"] = mesh._steps
+        if mesh._face_size:
+            known["_face_size"] = mesh._face_size
         part = Mesh._from_valid(vertex_numbers(mesh)[vertices], mesh.sizes[faces], indices, known)
         return cls(part, wanted, faces, corners, vertices)
 
