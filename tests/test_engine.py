@@ -8,12 +8,15 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import zoo
+import zoo_triangles
 
 import limitsurf as ls
 from limitsurf import _kernels
 from limitsurf.engine.choice import VARIABLE
 from limitsurf.engine.places import Places
 from limitsurf.patches import STRIP
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.loop import LOOP
 
 HOME = os.path.dirname(ls.__file__)
 ORDERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]
@@ -156,7 +159,18 @@ def test_how_many_functions_a_warm_query_calls(engine):
 # --- Places
 
 
-PLACES = np.array([(1, 0.25), (0.75, 0.75), (0.5, 1), (0.625, 0), (0.3, 0.2), (0, 0.0625)])
+PLACES = {
+    CATMULL_CLARK: [(1, 0.25), (0.75, 0.75), (0.5, 1), (0.625, 0), (0.3, 0.2), (0, 0.0625)],
+    LOOP: [(1, 0), (0.75, 0.25), (0.5, 0.5), (0.625, 0), (0.3, 0.2), (0, 0.0625)],
+}
+
+
+def surface_of(name):
+    """Of quads, or of triangles where that is what the name is of."""
+    if name in zoo.ZOO:
+        return ls.LimitSurface(mesh_of(name))
+    points, faces = zoo_triangles.ZOO[name]()
+    return ls.LimitSurface(ls.Mesh(np.asarray(points, dtype=float), faces), scheme=LOOP)
 
 
 def whole_patches(surface):
@@ -167,57 +181,64 @@ def whole_patches(surface):
     return patch[patches.turn[patch] == 0], face[patches.turn[patch] == 0]
 
 
-def at_rings(patch, face, ring):
+def at_rings(surface, patch, face, ring):
     """Places and the same as queries."""
-    s, t = np.tile(PLACES, (len(patch), 1)).T
-    patch, face = np.repeat(patch, len(PLACES)), np.repeat(face, len(PLACES))
+    places = np.array(PLACES[surface.rules["scheme"]])
+    s, t = np.tile(places, (len(patch), 1)).T
+    patch, face = np.repeat(patch, len(places)), np.repeat(face, len(places))
     ring = np.full(len(patch), ring)
     return Places(patch, ring, s, t), (face, np.ldexp(s, -ring), np.ldexp(t, -ring))
 
 
-@pytest.mark.parametrize("name", ["cube", "grid_3x3", "local_cage_5", "local_cage_33", "disk_7"])
+@pytest.mark.parametrize(
+    "name", ["cube", "grid_3x3", "local_cage_5", "local_cage_33", "disk_7", "disc_5", "torus_3x4"]
+)
 def test_places_are_queries(name):
-    surface = ls.LimitSurface(mesh_of(name))
+    surface = surface_of(name)
     patch, face = whole_patches(surface)
     special = surface.patches.kind[patch] > STRIP
     reference = surface._answers.reference
     for ring in (0, 3, 20):
         some = special | (ring == 0)
-        places, query = at_rings(patch[some], face[some], ring)
+        places, query = at_rings(surface, patch[some], face[some], ring)
         found = reference.place_jets(places, ORDERS)
         for nu, value in found.derivatives.items():
             value = value * found.rate[:, None] ** ring
             if nu == (0, 0):
                 value = found.origin + value
-            wanted = np.ldexp(surface.evaluate(*query, nu), -ring * sum(nu))
+            wanted = np.ldexp(surface.evaluate(*query, nu=nu), -ring * sum(nu))
             assert np.abs(value - wanted).max(initial=0) < 2e-14
     if not special.all():
         with pytest.raises(ValueError, match="have rings"):
-            reference.place_jets(at_rings(patch, face, 1)[0], ORDERS)
+            reference.place_jets(at_rings(surface, patch, face, 1)[0], ORDERS)
     if special.any():  # where u and v would be 0
-        far = reference.place_jets(at_rings(patch[special], face[special], 10**6)[0], ORDERS)
+        deep, _ = at_rings(surface, patch[special], face[special], 10**6)
+        far = reference.place_jets(deep, ORDERS)
         assert all(np.isfinite(x).all() and np.abs(x).max() > 0 for x in far.derivatives.values())
 
 
-@pytest.mark.parametrize(("name", "faces"), [("local_cage_3", 3), ("local_cage_5", 5)])
+@pytest.mark.parametrize(
+    ("name", "faces"), [("local_cage_3", 3), ("local_cage_5", 5), ("disc_4", 4), ("disc_8", 8)]
+)
 def test_characteristic_coordinates(name, faces):
-    surface = ls.LimitSurface(mesh_of(name))
+    surface = surface_of(name)
     patches, reference = surface.patches, surface._answers.reference
     patch, face = whole_patches(surface)
-    special = np.flatnonzero(patches.kind[patch] > STRIP)[:1]
+    inner = [sector is not None and sector.kind == "interior" for sector in patches.sectors]
+    special = np.flatnonzero(np.array(inner)[patches.kind[patch]])[:1]
     patch, face = patch[special], face[special]
     ids = patches.controls[patches.kind[patch[0]]][patches.row[patch[0]]]
-    basis = ls.eigenbasis("catmull-clark", faces).float64
-    chart = np.zeros_like(surface.points)[:, :2]
-    chart[ids] = basis.V[:, basis.normal]
-    chart = surface.with_points(chart)
+    basis = ls.eigenbasis(surface.rules["scheme"], faces).float64
+    plane = np.zeros_like(surface.points)[:, :2]
+    plane[ids] = basis.V[:, basis.normal]
+    chart = surface.with_points(plane)
     (lam, other, mu) = reference.corner_rates(patch)
     assert np.allclose([lam, other, mu], np.abs(basis.rates[0, 1:4])[:, None])
     for ring in (0, 2, 9):
-        places, query = at_rings(patch, face, ring)
+        places, query = at_rings(surface, patch, face, ring)
         found = reference.characteristic_jets(places)
         a, b, m = found.rates
-        f = {nu: np.ldexp(chart.evaluate(*query, nu), -ring * sum(nu)) for nu in ORDERS}
+        f = {nu: np.ldexp(chart.evaluate(*query, nu=nu), -ring * sum(nu)) for nu in ORDERS}
         assert np.allclose(found.coordinates * [a**ring, b**ring], f[0, 0].T, atol=1e-15, rtol=0)
         first = found.tangents + found.first * np.stack([m / a, m / b])[..., None] ** ring
         second = found.second * (m / np.stack([a * a, a * b, b * b]))[..., None] ** ring
@@ -232,10 +253,10 @@ def test_characteristic_coordinates(name, faces):
                     x[:, 1] * y[:, 1],
                 )
                 value = value + (np.stack(factors)[..., None] * second).sum(axis=0)
-            wanted = np.ldexp(surface.evaluate(*query, (i, j)), -ring * (i + j))
+            wanted = np.ldexp(surface.evaluate(*query, nu=(i, j)), -ring * (i + j))
             scale = np.abs(wanted).max()
             assert np.abs(value - wanted).max() < 1e-12 * scale, (ring, i, j)
     # at the corner itself d/dx and d/dy are the tangents, whatever the direction
-    deep = reference.characteristic_jets(at_rings(patch, face, 10**4)[0])
+    deep = reference.characteristic_jets(at_rings(surface, patch, face, 10**4)[0])
     assert np.isfinite(deep.first).all()
     assert np.ptp(deep.tangents, axis=1).max() == 0

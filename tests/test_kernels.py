@@ -22,7 +22,7 @@ from test_surface import accuracy, float_queries, largest_on_ring, random_cage
 
 import limitsurf as ls
 from limitsurf import _kernels, basis, tables
-from limitsurf._kernels import evaluation, jit, reference
+from limitsurf._kernels import evaluation, jit, quads, reference
 from limitsurf.engine import packing
 from limitsurf.numbers import FLOAT64
 from limitsurf.patches import STRIP
@@ -135,7 +135,7 @@ def scales(surface, face, u, v):
     result = np.zeros((3, len(face)))
     with np.errstate(over="ignore", invalid="ignore"):
         for nu in TERMS:
-            found = row_sums(surface.weights(face, us, vs, nu)).reshape(us.shape)
+            found = row_sums(surface.weights(face, us, vs, nu=nu)).reshape(us.shape)
             result[sum(nu)] = np.maximum(result[sum(nu)], np.nan_to_num(found).max(axis=0))
     return result
 
@@ -167,12 +167,12 @@ def compare(surface, query, use, orders=TERMS):
     twin = surface.jet(*query)
     use(True)
     size, scale = sizes(surface, *query), scales(surface, *query)
-    jets = [surface.jet(*query, order) for order in range(3)]
+    jets = [surface.jet(*query, order=order) for order in range(3)]
     with np.errstate(over="ignore"):
         allowed = size * scale
     for nu in orders:
         order = sum(nu)
-        for found in (surface.evaluate(*query, nu), *(jet[nu] for jet in jets[order:])):
+        for found in (surface.evaluate(*query, nu=nu), *(jet[nu] for jet in jets[order:])):
             assert_close(found, twin[nu], allowed[order], 2 * (order == 0))
     return twin, size, scale
 
@@ -222,9 +222,9 @@ def test_weights(name, use):
     scale = scales(surface, *query)
     for nu in [(0, 0), TERMS[rng.integers(1, 3)], TERMS[rng.integers(3, 6)]]:
         use(False)
-        expected, values = surface.weights(*query, nu), surface.evaluate(*query, nu)
+        expected, values = surface.weights(*query, nu=nu), surface.evaluate(*query, nu=nu)
         use(True)
-        W = surface.weights(*query, nu)
+        W = surface.weights(*query, nu=nu)
         assert_sparse(W, expected.shape)
         allowed = 10 * scale[sum(nu)]
         assert_close(W.toarray(), expected.toarray(), allowed)
@@ -260,7 +260,7 @@ def test_grids(name, use, monkeypatch):
     size, scale = sizes(surface, *flat), scales(surface, *flat)
     jets, alone = surface.jet(*grid), surface.jet(*flat)
     for nu in TERMS:
-        for found in (jets[nu], surface.evaluate(*grid, nu)):
+        for found in (jets[nu], surface.evaluate(*grid, nu=nu)):
             assert found.shape == (len(face), 8, 5, 3)
             part = found.reshape(-1, 3)
             assert_close(part, alone[nu], size * scale[sum(nu)], 2 * (nu == (0, 0)))
@@ -287,8 +287,10 @@ def test_channels(name, shape, use):
     flat = [x.reshape(-1).copy() for x in np.broadcast_arrays(face, u, v)]
     size, scale = sizes(surface, *flat), scales(surface, *flat)
     for nu in TERMS[:3]:
-        found = surface.evaluate(face, u, v, nu).reshape(-1, *shape)
-        assert_close(found, surface.evaluate(*flat, nu), size * scale[sum(nu)], 2 * (nu == (0, 0)))
+        found = surface.evaluate(face, u, v, nu=nu).reshape(-1, *shape)
+        assert_close(
+            found, surface.evaluate(*flat, nu=nu), size * scale[sum(nu)], 2 * (nu == (0, 0))
+        )
 
 
 @pytest.mark.parametrize("interpolation", ["all", "none", "boundaries", "corners_only"])
@@ -305,8 +307,8 @@ def test_face_varying_channels(name, interpolation, use):
     own = surface.of_channel("uv")
     twin, *_ = compare(own, query, use)
     for nu in TERMS:
-        found = surface.evaluate(*query, nu, channel="uv")
-        assert np.array_equal(found, own.evaluate(*query, nu), equal_nan=True)
+        found = surface.evaluate(*query, nu=nu, channel="uv")
+        assert np.array_equal(found, own.evaluate(*query, nu=nu), equal_nan=True)
         assert (np.isnan(found) == np.isnan(twin[nu])).all()
         jet = surface.jet(*query, channel="uv", workers=2)[nu]
         assert np.array_equal(jet, own.jet(*query)[nu], equal_nan=True)
@@ -357,7 +359,7 @@ def test_degenerate_points(name, points, use):
     if np.ptp(surface.points) == 0:
         use(True)
         assert (surface.evaluate(*query)[defined] == 1.5).all()
-        assert (surface.evaluate(*query, (1, 0))[defined] == 0).all()
+        assert (surface.evaluate(*query, nu=(1, 0))[defined] == 0).all()
 
 
 @pytest.mark.parametrize(
@@ -408,7 +410,7 @@ def test_schemes_of_ones_own(own, N, use):
     masks = {name: getattr(true, name) for name in ls.Scheme.__dataclass_fields__}
     scheme = ls.Scheme(**masks | {"name": f"vertex weight {own}", "vertex": vertex})
     points, faces = oracles.local_cage(N, seed=2)
-    surface = ls.LimitSurface(ls.Mesh(np.array(points, dtype=float), faces), scheme)
+    surface = ls.LimitSurface(ls.Mesh(np.array(points, dtype=float), faces), scheme=scheme)
     query = with_gaps(*queries(surface, 80, np.random.default_rng(N), NEAR))
     query = np.zeros(80, dtype=int), *query[1:]
     compare(surface, query, use)
@@ -419,12 +421,14 @@ def test_higher_derivatives_are_left_to_numpy(use):
     query = with_gaps(*queries(surface, 60, np.random.default_rng(6), NEAR))
     for nu in [(3, 0), (2, 1), (1, 3)]:
         use(False)
-        expected, rows = surface.evaluate(*query, nu), surface.weights(*query, nu)
+        expected, rows = surface.evaluate(*query, nu=nu), surface.weights(*query, nu=nu)
         use(True)
-        assert np.array_equal(surface.evaluate(*query, nu), expected, equal_nan=True)
-        jet = surface.jet(*query, sum(nu))[nu]
+        assert np.array_equal(surface.evaluate(*query, nu=nu), expected, equal_nan=True)
+        jet = surface.jet(*query, order=sum(nu))[nu]
         assert np.allclose(jet, expected, rtol=1e-12, atol=1e-12, equal_nan=True)
-        assert np.array_equal(surface.weights(*query, nu).toarray(), rows.toarray(), equal_nan=True)
+        assert np.array_equal(
+            surface.weights(*query, nu=nu).toarray(), rows.toarray(), equal_nan=True
+        )
 
 
 # --- The oracles
@@ -480,7 +484,7 @@ def test_accuracy_next_to_corners(name, face, use):
     use(True)
     for query in [(face, 1e-288, 5.5e-291), (face, 1e-300, 5.5e-303), (face, 0.0, 4.8e-306)]:
         for nu in TERMS:
-            exact, found = oracle.evaluate(*query, nu), surface.evaluate(*query, nu).tolist()
+            exact, found = oracle.evaluate(*query, nu=nu), surface.evaluate(*query, nu=nu).tolist()
             largest = max(map(abs, exact))
             if largest > F(10) ** 307:
                 continue
@@ -499,7 +503,7 @@ def same_bits(one, other):
 
 CALLS = {
     "evaluate": lambda surface, query, workers: [surface.evaluate(*query, workers=workers)],
-    "slope": lambda surface, query, workers: [surface.evaluate(*query, (0, 1), workers=workers)],
+    "slope": lambda surface, query, workers: [surface.evaluate(*query, nu=(0, 1), workers=workers)],
     "jet": lambda surface, query, workers: list(surface.jet(*query, workers=workers).values()),
     "normal": lambda surface, query, workers: [surface.normal(*query, workers=workers)],
     "weights": lambda surface, query, workers: [
@@ -612,14 +616,14 @@ def test_weights_of_undefined_queries(use):
     gone = np.isin(surface.limit_faces.face, [1, 4])
     use(True)
     for nu in TERMS:
-        W = surface.weights(face, 0.3, 0.7, nu, workers=2)
+        W = surface.weights(face, 0.3, 0.7, nu=nu, workers=2)
         assert_sparse(W, (len(face), len(points)))
         rows = W.toarray()
         assert (np.isnan(rows).sum(axis=1) == gone).all()
         assert (np.diff(W.indptr)[gone] == 1).all()
         for k in np.flatnonzero(gone):
             assert W.indices[W.indptr[k]] in faces[surface.limit_faces.face[k]]
-        W = surface.weights(face, np.nan, 0.7, nu)
+        W = surface.weights(face, np.nan, 0.7, nu=nu)
         assert np.isnan(W.data).all()
         assert (np.diff(W.indptr) == 1).all()
 
@@ -655,7 +659,7 @@ def test_cubic_weights():
     for order in range(3):
         for k, x in enumerate(t.tolist()):
             found[:] = np.nan
-            evaluation.cubic_weights(x, order, 2, found)
+            quads.cubic_weights(x, order, 2, found)
             assert np.isnan(found[2 + 4 * (order + 1) :]).all()
             for j in range(order + 1):
                 twin = reference.cubic_weights(t[k : k + 1], j)[0]
@@ -671,19 +675,19 @@ def test_places_around_corners():
         ups = np.full(len(s), turn >= 2), np.full(len(s), turn in (1, 2))
         twins = zip(*reference.split_corner(s, t, *ups), strict=True)
         for x, y, twin in zip(s.tolist(), t.tolist(), twins, strict=True):
-            assert evaluation.place_around(x, y, turn) == tuple(twin)
+            assert quads.place_around(x, y, turn) == tuple(twin)
 
 
 def test_turned():
     for turn in range(4):
         sides = [0.25, 0.875, 0.75, 0.125]
-        found = evaluation.turned(0.25, 0.875, turn)
+        found = quads.turned(0.25, 0.875, turn)
         assert found == (sides[turn], sides[(turn + 1) % 4])
         # a derivative along u is one along s or t, of a sign
         for k, (i, j) in enumerate(TERMS):
             (choices, signs) = basis.turned((i, j))
-            assert TERMS[evaluation.TURNED[turn & 1, k]] == choices[turn]
-            assert evaluation.SIGN[turn, k] == signs[turn]
+            assert TERMS[quads.TURNED[turn & 1, k]] == choices[turn]
+            assert quads.SIGN[turn, k] == signs[turn]
 
 
 @pytest.mark.parametrize("sharpness", [0.3, 1.0, 2.5, 4.7, 9.99])
@@ -695,7 +699,7 @@ def test_strip_weights(sharpness):
     first, depth = int(strips.first[1]), int(strips.depth[1])
     found = np.empty(12)
     for t, up in itertools.product(EDGES, [False, True]):
-        evaluation.strip_weights(t, 2, up, pieces, first, depth, 0, found)
+        quads.strip_weights(t, 2, up, pieces, first, depth, 0, found)
         one = np.array([1]), np.array([0.5]), np.array([t])
         for j in range(3):
             twin = ls.basis.strip_weights(strips, *one, (0, j), np.array([up]))[0].reshape(4, 4)
@@ -739,28 +743,49 @@ def test_bicubic(order, sized):
         assert (out[count + sized :] == -7).all()
 
 
+@pytest.mark.parametrize(("count", "sized"), [(1, False), (3, True), (6, False)])
+def test_gathered(count, sized):
+    contract = jit.gathered(12, 4, count, sized)
+
+    @compiled
+    def call(points, ids, at, base, channel, weights, scale, out):
+        contract(points, ids, at, base, channel, weights, scale, out)
+
+    points, weights = numbers(50, 8), numbers(count, 12)
+    ids = np.random.default_rng(1).integers(40, size=40).astype(np.int32)
+    for at, base, channel in ((0, 0, 0), (7, 3, 4), (24, 10, 0)):
+        out = np.full((count + 2, 4), -7.0)
+        call(points, ids, at, base, channel, weights.reshape(-1), 0.75, out)
+        net = points[ids[at : at + 12] + base, channel : channel + 4]
+        net -= net[4]
+        assert close(out[:count], 0.75 * weights @ net, 30)
+        if sized:
+            assert (out[count] == np.abs(net).max(axis=0)).all()
+        assert (out[count + sized :] == -7).all()
+
+
+@pytest.mark.parametrize("degrees", [(3, 3, 3, 3), (4, 3, 2, 1, 0)])
 @pytest.mark.parametrize("order", range(3))
-def test_polynomials(order):
-    evaluate = jit.polynomials(order)
+def test_polynomials(order, degrees):
+    evaluate = jit.polynomials(order, degrees)
 
     @compiled
     def call(c, at, size, S, T, rows):
         evaluate(c, at, size, S, T, rows)
 
     stride, size = 12, 8
-    c, S, T = numbers(3, 16, stride), 0.375, 0.7
+    exponents = [(e, f) for f, most in enumerate(degrees) for e in range(most + 1)]
+    c, S, T = numbers(3, len(exponents), stride), 0.375, 0.7
     count = (order + 1) * (order + 2) // 2
     for part in range(3):
         rows = np.full((7, stride), -7.0)
-        call(c, part * 16 * stride, size, S, T, rows)
+        call(c, part * len(exponents) * stride, size, S, T, rows)
         for k, (i, j) in enumerate(TERMS[:count]):
             along, across = (
-                [math.perm(e, n) * x ** (e - n) if e >= n else 0.0 for e in range(4)]
+                [math.perm(e, n) * x ** (e - n) if e >= n else 0.0 for e in range(5)]
                 for x, n in ((S, i), (T, j))
             )
-            expected = np.einsum(
-                "y,x,yxk", across, along, c[part].reshape(4, 4, stride)[:, :, :size]
-            )
+            expected = np.array([along[e] * across[f] for e, f in exponents]) @ c[part, :, :size]
             assert close(rows[k, :size], expected, 30)
         assert (rows[:, size:] == -7).all()
         assert (rows[count:] == -7).all()

@@ -11,6 +11,7 @@ from hypothesis import given
 import limitsurf as ls
 from limitsurf import _kernels
 from limitsurf.mesh import Mesh
+from limitsurf.scheme.lattice import QUADS
 from limitsurf.topology import child_mesh
 
 NAMES = sorted(zoo.ZOO) + sorted(zoo.TAGGED)
@@ -154,7 +155,7 @@ def test_refinements_of_one_topology_share_it(use):
     assert np.shares_memory(one.indices, other.indices)
     assert other._connectivity is one._connectivity
     assert (other.points == 2 * one.points).all()
-    children = mesh._connectivity["children"]
+    children = mesh._connectivity["children as quads"]
     del one, other
     assert children() is None
     assert (ls.refined(mesh, 2).indices == ls.refined(cage("cube"), 2).indices).all()
@@ -162,9 +163,10 @@ def test_refinements_of_one_topology_share_it(use):
 
 def test_points_of_a_cage_are_not_kept_alive():
     mesh = cage("cube")
-    children = child_mesh(mesh, np.zeros((26, 3)))
-    assert children._connectivity.mesh.points.base is not mesh.points
-    assert children._connectivity.mesh.points.strides == (0,)
+    children = child_mesh(mesh, np.zeros((26, 3)), QUADS)
+    points = vars(children._connectivity)["mesh"].points
+    assert points.base is not mesh.points
+    assert points.strides == (0,)
 
 
 def test_many_faces_at_a_pole(use):

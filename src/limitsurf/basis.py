@@ -1,12 +1,12 @@
 """Basis functions of a patch: (patch kind, s, t, derivative) to weights of its control points.
 
-A regular patch is a bicubic B-spline; along a semi-sharp crease it is one in s and, in t, a spline
-of the crease's own. Around a special corner at (0, 0) the limit is
+A regular patch is a piece of the scheme's spline; along a semi-sharp crease of quads it is one in s
+and, in t, a spline of the crease's own. Around a special corner at (0, 0) the limit is
 
     x(s, t) = b(S, T) P A' A^n C,    A^n = V J^n V^-1,
 
 where (S, T) are the parameters within the regular piece P that holds (s, t) after n halvings
-towards the corner, b are the bicubic B-spline weights, A' is one more step of refinement and C are
+towards the corner, b are the weights of the spline, A' is one more step of refinement and C are
 the control points (Stam 1998, section 4; ``derivations/eigenstructure.py``). In float64
 ``b P A' V`` is a polynomial in S and T with tabulated coefficients, exactly 0 where they should be;
 the powers of the eigenvalues are taken relative to the largest that matters and the common scale is
@@ -16,27 +16,44 @@ whose field does not hold the eigenvalues, take n steps of A instead.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
-from math import factorial, lcm
-from typing import Any
+from functools import lru_cache, partial
+from math import comb, factorial, lcm, perm
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import numbers
 from limitsurf._kernels import reference as kernels
+from limitsurf.numbers import NumberType
 from limitsurf.tables import EigenTable, RationalTable, StripTables
 
+if TYPE_CHECKING:
+    from limitsurf.scheme.lattice import Lattice
+    from limitsurf.scheme.spline import Spline
+
 Array = NDArray[Any]
+Order = tuple[int, int]
 
 NOISE = kernels.NOISE
 
 
 @dataclass(frozen=True)
 class CornerPlace:
-    """Where queries lie around an extraordinary corner; see `kernels.split_corner`."""
+    """Where queries lie around a special corner; see `kernels.split_corner`.
+
+    Attributes
+    ----------
+    level : (Q,)
+        Number of halvings n, -1 at the corner itself.
+    piece : (Q,)
+        In the order of `Lattice.pieces`.
+    S, T : (Q,)
+        Parameters in the piece.
+    """
 
     level: Array
     piece: Array
@@ -44,12 +61,13 @@ class CornerPlace:
     T: Array
 
     @classmethod
-    def of(cls, s: Array, t: Array, turn: Array) -> CornerPlace:
-        """Locate (s, t) in patches turned by `turn` corners against their limit face."""
-        # lines between pieces belong to the side nearer corner 0 of the limit face; s grows
-        # against u or v where the patch is turned by 2 or 3 corners, t by 1 or 2
-        against_s, against_t = (turn == 2) | (turn == 3), (turn == 1) | (turn == 2)
-        return cls(*kernels.split_corner(s, t, against_s, against_t))
+    def of(cls, s: Array, t: Array, orientation: Array, lattice: Lattice) -> CornerPlace:
+        """Locate (s, t) in patches of some `orientation` against their limit face."""
+        # lines between pieces belong to the side nearer corner 0 of the limit face
+        up_s, up_t, up = _against(lattice)[:, orientation]
+        if lattice.flips:
+            return cls(*kernels.split_flipped_corner(s, t, up_s, up_t, up))
+        return cls(*kernels.split_corner(s, t, up_s, up_t))
 
     @classmethod
     def at(cls, piece: int, S: float, T: float) -> CornerPlace:
@@ -59,6 +77,11 @@ class CornerPlace:
     def __getitem__(self, here: Array) -> CornerPlace:
         """The places of some queries, by mask or index."""
         return CornerPlace(self.level[here], self.piece[here], self.S[here], self.T[here])
+
+
+@lru_cache(maxsize=16)
+def _against(lattice: Lattice) -> Array:
+    return np.array(lattice.against).T
 
 
 @dataclass(frozen=True)
@@ -131,30 +154,48 @@ def ratios(table: EigenTable, lead: int) -> Array:
 
 
 @lru_cache(maxsize=1024)
-def _piece_derivatives(table: EigenTable, nu: tuple[int, int]) -> Array:
-    """Polynomials in S, T of the `nu`-th derivatives of the eigenfunctions on their pieces.
+def _powers(spline: Spline, nu: Order) -> tuple[Array, Array, Array, tuple[int, int]]:
+    """What the `nu`-th derivative leaves of a piece's monomials, and the highest exponents.
 
-    (3, (4 - j) (4 - i), K - 1) for nu = (i, j), without the constant eigenfunction.
+    The exponents (terms,) of S and T, and which of `Spline.exponents` they come from.
     """
-    pieces = table.pieces[:, :, 1:].reshape(3, 4, 4, -1)
-    for axis, order in ((2, nu[0]), (1, nu[1])):
-        for _ in range(order):
-            pieces = np.moveaxis(pieces, axis, 0)[1:]
-            degree = np.arange(1, len(pieces) + 1).reshape(-1, *[1] * (pieces.ndim - 1))
-            pieces = np.moveaxis(pieces * degree, 0, axis)
-    return pieces.reshape(3, -1, pieces.shape[-1])
+    i, j = np.array(spline.exponents).T
+    kept = np.flatnonzero((i >= nu[0]) & (j >= nu[1]))
+    i, j = i[kept] - nu[0], j[kept] - nu[1]
+    return i, j, kept, (int(i.max(initial=0)), int(j.max(initial=0)))
 
 
 @lru_cache(maxsize=1024)
-def _along_sides(table: EigenTable, nu: tuple[int, int]) -> Array:
-    """Those polynomials on the side t = 0 if nu = (i, 0), on s = 0 if (0, j): (4 - i, K - 1)."""
-    i, j = nu
-    polynomials = _piece_derivatives(table, nu).reshape(3, 4 - j, 4 - i, -1)
-    return polynomials[0, 0] if j == 0 else polynomials[2, :, 0]
+def _piece_derivatives(table: EigenTable, nu: Order) -> Array:
+    """Polynomials in S, T of derivatives of the eigenfunctions on their pieces.
+
+    Of order `nu` in the directions of s and t, against which a flipped piece has S and T:
+    (pieces, terms, K - 1) in the order of `_powers`, without the constant eigenfunction.
+    """
+    i, j, kept, _ = _powers(table.scheme.spline, nu)
+    found = table.pieces[:, kept, 1:]
+    for exponents, order in ((i, nu[0]), (j, nu[1])):
+        found = found * np.array([perm(k + order, order) for k in exponents.tolist()])[:, None]
+    signs: Array = np.array([(-1.0) ** (p.turned * sum(nu)) for p in table.sector.lattice.pieces])
+    return np.ascontiguousarray(found * signs[:, None, None])
+
+
+def _side_piece(lattice: Lattice, axis: int) -> int:
+    """The piece at the far end of the side t = 0, or s = 0."""
+    return [piece.origin for piece in lattice.pieces].index(((1, 0), (0, 1))[axis])
 
 
 @lru_cache(maxsize=1024)
-def corner_derivative(table: EigenTable, nu: tuple[int, int]) -> Array:
+def _along_sides(table: EigenTable, nu: Order) -> Array:
+    """Those polynomials on the side t = 0 if nu = (i, 0), on s = 0 if (0, j): (powers, K - 1)."""
+    axis = int(nu[1] > 0)
+    on_side = _powers(table.scheme.spline, nu)[1 - axis] == 0
+    piece = _side_piece(table.sector.lattice, axis)
+    return np.asarray(_piece_derivatives(table, nu)[piece, on_side])
+
+
+@lru_cache(maxsize=1024)
+def corner_derivative(table: EigenTable, nu: Order) -> Array:
     """Weights (K - 1,) of the eigencoefficients in a derivative at the corner; NaN if it has none.
 
     It is 0 where it tends to 0 from everywhere; else one along a side exists if the limit does, as
@@ -163,7 +204,7 @@ def corner_derivative(table: EigenTable, nu: tuple[int, int]) -> Array:
     nothing = np.zeros(table.size - 1)
     order = sum(nu)
     growth = 2.0**order * np.abs(table.rates[0, 1:])
-    if max(nu) > 3 or (growth < 1).all():
+    if not len(_powers(table.scheme.spline, nu)[2]) or (growth < 1).all():
         return nothing
     if min(nu) > 0:
         return np.full_like(nothing, np.nan)
@@ -179,19 +220,21 @@ def corner_derivative(table: EigenTable, nu: tuple[int, int]) -> Array:
 
 
 @lru_cache(maxsize=1024)
-def corner_directions(table: EigenTable, axis: int) -> Array:
-    """Weights whose sums point along the limit of a side's tangent, (2, K - 1); NaN if none does.
+def corner_directions(table: EigenTable, way: tuple[int, int]) -> Array:
+    """Weights whose sums point along the limit of ``a d/ds + b d/dt``, (2, K - 1); NaN if none.
 
-    Those of the eigenfunctions that fall most slowly along the side, the first (t = 0) or second;
-    where that sum is 0 since the head of a Jordan chain has no part in the points, the other row.
+    For `way` (a, b) along a side that is the limit along it; for others, which lead out of the
+    face, the one towards the corner along s = t: at smooth vertices, by symmetry, that is also the
+    sum of the limits along both sides. Weights are those of the eigenfunctions that fall most
+    slowly there, in the first row; where that sum is 0 since the head of a Jordan chain has no part
+    in the points, the other row.
     """
-    side = _along_sides(table, ((1, 0), (0, 1))[axis])
+    side, far = _ahead(table, way)
     heads, values = table.chains - 1, table.rates[0, 1:]
     seen = (side != 0).any(axis=0)
     falling = np.abs(values) == np.abs(values[seen]).max(initial=0)
     if not seen.any() or (values[falling & seen] < 0).any():
         return np.full((2, len(values)), np.nan)
-    far = side.sum(axis=0)  # derivatives at the far end of the side
     plain = np.where(falling, far, 0)
     chained = heads[falling[heads] & seen[heads - 1]]
     if not len(chained):
@@ -201,8 +244,29 @@ def corner_directions(table: EigenTable, axis: int) -> Array:
     return np.array([first, plain])
 
 
+def _ahead(table: EigenTable, way: tuple[int, int]) -> tuple[Array, Array]:
+    """Derivatives along `way` of the eigenfunctions on the line that `corner_directions` takes.
+
+    Polynomials (powers, K - 1) on a piece, and their values (K - 1,) halfway between two rings.
+    """
+    if 0 in way:
+        axis = int(way[0] == 0)
+        side = sum(way) * _along_sides(table, ((1, 0), (0, 1))[axis])
+        return side, side.sum(axis=0)  # at the far end of the side
+    # in the piece between the others, whose corner 0 is where s and t are 1/2
+    lattice = table.sector.lattice
+    (piece,) = (k for k, child in enumerate(lattice.pieces) if child.origin == (1, 1))
+    line = np.zeros((2 * table.scheme.spline.degree, table.size - 1))
+    for factor, nu in zip(way, ((1, 0), (0, 1)), strict=True):
+        i, j, *_ = _powers(table.scheme.spline, nu)
+        np.add.at(line, i + j, factor * _piece_derivatives(table, nu)[piece])
+    noise = NOISE * np.abs(_piece_derivatives(table, (1, 0))[piece]).sum(axis=0)
+    line[np.abs(line) <= noise] = 0  # differences of what is equal by symmetry
+    return line, line[0]
+
+
 def eigen_weights(
-    table: EigenTable, place: CornerPlace, powers: EigenPowers, nu: tuple[int, int]
+    table: EigenTable, place: CornerPlace, powers: EigenPowers, nu: Order
 ) -> EigenWeights:
     """The `nu`-th derivative in (s, t) around an extraordinary corner, in float64.
 
@@ -227,13 +291,15 @@ def eigen_directions(
     modes: Array,
     added: Array,
     which: Array,
+    orientation: Array,
 ) -> tuple[Array, Array]:
-    """Vectors (2, Q, d) along d/ds and d/dt of points with eigencoefficients `modes`, (P, K, d).
+    """Vectors (2, Q, d) along d/du and d/dv of points with eigencoefficients `modes`, (P, K, d).
 
     Both up to a common positive factor; also the sizes (2, Q, 1) of what was added up to them, from
-    those of the coefficients, `added` (P, K). At the corner itself they are the limits along the
-    sides t = 0 and s = 0.
+    those of the coefficients, `added` (P, K). At the corner itself they are the limits that
+    `corner_directions` tells.
     """
+    lattice = table.sector.lattice
     points, sizes = modes[which, 1:], added[which, 1:, None]
     # the common factor, a power of the leading eigenvalue, is positive but for odd powers of a
     # negative one
@@ -242,17 +308,36 @@ def eigen_directions(
     for axis, nu in enumerate(((1, 0), (0, 1))):
         rows = eigen_rows(table, place, powers, nu)
         rows[negative] *= -1
-        corner = np.flatnonzero(place.level < 0)
-        for limit in corner_directions(table, axis):
-            rows[corner] = limit
-            found[axis], error[axis] = _total(rows, points), _total(np.abs(rows), sizes)
-            lost = (
-                np.abs(found[axis, corner]).max(axis=1, initial=0) <= NOISE * error[axis, corner, 0]
-            )
-            corner = corner[lost]
-            if not len(corner):
-                break
+        found[axis], error[axis] = _total(rows, points), _total(np.abs(rows), sizes)
+    found, error = turned_directions(lattice, found, error, orientation)
+    corners = np.flatnonzero(place.level < 0)
+    for here in np.unique(orientation[corners]).tolist():
+        for axis, way in enumerate(zip(*lattice.gradients[here], strict=True)):
+            corner = corners[orientation[corners] == here]
+            for limit in corner_directions(table, way):
+                value = np.matmul(limit, points[corner])
+                size = np.matmul(np.abs(limit), sizes[corner])
+                found[axis, corner], error[axis, corner] = value, size
+                corner = corner[np.abs(value).max(axis=1, initial=0) <= NOISE * size[:, 0]]
+                if not len(corner):
+                    break
     return found, error
+
+
+def turned_directions(
+    lattice: Lattice, found: Array, errors: Array, orientation: Array
+) -> tuple[Array, Array]:
+    """Vectors (2, Q, d) along d/du and d/dv from those along d/ds and d/dt; errors (2, Q, 1)."""
+    factors = np.array(lattice.gradients)[orientation].T[..., None]  # (u and v, s and t, Q, 1)
+    turned, bounds = np.empty_like(found), np.empty_like(errors)
+    for axis, (a, b) in enumerate(factors):
+        # where one of them is 0 what it is of has no part, not even by being infinite
+        turned[axis] = np.where(a == 0, b * found[1], a * found[0])
+        bounds[axis] = np.where(a == 0, errors[1], errors[0])
+        both = np.flatnonzero((a * b)[:, 0])
+        turned[axis, both] += (b * found[1])[both]
+        bounds[axis, both] += errors[1, both]
+    return turned, bounds
 
 
 def _total(rows: Array, values: Array) -> Array:
@@ -260,21 +345,19 @@ def _total(rows: Array, values: Array) -> Array:
     return np.asarray(np.matmul(rows[:, None], values)[:, 0])
 
 
-def eigen_rows(
-    table: EigenTable, place: CornerPlace, powers: EigenPowers, nu: tuple[int, int]
-) -> Array:
+def eigen_rows(table: EigenTable, place: CornerPlace, powers: EigenPowers, nu: Order) -> Array:
     """Derivatives in (S, T) of the eigenfunctions after the first, times `powers`, (Q, K - 1)."""
     return _powered(table, _eigenfunctions(table, place, nu), powers)
 
 
-def _eigenfunctions(table: EigenTable, place: CornerPlace, nu: tuple[int, int]) -> Array:
+def _eigenfunctions(table: EigenTable, place: CornerPlace, nu: Order) -> Array:
     """Derivatives in (S, T) of the eigenfunctions after the first on their pieces, (Q, K - 1)."""
     rows = np.zeros((len(place.level), table.size - 1))
-    if max(nu) > 3:
+    i, j, kept, most = _powers(table.scheme.spline, nu)
+    if not len(kept):
         return rows
-    along, across = kernels.monomials(place.S, 3 - nu[0]), kernels.monomials(place.T, 3 - nu[1])
-    b = across[:, :, None] * along[:, None, :]
-    b = b.reshape(len(b), b.shape[1] * b.shape[2])
+    along, across = kernels.monomials(place.S, most[0]), kernels.monomials(place.T, most[1])
+    b = across[:, j] * along[:, i]
     for piece, polynomials in enumerate(_piece_derivatives(table, nu)):
         here = place.piece == piece
         rows[here] = b[here] @ polynomials
@@ -498,22 +581,23 @@ def control_weights(table: EigenTable, weights: EigenWeights) -> Array:
 
 
 def rational_weights(
-    table: RationalTable, place: CornerPlace, nu: tuple[int, int], at_corner: Array
+    table: RationalTable, spline: Spline, place: CornerPlace, nu: Order, at_corner: Array
 ) -> Array:
     """Weights (Q, K) of control points around a special corner, as Fractions.
 
     Every level costs one sparse integer row-vector product. Whether a derivative has a value at the
     corner itself `corner_derivative` tells, whose weights `at_corner` are.
     """
-    size = table.sector.size
-    b = kernels.bicubic_weights(place.S, place.T, nu)
+    size, pieces = table.sector.size, table.sector.lattice.pieces
+    b = regular_weights(spline, numbers.RATIONAL)(place.S, place.T, nu)
     # integers over one denominator per query: far faster than Fractions
     unit = np.array([lcm(*(w.denominator for w in row)) for row in b], dtype=object)
     rows = np.zeros((len(b), table.n_rows), dtype=object)
-    for piece in range(3):
+    for piece, own in enumerate(pieces):
         here = np.flatnonzero(place.piece == piece)
+        signed = unit[here] * (-1) ** (own.turned * sum(nu))
         for k, row in enumerate(table.pieces[piece]):
-            rows[here, row] += _integers(b[here, k] * unit[here])
+            rows[here, row] += _integers(b[here, k] * signed)
     starts = np.searchsorted(table.columns, np.arange(size))
     rows = np.add.reduceat(rows[:, table.rows] * table.numerators, starts, axis=1)
     square = table.rows < size
@@ -529,12 +613,14 @@ def rational_weights(
     corner = place.level < 0
     if corner.any():
         weights[corner] = (
-            _rational_derivative(table, nu, at_corner) if sum(nu) else table.limit_mask
+            _rational_derivative(table, spline, nu, at_corner) if sum(nu) else table.limit_mask
         )
     return np.asarray(weights)
 
 
-def _rational_derivative(table: RationalTable, nu: tuple[int, int], at_corner: Array) -> Array:
+def _rational_derivative(
+    table: RationalTable, spline: Spline, nu: Order, at_corner: Array
+) -> Array:
     """Weights (K,) of the control points in a derivative at the corner."""
     sector = table.sector
     row = np.full(sector.size, Fraction(0), dtype=object)
@@ -546,13 +632,14 @@ def _rational_derivative(table: RationalTable, nu: tuple[int, int], at_corner: A
     if not (sector.open and sector.sharp_sides[axis]):
         # by halvings along the side it tends to its part in the eigenspace of 1 / 2^order
         S, T = (numbers.RATIONAL.array([int(axis == k)]) for k in (0, 1))
-        place = CornerPlace(np.array([0]), np.array([2 * axis]), S, T)
-        ahead = rational_weights(table, place, nu, at_corner)[0]
+        piece = np.array([_side_piece(sector.lattice, axis)])
+        place = CornerPlace(np.array([0]), piece, S, T)
+        ahead = rational_weights(table, spline, place, nu, at_corner)[0]
         return table.projected(ahead, Fraction(1, 2 ** sum(nu)))
     # the crease is a cubic spline; at a corner its first point is reflected at the vertex, beside a
     # flap, whose other end is the same, at the middle of the first and the last
     before, vertex, ahead, beyond = kernels.cubic_weights(numbers.RATIONAL.array([0]), sum(nu))[0]
-    ends = (1, 2 * sector.faces + 1)
+    ends = (1, 1 + len(sector.lattice.orbits) * sector.faces)
     outer = sector.ring + sector.outer.index(((3, 1), (1, 3))[axis])
     near, far = ends[axis], ends[1 - axis]
     row[0] += vertex
@@ -570,18 +657,93 @@ def _rational_derivative(table: RationalTable, nu: tuple[int, int], at_corner: A
 _integers = np.frompyfunc(int, 1, 1)
 
 
-def turned(nu: tuple[int, int]) -> tuple[list[tuple[int, int]], Array]:
-    """Order of the derivative in patch parameters, by turn 0 to 3, and its sign (4,).
+@lru_cache(maxsize=256)
+def turned(lattice: Lattice, nu: Order) -> tuple[tuple[tuple[Order, ...], Array], ...]:
+    """A derivative in (u, v) as sums of those in (s, t).
 
-    A patch turned by 1 has s = v, t = 1 - u; by 2, s = 1 - u, t = 1 - v; by 3, s = 1 - v, t = u.
+    The orders of the first terms by orientation with their factors (orientations,), then those of
+    the second ones, whose factors are 0 where there is none, and so on; in quads there are none.
     """
-    i, j = nu
-    signs = [1, (-1) ** i, (-1) ** (i + j), (-1) ** j]
-    return [(i, j), (j, i), (i, j), (j, i)], np.array(signs)
+    terms: list[list[tuple[Order, int]]] = [[] for _ in lattice.gradients]
+    for order, factors in lattice.turned(nu).items():
+        for own, factor in zip(terms, factors, strict=True):
+            own += [(order, factor)] if factor else []
+    most = max(map(len, terms))
+    full = [own + [(nu, 0)] * (most - len(own)) for own in terms]
+    return tuple(
+        (tuple(order for order, _ in each), np.array([factor for _, factor in each]))
+        for each in zip(*full, strict=True)
+    )
+
+
+def turned_rows(
+    lattice: Lattice, nu: Order, orientation: Array, rows: Callable[[Order, Array], Array]
+) -> Array:
+    """Rows (Q, K) for a derivative in (u, v), from those for derivatives in (s, t) of some queries.
+
+    `rows` is asked for an order and which queries.
+    """
+    result: Array = np.zeros((0, 0))
+    for number, (orders, factors) in enumerate(turned(lattice, nu)):
+        for order in dict.fromkeys(o for o, f in zip(orders, factors, strict=True) if f):
+            chosen = np.array([o == order for o in orders]) & (factors != 0)
+            here = np.flatnonzero(chosen[orientation])
+            if not len(here) and len(orientation):
+                continue
+            found, factor = rows(order, here), factors[orientation[here], None]
+            if (factor != 1).any():
+                found = found * factor.astype(found.dtype)
+            if not result.size:
+                result = np.empty((len(orientation), found.shape[1]), found.dtype)
+            result[here] = result[here] + found if number else found
+    return result
+
+
+WeightsOf = Callable[[Array, Array, Order], Array]
+
+
+@lru_cache(maxsize=64)
+def regular_weights(spline: Spline, number: NumberType) -> WeightsOf:
+    """What gives weights (Q, K) of a regular piece from s, t (Q,) and the order of a derivative."""
+    return kernels.bicubic_weights if spline.cubic else partial(_piece_weights, spline, number)
+
+
+def _piece_weights(spline: Spline, number: NumberType, s: Array, t: Array, nu: Order) -> Array:
+    exponents, coefficients = _barycentric(spline, nu, number)
+    if not exponents:
+        return number.full((len(s), len(spline.template)), number.zero)
+    return np.asarray(kernels.barycentric_monomials(s, t, exponents) @ coefficients)
+
+
+@lru_cache(maxsize=256)
+def _barycentric(
+    spline: Spline, nu: Order, number: NumberType
+) -> tuple[Sequence[tuple[int, int, int]], Array]:
+    """The derivative of a regular piece in its barycentric coordinates: exponents, coefficients.
+
+    Of ``(1 - s - t)^i s^j t^k`` with i + j + k the degree: all coefficients (terms, K) of a box
+    spline are positive, nothing cancels, and those of its derivatives are as few as can be.
+    """
+    i, j, kept, _ = _powers(spline, nu)
+    if not len(kept):
+        return (), number.array([])
+    degree = max(map(sum, spline.exponents)) - sum(nu)
+    exponents = [(degree - b - c, b, c) for c in range(degree + 1) for b in range(degree + 1 - c)]
+    found = {powers: [Fraction(0)] * len(spline.template) for powers in exponents}
+    for b, c, k in zip(i.tolist(), j.tolist(), kept.tolist(), strict=True):
+        factor, rest = perm(b + nu[0], nu[0]) * perm(c + nu[1], nu[1]), degree - b - c
+        for x in range(rest + 1):  # times (1 - s - t + s + t)^rest
+            for y in range(rest + 1 - x):
+                row = found[rest - x - y, b + x, c + y]
+                times = factor * comb(rest, x) * comb(rest - x, y)
+                for n, weight in enumerate(spline.pieces[k]):
+                    row[n] += times * weight
+    flat = number.array([x for row in found.values() for x in row])
+    return exponents, flat.reshape(len(exponents), len(spline.template))
 
 
 def strip_weights(
-    strips: StripTables, which: Array, s: Array, t: Array, nu: tuple[int, int], up: Array
+    strips: StripTables, which: Array, s: Array, t: Array, nu: Order, up: Array
 ) -> Array:
     """Weights (Q, 16) of patches with a semi-sharp crease along t = 0, control point 4 j + i.
 

@@ -118,5 +118,5 @@ def _faces(surface: LimitSurface, face: ArrayLike | None) -> np.ndarray[Any, Any
     if face is None:
         return np.arange(n)
     request = Request.of(np.ravel(np.asarray(face)), 0.0, 0.0, False, 1)
-    request.check(n)
+    request.check(n, surface.topology.lattice)
     return request.face.astype(np.int64)

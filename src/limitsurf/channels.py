@@ -21,7 +21,8 @@ from limitsurf._kernels.rationals import Digits, integers
 from limitsurf.caching import cached_property
 from limitsurf.mesh import Mesh
 from limitsurf.rules import CORNER, SMOOTH, Rationals, Rules, Sharpness, _numbered
-from limitsurf.topology import MeshPart, child_mesh
+from limitsurf.scheme.lattice import Lattice
+from limitsurf.topology import MeshPart, child_mesh, child_vertices
 
 Array = NDArray[Any]
 
@@ -41,7 +42,7 @@ class ChannelMesh(Mesh):
     @cached_property
     def _sharpness(self) -> Sharpness:
         known, coarser = self._known
-        return known.children(self) if coarser else known
+        return known.children(self, self._rules.scheme.lattice) if coarser else known
 
     def __getstate__(self) -> dict[str, Any]:
         return {**super().__getstate__(), "_known": (self._sharpness, False)}
@@ -82,7 +83,7 @@ class ChannelMesh(Mesh):
     def refined(
         self, mesh: Mesh, values: Array, sharpness: Sharpness, coarser: bool, holes: Array
     ) -> ChannelMesh:
-        """The same channel on a refinement of the mesh, which has these holes.
+        """A channel on a refinement of the mesh, which has these holes.
 
         The sharpness may be that of the next `coarser` mesh.
         """
@@ -124,12 +125,12 @@ class ChannelSharpness(Sharpness):
         after[soft] = halves[there]
         return after, exact.take(there).spread(soft, len(edge))
 
-    def children(self, mesh: Mesh) -> ChannelSharpness:
+    def children(self, mesh: Mesh, lattice: Lattice) -> ChannelSharpness:
         """The sharpness of the refined mesh."""
         coarse = self.geometry.mesh
-        points = np.zeros(coarse.n_vertices + coarse.n_edges + coarse.n_faces)
-        geometry = self.geometry.children(child_mesh(coarse, points))
-        children = replace(super().children(mesh), geometry=geometry)
+        finer = child_mesh(coarse, np.zeros(child_vertices(coarse, lattice)), lattice)
+        geometry = self.geometry.children(finer, lattice)
+        children = replace(super().children(mesh, lattice), geometry=geometry)
         if self.linear:
             edges, vertices = np.full(mesh.n_edges, np.inf), np.full(mesh.n_vertices, np.inf)
             return replace(
@@ -234,7 +235,8 @@ def _sharpness(
         vertex=sharp,
         vertex_sharpness=vertices[sharp],
         vertex_tagged=np.zeros(len(sharp), dtype=bool),
-        chaikin=rules.creasing == "chaikin",
+        chaikin=geometry.chaikin,
+        far=geometry.far,
         number=numbers.FLOAT64,
         exact=(edges_exact, vertices_exact),
         geometry=geometry,

@@ -95,7 +95,7 @@ class Ring:
         return Ring(edges, around, step, self.exponent, self.shift, self.size)._scaled()
 
     def _scaled(self) -> Ring:
-        """The same in units in which the largest coordinate is in [1/2, 1); 0 stays."""
+        """A ring in units in which the largest coordinate is in [1/2, 1); 0 stays."""
         parts = self.edges, self.faces
         largest = np.max([np.abs(x).max(axis=(1, 2), initial=0) for x in parts], axis=0)
         shift = np.frexp(largest)[1].astype(np.int64)
@@ -434,7 +434,7 @@ class RingValues:
 
     def place(self, row: Array, s: Array, t: Array, turn: Array) -> Place:
         """Where queries of patches are."""
-        local = basis.CornerPlace.of(s, t, turn)
+        local = basis.CornerPlace.of(s, t, turn, self._masks.sector.lattice)
         corner, away = np.flatnonzero(local.level < 0), np.flatnonzero(local.level >= 0)
         local = local[away]
         # patches and levels, each once; there are fewer than 2**11 levels
@@ -462,7 +462,7 @@ class RingValues:
         start = self.limits(row)
         result = []
         for nu in orders:
-            turned, sign = basis.turned(nu)
+            ((turned, sign),) = basis.turned(self._masks.sector.lattice, nu)
             order = sum(nu)
             # positions relative to the limit of the corner
             found = np.zeros((len(row), self._high.shape[1]))
@@ -629,7 +629,7 @@ def weights(masks: RingMasks, position: Array, s: Array, t: Array, turn: Array, 
     edges, faces = (len(x) for x in masks.limit)
     rows = _Rows(np.zeros((len(position), edges)), np.zeros((len(position), faces)))
     outer = np.zeros((len(position), len(OUTER)))
-    order, local = sum(nu), basis.CornerPlace.of(s, t, turn)
+    order, local = sum(nu), basis.CornerPlace.of(s, t, turn, masks.sector.lattice)
     curve = on_curve(masks, position, s, t, nu) & (order > 0)
     level = np.where(curve, -1, local.level)
     away = level >= 0

@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import numbers, tables
+from limitsurf import checks, numbers, tables
 from limitsurf._kernels.rationals import Digits, Objects, counting, integers, rationals
 from limitsurf.caching import cached_property
 from limitsurf.mesh import Fans, Mesh
 from limitsurf.numbers import NumberType
-from limitsurf.topology import MeshPart
+from limitsurf.topology import MeshPart, child_halves
 
 if TYPE_CHECKING:
+    from limitsurf.scheme.lattice import Lattice
     from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
@@ -65,11 +66,7 @@ class Rules:
             chosen[option] = value
         named = scheme if scheme is not None else mesh.scheme
         rules = cls(tables.find_scheme("catmull-clark" if named is None else named), **chosen)
-        if not rules.scheme.lattice.face_points:
-            raise ValueError(
-                f"scheme {rules.scheme.name!r} is of {rules.scheme.lattice.name}, which have "
-                "eigenbases alone so far: refinement and surfaces need a scheme of quads"
-            )
+        _check_faces(mesh, rules.scheme)
         if rules.triangles == "smooth" and rules.scheme.smooth_triangle is None:
             raise ValueError(f'scheme {rules.scheme.name!r} has no triangle rule "smooth"')
         return rules
@@ -91,6 +88,19 @@ class Rules:
         if self.boundary == "none":
             result[mesh.corner_face[self.loose_vertices(mesh)[mesh.indices]]] = True
         return result
+
+
+def _check_faces(mesh: Mesh, scheme: Scheme) -> None:
+    """Refuse faces for which a scheme has no rule: others than regular ones get no face points."""
+    size, name = scheme.lattice.face_size, scheme.lattice.name
+    if scheme.lattice.face_points:
+        return
+
+    def wrong(face: int) -> tuple[Any, ...]:
+        corners = f"scheme {scheme.name!r} is of {name}: face {face} has {mesh.sizes[face]} corners"
+        return f"{corners}, need {size}; cut it into {name}, or take another scheme", ("face", face)
+
+    checks.check(mesh.sizes != size, wrong)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +125,8 @@ class Sharpness:
         Ascending.
     vertex_sharpness, vertex_tagged : (M,)
     chaikin : bool
+    far : bool
+        Whether the point of an edge depends on all that is sharp at both of its ends.
     number : NumberType
         Of the masks.
     exact : (rationals, rationals) or None
@@ -131,6 +143,7 @@ class Sharpness:
     vertex_sharpness: Array
     vertex_tagged: Array
     chaikin: bool
+    far: bool
     number: NumberType
     exact: tuple[Rationals, Rationals] | None
 
@@ -181,6 +194,7 @@ class Sharpness:
             vertex_sharpness,
             vertex_tagged,
             rules.creasing == "chaikin",
+            rules.creasing == "chaikin" or callable(rules.scheme.edge),
             number,
             None if edge_exact is None or vertex_exact is None else (edge_exact, vertex_exact),
         )
@@ -481,7 +495,7 @@ class Sharpness:
         """
         return self._pairs.ravel(), self._pairs[::-1].ravel()
 
-    def children(self, mesh: Mesh) -> Self:
+    def children(self, mesh: Mesh, lattice: Lattice) -> Self:
         """The sharpness of the refined mesh."""
         coarse = self.mesh
         edge, _, _, after = self._ends
@@ -494,8 +508,7 @@ class Sharpness:
         kept[halves] = np.arange(len(halves))
         turned = coarse.indices[self.sides] != coarse.indices[self.first[self.edge]]
         half = np.concatenate([2 * self.edge + turned, 2 * self.edge + ~turned])
-        # child h goes from corner to midpoint, to face point, to midpoint before, to corner
-        sides = np.concatenate([4 * self.sides, 4 * coarse._after(self.sides) + 3])
+        sides = np.concatenate(child_halves(coarse, self.sides, lattice))
         sharp = np.flatnonzero(kept[half] >= 0)
         later, exact = self._later[0], None
         stay = np.flatnonzero(later > 0)
@@ -517,11 +530,11 @@ class Sharpness:
     def neighbours(self, corners: Array) -> Array:
         """All corners whose sharpness matters for points at some, (n_corners,) bool.
 
-        Those at the same vertices; and, under "chaikin", at the vertices of all their faces, since
-        both halves of an edge decide its point.
+        Those at the same vertices; and at the vertices of all their faces where both ends of an
+        edge decide its point: by its halves under "chaikin", or by masks that depend on them.
         """
         mesh = self.mesh
-        for step in range(1 + self.chaikin):
+        for step in range(1 + self.far):
             if step:
                 corners = np.logical_or.reduceat(corners, mesh.offsets[:-1])[mesh.corner_face]
             touched = np.zeros(mesh.n_vertices, dtype=bool)
@@ -591,8 +604,8 @@ def _found(members: Array, wanted: Array) -> tuple[Array, Array]:
 # by rule of the vertex, where its fan is not closed
 _KINDS = np.array([tables.KINDS.index(name) for name in ("interior", "dart", "crease", "corner")])
 
-# the number of faces of regular fans by kind, 0 for kinds that never are
-_REGULAR = np.array([{"interior": 4, "crease": 2, "corner": 1}.get(k, 0) for k in tables.KINDS])
+# which part of the faces around a regular vertex regular fans are, 0 for kinds that never are
+_REGULAR = np.array([{"interior": 1, "crease": 2, "corner": 4}.get(k, 0) for k in tables.KINDS])
 
 
 @dataclass(frozen=True, eq=False)
@@ -609,6 +622,7 @@ class Sectors:
     kind : (n_fans,) int
         Index into `tables.KINDS`; `PENDING` while something semi-sharp is at the vertex.
     sharpness : Sharpness
+    lattice : Lattice
     """
 
     mesh: Mesh
@@ -616,9 +630,10 @@ class Sectors:
     fans: Fans
     kind: Array
     sharpness: Sharpness
+    lattice: Lattice
 
     @classmethod
-    def of(cls, sharpness: Sharpness) -> Sectors:
+    def of(cls, sharpness: Sharpness, lattice: Lattice) -> Sectors:
         """Part the faces at each vertex."""
         mesh = sharpness.mesh
         infinite = tables.is_infinite(sharpness.edge_sharpness)
@@ -644,21 +659,27 @@ class Sectors:
             loop = mesh.corner_edge[first] == mesh.corner_edge[mesh.previous_corner[last]]
             kind[crease[loop]] = tables.KINDS.index("flap")
         kind[sharpness.unsettled[fans.vertex]] = PENDING
-        return cls(mesh, twin, fans, kind, sharpness)
+        return cls(mesh, twin, fans, kind, sharpness, lattice)
 
     @property
     def shared(self) -> Array:
         """Whether the patches at a sector share its ring (`tables.is_shared`), (n_fans,) bool."""
-        carried = np.array([tables.Sector(name, 2).carried for name in tables.KINDS])
-        return np.asarray((self.fans.sizes > tables.MOST_FACES) & ~carried[self.kind])
+        most = tables.MOST_FACES
+        shared = [
+            tables.is_shared(tables.Sector(name, most + 1, lattice=self.lattice))
+            for name in tables.KINDS
+        ]
+        return np.asarray((self.fans.sizes > most) & np.array(shared)[self.kind])
 
     @cached_property
     def regular(self) -> Array:
-        """Fans around which the surface is a bicubic spline, reflected at sharp edges: (n_fans,).
+        """Fans around which the surface is the spline, reflected at sharp edges: (n_fans,) bool.
 
-        Four smooth faces, two along a crease, or one in a corner.
+        As many smooth faces as are around a regular vertex, half of them along a crease, or a
+        quarter, if there is one, in a corner.
         """
-        return np.asarray((self.kind >= 0) & (self.fans.sizes == _REGULAR[self.kind]))
+        whole = self.fans.sizes * _REGULAR[self.kind]
+        return np.asarray((self.kind >= 0) & (whole == self.lattice.valence))
 
     def groups(self, fans: Array) -> Iterator[tuple[str, int, Array]]:
         """The given fans by kind and number of faces: kind, number, fans."""
@@ -680,10 +701,13 @@ class Sectors:
         mesh = self.mesh
         turns = (np.asarray(start)[..., None] + np.arange(faces)) % faces
         h = self.fans.corners[self.fans.offsets[fans][:, None] + turns]
-        after = mesh.next_corner[h]
-        pairs = np.stack([mesh.indices[after], mesh.indices[mesh.next_corner[after]]], axis=-1)
-        parts = [self.fans.vertex[fans][:, None], pairs.reshape(len(fans), 2 * faces)]
-        sector = tables.Sector(kind, faces)
+        beside, after = [], h
+        for _ in self.lattice.orbits:
+            after = mesh.next_corner[after]
+            beside.append(mesh.indices[after])
+        around = np.stack(beside, axis=-1).reshape(len(fans), len(beside) * faces)
+        parts = [self.fans.vertex[fans][:, None], around]
+        sector = tables.Sector(kind, faces, lattice=self.lattice)
         if sector.open:
             parts.append(mesh.indices[mesh.previous_corner[h[:, -1:]]])
         if sector.carried:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +14,8 @@ from limitsurf.checks import checked_integer
 from limitsurf.engine.choice import Answers, Choice, chosen
 from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.topology import Topology
-from limitsurf.mesh import Mesh
+from limitsurf.mesh import Boundary, Creasing, Mesh, Triangles
+from limitsurf.numbers import Exact, Numbers, Plain
 from limitsurf.patches import PatchTable
 from limitsurf.refine import ExactOperator, refined, sparse_operator
 from limitsurf.rules import Rules
@@ -29,10 +28,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 Floats: TypeAlias = NDArray[np.float64]
-Exact: TypeAlias = Fraction | Sequence[Fraction]
-Numbers: TypeAlias = ArrayLike | Exact
+Fractions: TypeAlias = NDArray[np.object_]
 
 _MOST = 10_000  # derivatives in a jet
+_ZERO = 5  # order of derivatives that are 0 in all pieces
 _POSITION: tuple[Order] = ((0, 0),)
 
 
@@ -47,12 +46,12 @@ class Curvature(NamedTuple):
     ('k1', 'k2', 'd1', 'd2', 'mean', 'gaussian')
     """
 
-    k1: Any
-    k2: Any
-    d1: Any
-    d2: Any
-    mean: Any
-    gaussian: Any
+    k1: Floats
+    k2: Floats
+    d1: Floats
+    d2: Floats
+    mean: Floats
+    gaussian: Floats
 
 
 class LimitSurface:
@@ -97,6 +96,8 @@ class LimitSurface:
     **Parameters.** On a quad, corner 0 is at (u, v) = (0, 0), corner 1 at (1, 0), corner 2 at
     (1, 1), corner 3 at (0, 1). Limit face k of an n-gon has its corner k at (0, 0), the midpoints
     of the edges to the next and to the previous corner at (1, 0) and (0, 1), its centre at (1, 1).
+    In schemes of triangles each is one limit face, with its corners at (0, 0), (1, 0) and (0, 1):
+    there u, v >= 0 and u + v <= 1, where up to 8.9e-16 more counts as rounding.
 
     **Derivatives** are with respect to (u, v) of the limit face; beyond float64's range they are
     +-inf. At a vertex itself they are 0 where they vanish towards it and NaN where they have no
@@ -156,7 +157,8 @@ class LimitSurface:
     arrays, evaluated lazily; the surface goes to each process once (extra ``dask``).
 
     **Numbers.** float64 points, u and v give float64. If any of them is an object array or a
-    Fraction, ints and floats count as the rationals they are, and the result is exact.
+    Fraction, ints and floats count as the rationals they are, and the result is exact. It is a
+    TypeError where the scheme's masks are irrational, as they can be in schemes of triangles.
 
     After Stam, "Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter
     values", SIGGRAPH 1998; sharpness after DeRose, Kass and Truong, SIGGRAPH 1998. A face is cut,
@@ -181,10 +183,11 @@ class LimitSurface:
     def __init__(
         self,
         mesh: Mesh,
+        *,
         scheme: str | Scheme | None = None,
-        boundary: Literal["edge_and_corner", "edge_only", "none"] | None = None,
-        creasing: Literal["uniform", "chaikin"] | None = None,
-        triangles: Literal["catmull-clark", "smooth"] | None = None,
+        boundary: Boundary | None = None,
+        creasing: Creasing | None = None,
+        triangles: Triangles | None = None,
         engine: Choice | None = None,
     ) -> None:
         if not isinstance(mesh, Mesh):
@@ -202,7 +205,7 @@ class LimitSurface:
         self._answers = Answers(topology, mesh, choice)
         self._exact = numbers.type_of(mesh.points).exact
 
-    def with_points(self, points: ArrayLike) -> LimitSurface:
+    def with_points(self, points: Numbers) -> LimitSurface:
         """The surface of the same cage with other points, (n_vertices, ...); nothing is rebuilt.
 
         Examples
@@ -295,25 +298,31 @@ class LimitSurface:
     # ------------------------------------------------------------------ public evaluation
 
     @overload
-    def evaluate(
-        self, face: ArrayLike, u: Exact, v: Numbers, nu: Order = ..., channel: str | None = ...,
-        workers: int = ...,
-    ) -> NDArray[np.object_]: ...  # fmt: skip
-    @overload
-    def evaluate(
-        self, face: ArrayLike, u: Numbers, v: Exact, nu: Order = ..., channel: str | None = ...,
-        workers: int = ...,
-    ) -> NDArray[np.object_]: ...  # fmt: skip
-    @overload
-    def evaluate(
-        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, nu: Order = ...,
+    def evaluate(  # type: ignore[overload-overlap]  # an empty list is of either: floats
+        self, face: ArrayLike, u: Plain, v: Plain, *, nu: Order = ...,
         channel: str | None = ..., workers: int = ...,
     ) -> Floats: ...  # fmt: skip
+    @overload
+    def evaluate(
+        self, face: ArrayLike, u: Exact, v: Numbers, *, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> Fractions: ...  # fmt: skip
+    @overload
+    def evaluate(
+        self, face: ArrayLike, u: Numbers, v: Exact, *, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> Fractions: ...  # fmt: skip
+    @overload
+    def evaluate(
+        self, face: ArrayLike, u: Numbers, v: Numbers, *, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> Array: ...  # fmt: skip
     def evaluate(
         self,
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         nu: Order = _POSITION[0],
         channel: str | None = None,
         workers: int = 1,
@@ -325,7 +334,7 @@ class LimitSurface:
         face : array_like of int
             Limit faces, 0 to ``len(limit_faces) - 1``.
         u, v : array_like
-            Parameters in [0, 1].
+            Parameters in [0, 1]; in triangles u + v <= 1, where up to 8.9e-16 beyond is rounding.
         nu : (int, int)
             Order of the derivative in u and in v.
         channel : str, optional
@@ -339,16 +348,19 @@ class LimitSurface:
         -------
         ndarray
             Shape ``broadcast(face, u, v).shape + points.shape[1:]``; with `channel`, of its values
-            instead of the points. See the class for the scaling of derivatives, and for NaN and
-            infinity.
+            instead of the points. float64, or Fractions if u, v or the points are exact, which of
+            points a type checker cannot know. See the class for the scaling of derivatives, and
+            for NaN and infinity.
 
         Raises
         ------
         IndexError
             For a face out of range.
         ValueError
-            For finite u or v outside [0, 1], an order that is not two integers >= 0, or a channel
-            that the mesh does not have.
+            For finite u or v outside the limit face, an order that is not two integers >= 0, or a
+            channel that the mesh does not have.
+        TypeError
+            For exact numbers where the scheme's masks are irrational.
 
         Examples
         --------
@@ -368,20 +380,42 @@ class LimitSurface:
         (found,) = surface._answers.engine(request, orders).derivatives(request, orders)
         return found.reshape(request.face.shape + surface._mesh.points.shape[1:])[()]
 
+    @overload
+    def jet(  # type: ignore[overload-overlap]
+        self, face: ArrayLike, u: Plain, v: Plain, *, order: int = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> dict[Order, Floats]: ...  # fmt: skip
+    @overload
+    def jet(
+        self, face: ArrayLike, u: Exact, v: Numbers, *, order: int = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> dict[Order, Fractions]: ...  # fmt: skip
+    @overload
+    def jet(
+        self, face: ArrayLike, u: Numbers, v: Exact, *, order: int = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> dict[Order, Fractions]: ...  # fmt: skip
+    @overload
+    def jet(
+        self, face: ArrayLike, u: Numbers, v: Numbers, *, order: int = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> dict[Order, Array]: ...  # fmt: skip
     def jet(
         self,
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         order: int = 2,
         channel: str | None = None,
         workers: int = 1,
-    ) -> dict[Order, Floats]:
+    ) -> Any:
         """All derivatives up to a total order in one pass, as {(i, j): array}.
 
         Arguments, shapes and errors are those of `evaluate`; (0, 0) is the position. Derivatives
-        beyond the third in u or in v are 0 where there are any, so that no more than order 6 says
-        anything; orders above 139, of more than 10,000 derivatives, are refused.
+        beyond the third in u or in v, in triangles beyond the fourth order, are 0 where there are
+        any, so that no more than order 6 says anything; orders above 139, of more than 10,000
+        derivatives, are refused.
 
         Examples
         --------
@@ -400,8 +434,7 @@ class LimitSurface:
             )
         if lazy.is_lazy(face, u, v):
             options = {"order": order, "channel": channel, "workers": workers}
-            lazily: dict[Order, Any] = lazy.mapped(self, "jet", face, u, v, **options)
-            return lazily
+            return lazy.mapped(self, "jet", face, u, v, **options)
         surface = self.of_channel(channel)
         orders = [(m - j, j) for m in range(order + 1) for j in range(m + 1)]
         within = [_order(nu) for nu in orders]
@@ -415,14 +448,16 @@ class LimitSurface:
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         channel: str | None = None,
         workers: int = 1,
     ) -> tuple[Floats, Floats]:
         """Unit directions of d/du and d/dv, along the last axis of the points.
 
         At a special vertex they are the limits along the face's own two edges, also where there is
-        no limit normal; on a sharp edge those of its curve. At a boundary or crease vertex of one
-        face they are opposite. NaN where a derivative vanishes otherwise, up to rounding
+        no limit normal; in triangles, of what is along the third edge, that on the line between
+        these two. On a sharp edge they are those of its curve. At a boundary or crease vertex of
+        one face they are opposite. NaN where a derivative vanishes otherwise, up to rounding
         (degenerate points), and at smooth vertices of valence 2, where in general they oscillate.
 
         Arguments, shapes and errors are those of `evaluate`; `workers` change nothing, for there
@@ -463,6 +498,7 @@ class LimitSurface:
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         workers: int = 1,
         channel: str | None = None,
     ) -> Floats:
@@ -512,6 +548,7 @@ class LimitSurface:
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         workers: int = 1,
         channel: str | None = None,
     ) -> Curvature:
@@ -567,24 +604,30 @@ class LimitSurface:
 
     @overload
     def weights(
-        self, face: ArrayLike, u: Exact, v: Numbers, nu: Order = ..., workers: int = ...,
-        channel: str | None = ...,
-    ) -> ExactOperator: ...  # fmt: skip
-    @overload
-    def weights(
-        self, face: ArrayLike, u: Numbers, v: Exact, nu: Order = ..., workers: int = ...,
-        channel: str | None = ...,
-    ) -> ExactOperator: ...  # fmt: skip
-    @overload
-    def weights(
-        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, nu: Order = ..., workers: int = ...,
-        channel: str | None = ...,
+        self, face: ArrayLike, u: Plain, v: Plain, *, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
     ) -> csr_array[Any]: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Exact, v: Numbers, *, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> ExactOperator: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Numbers, v: Exact, *, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> ExactOperator: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Numbers, v: Numbers, *, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> csr_array[Any] | ExactOperator: ...  # fmt: skip
     def weights(
         self,
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         nu: Order = (0, 0),
         workers: int = 1,
         channel: str | None = None,
@@ -641,7 +684,7 @@ class LimitSurface:
         """A request whose answers need square roots, and who gives these."""
         request = Request.of(face, u, v, self._exact, workers)
         if request.exact:
-            request.check(len(self.limit_faces))
+            request.check(len(self.limit_faces), self._topology.lattice)
             raise TypeError(
                 f"{what} needs square roots, which exact numbers do not have: give float64 ones, "
                 "with points of float64"
@@ -684,11 +727,11 @@ def precompile() -> None:
 
 
 def _order(nu: Any) -> Order:
-    """Two non-negative integers; those beyond the third are alike, for pieces are bicubic."""
+    """Two non-negative integers; those beyond the degree of all pieces are alike."""
     order = tuple(nu) if isinstance(nu, (tuple, list, np.ndarray)) else ()
     if len(order) == 2:
         i, j = order
         whole = isinstance(i, (int, np.integer)) and isinstance(j, (int, np.integer))
         if whole and i >= 0 and j >= 0 and type(i) is not bool and type(j) is not bool:
-            return min(int(i), 4), min(int(j), 4)
+            return min(int(i), _ZERO), min(int(j), _ZERO)
     raise ValueError(f"nu must be two integers >= 0, got {nu!r}")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import weakref
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import _kernels
-from limitsurf.mesh import Mesh, read_only
+from limitsurf.mesh import IntArray, Mesh, read_only
 from limitsurf.scheme.lattice import Lattice
 
 Array = NDArray[Any]
@@ -23,29 +24,38 @@ class ChildConnectivity(dict[str, Any]):
     ----------
     mesh : Mesh
         The coarse mesh; its points do not matter.
+    lattice : Lattice
     """
 
-    def __init__(self, mesh: Mesh) -> None:
+    def __init__(self, mesh: Mesh, lattice: Lattice) -> None:
         super().__init__(
             _repeats=False, _large=mesh._large or _kernels.compiled(4 * mesh.n_corners)
         )
-        self.mesh = without_points(mesh)
-        self.sizes = read_only(np.full(mesh.n_corners, 4))
-        self.indices = read_only(child_faces(mesh).ravel())
+        self.mesh, self.lattice = without_points(mesh), lattice
+        self.indices = read_only(child_faces(mesh, lattice).ravel())
+        self.sizes = read_only(np.full(len(self.indices) // lattice.face_size, lattice.face_size))
 
     def __missing__(self, name: str) -> Any:
-        mesh = self.mesh
+        mesh, lattice = self.mesh, self.lattice
+        centres = lattice.face_points
         if name == "twin":
-            found: Any = child_twins(mesh)
-        elif name == "_steps":
+            found: Any = child_twins(mesh, lattice)
+        elif name == "_steps" and lattice.face_size == 4:
             found = 4, np.zeros(0, np.int64), np.zeros(0, np.int64)
         elif name in ("vertex_faces", "_valences"):
             sides = np.bincount(mesh.corner_edge, minlength=mesh.n_edges)
             if name == "_valences":
                 sides = np.where(mesh.edge_corners[:, 1] >= 0, 2, np.where(sides == 1, -1, 0))
-            found = np.concatenate([getattr(mesh, name), 2 * sides, mesh.sizes])
-        elif name == "_edge_table" and mesh._compiled:
-            found = _child_edges(mesh)
+            parts = [getattr(mesh, name), lattice.valence // 2 * sides, mesh.sizes]
+            found = np.concatenate(parts[: 2 + centres])
+        elif name == "_edge_table" and (mesh._compiled or not centres):
+            if centres:
+                found = _child_edges(mesh)
+            else:
+                found = _edges_without_centres(mesh, lattice, self["twin"])
+        elif name == "_parallel" and not centres:
+            edges = self["_edge_table"][0]
+            found = bool((edges[1:] == edges[:-1]).all(axis=1).any())
         else:
             raise KeyError(name)
         self[name] = found = read_only(found)
@@ -79,10 +89,50 @@ def _child_edges(mesh: Mesh) -> tuple[Array, Array, Array]:
     return edges, corner_edge, sides
 
 
+def _edges_without_centres(mesh: Mesh, lattice: Lattice, twin: Array) -> tuple[Array, Array, Array]:
+    """The same where a face is cut along lines between the points of its edges.
+
+    First come the two halves of each edge, then the cuts. Faces that have two edges in common have
+    cuts between the same points, each its own: they are in the order of the faces. The twins are
+    those of the refined mesh.
+    """
+    split = _Split.of(lattice)
+    V, E, size = mesh.n_vertices, mesh.n_edges, lattice.face_size
+    corner_edge = np.empty(len(twin), np.int64)
+    # halves by vertex, then edge, then end
+    order = np.argsort(mesh.edges.ravel(), kind="stable")
+    number = np.empty(2 * E, np.int64)
+    number[order] = np.arange(2 * E)
+    tail_first = mesh.edges[mesh.corner_edge, 0] == mesh.indices
+    for half, end in zip(child_halves(mesh, None, lattice), (0, 1), strict=True):
+        corner_edge[half] = number[2 * mesh.corner_edge + (tail_first == end)]
+    # cuts by the edges at their ends, then face
+    around = mesh.corner_edge.reshape(-1, size)
+    ends = np.sort(around[:, split.cuts], axis=2).reshape(-1, 2)
+    by_ends = np.argsort(ends[:, 0] * E + ends[:, 1], kind="stable")
+    number = np.empty(len(ends), np.int64)
+    number[by_ends] = np.arange(2 * E, 2 * E + len(ends))
+    inner = split.stride * np.arange(mesh.n_faces)[:, None, None] + split.inner
+    corner_edge[inner] = number.reshape(-1, len(split.cuts), 1)
+    edges = np.concatenate(
+        [np.stack([mesh.edges.ravel()[order], V + order // 2], axis=1), V + ends[by_ends]]
+    )
+    # the last to be written stays
+    first = np.empty(len(edges), np.int64)
+    first[corner_edge[::-1]] = np.arange(len(corner_edge))[::-1]
+    return edges, corner_edge, np.stack([first, twin[first]], axis=1)
+
+
 def without_points(mesh: Mesh) -> Mesh:
     """The faces of a mesh alone, which keep no points alive."""
     nowhere = np.broadcast_to(0.0, mesh.n_vertices)
     return Mesh._from_valid(nowhere, mesh.sizes, mesh.indices, mesh._connectivity)
+
+
+def vertex_numbers(mesh: Mesh) -> Array:
+    """What the vertices are called in messages: of a part, as in the whole."""
+    named = mesh.points.dtype == np.int64  # the points of a cage are no integers
+    return mesh.points if named else np.arange(mesh.n_vertices)
 
 
 def quad_offsets(mesh: Mesh) -> Array:
@@ -90,24 +140,135 @@ def quad_offsets(mesh: Mesh) -> Array:
     return mesh._steps[1] if mesh._steps[0] == 4 else mesh.offsets
 
 
-def child_faces(mesh: Mesh) -> Array:
-    """Quads of the refined mesh by corner of `mesh`, (n_corners, 4); see `refined`."""
+@dataclass(frozen=True, eq=False)
+class _Split:
+    """How a regular face is cut into its children where it gets no point of its own.
+
+    Half-edges of the children are counted through, child by child.
+
+    Attributes
+    ----------
+    corners : (children, face_size) int
+        What stands at the corners of the children: the corners of the face, then the points of its
+        edges. The children at the corners of the face begin there.
+    halves : (2, face_size) int
+        The first and the second half of each half-edge of the face.
+    inner : (cuts, 2) int
+        The half-edges on both sides of each cut.
+    cuts : (cuts, 2) int
+        The edges that it joins.
+    stride : int
+        Number of half-edges.
+    """
+
+    corners: Array
+    halves: Array
+    inner: Array
+    cuts: Array
+    stride: int
+
+    @classmethod
+    @lru_cache(maxsize=16)
+    def of(cls, lattice: Lattice) -> _Split:
+        """That of a lattice."""
+        n = lattice.face_size
+        corners = [(1 + i, 1 + j) for i, j in lattice.corners]
+        elements = [{corner} for corner in corners]
+        elements += [{corners[k], corners[(k + 1) % n]} for k in range(n)]
+        children = []
+        for k, child in enumerate(lattice.children):
+            places = [set(lattice.parents(child.place(corner))) for corner in corners]
+            begin = k if k < n else 0
+            children.append([elements.index(places[(begin + j) % n]) for j in range(n)])
+        at = {
+            (child[j], child[(j + 1) % n]): n * k + j
+            for k, child in enumerate(children)
+            for j in range(n)
+        }
+        cuts = [(a, b) for a, b in at if n <= a < b]
+        halves = [[at[k, n + k] for k in range(n)], [at[n + k, (k + 1) % n] for k in range(n)]]
+        inner = [(at[a, b], at[b, a]) for a, b in cuts]
+        joined = np.array(cuts) - n
+        return cls(np.array(children), np.array(halves), np.array(inner), joined, len(at))
+
+
+def all_regular(mesh: Mesh, lattice: Lattice) -> bool:
+    """Whether all faces have as many corners as those of the lattice, which may have to."""
+    return not lattice.face_points or mesh._steps[0] == lattice.face_size
+
+
+def child_faces(mesh: Mesh, lattice: Lattice) -> Array:
+    """Faces of the refined mesh, (n, face_size); see `refined`."""
     V, E = mesh.n_vertices, mesh.n_edges
-    if mesh._compiled:
+    if mesh._compiled and lattice.face_points:
         from limitsurf._kernels import refinement
 
         result = np.empty((mesh.n_corners, 4), np.int64)
         known = mesh.indices, quad_offsets(mesh), mesh.corner_edge, V, E
         refinement.child_faces(*known, result.ravel())
         return result
-    edge = V + mesh.corner_edge
-    return np.stack(
-        [mesh.indices, edge, V + E + mesh.corner_face, edge[mesh.previous_corner]], axis=1
-    )
+    return at_children(mesh, mesh.indices, V + mesh.corner_edge, V + E + mesh.corner_face, lattice)
 
 
-def child_twins(mesh: Mesh) -> Array:
-    """The twins of the refined mesh, without sorting edges, (4 n_corners,)."""
+def at_children(mesh: Mesh, corners: Array, edges: Array, faces: Array, lattice: Lattice) -> Array:
+    """What is at the corners of the children, (n, face_size, ...).
+
+    By corner of the mesh: from what is there, at the point of the edge that begins there, and at
+    that of the face, if it has one; (n_corners, ...) each.
+    """
+    if lattice.face_points:
+        return np.stack([corners, edges, faces, edges[mesh.previous_corner]], axis=1)
+    shape = -1, lattice.face_size, *corners.shape[1:]
+    around = np.concatenate([corners.reshape(shape), edges.reshape(shape)], axis=1)
+    return np.asarray(around[:, _Split.of(lattice).corners].reshape(shape))
+
+
+def child_vertices(mesh: Mesh, lattice: Lattice) -> int:
+    """Number of vertices of the refined mesh."""
+    return mesh.n_vertices + mesh.n_edges + mesh.n_faces * lattice.face_points
+
+
+def children_of(mesh: Mesh, faces: Array, lattice: Lattice) -> Array:
+    """The children of some faces, in turn."""
+    if not lattice.face_points:
+        count = len(lattice.children)
+        return np.asarray((count * faces[:, None] + np.arange(count)).ravel())
+    if not len(faces):
+        return faces
+    sizes = mesh.sizes[faces]
+    place = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return np.asarray(np.repeat(mesh.offsets[faces], sizes) + place)
+
+
+def child_halves(mesh: Mesh, corners: Array | None, lattice: Lattice) -> tuple[Array, Array]:
+    """The first and the second halves of some half-edges, or of all, in the refined mesh.
+
+    The first half of half-edge h is also the corner that the children have where h has its own.
+    """
+    if corners is None:
+        corners = np.arange(mesh.n_corners)
+    if lattice.face_points:
+        # child h goes from corner to midpoint, to face point, to midpoint before, to corner
+        return 4 * corners, 4 * mesh._after(corners) + 3
+    split = _Split.of(lattice)
+    face, k = np.divmod(corners, lattice.face_size)
+    first, second = split.stride * face + split.halves[:, k]
+    return first, second
+
+
+def child_twins(mesh: Mesh, lattice: Lattice) -> Array:
+    """The twins of the refined mesh, without sorting edges."""
+    if not lattice.face_points:
+        split, twin = _Split.of(lattice), mesh.twin
+        first, second = child_halves(mesh, None, lattice)
+        twins = np.empty((mesh.n_faces, split.stride), np.int64)
+        begin = split.stride * np.arange(mesh.n_faces)[:, None]
+        for one, other in (split.inner.T, split.inner[:, ::-1].T):
+            twins[:, one] = begin + other
+        result = twins.ravel()
+        result[first] = np.where(twin < 0, -1, second[twin])
+        result[second] = np.where(twin < 0, -1, first[twin])
+        return result
     if mesh._compiled:
         from limitsurf._kernels import refinement
 
@@ -117,31 +278,36 @@ def child_twins(mesh: Mesh) -> Array:
     after, before, twin = mesh.next_corner, mesh.previous_corner, mesh.twin
     entering = twin[before]  # across the edge that ends at the corner
     # half-edges of child h: corner to midpoint, to face point, to midpoint before, to corner
-    twins = [
+    found = [
         np.where(twin < 0, -1, 4 * after[twin] + 3),
         4 * after + 2,
         4 * before + 1,
         np.where(entering < 0, -1, 4 * entering),
     ]
-    return np.stack(twins, axis=1).ravel()
+    return np.stack(found, axis=1).ravel()
 
 
-def child_mesh(mesh: Mesh, points: Array, lattice: Lattice | None = None) -> Mesh:
+def child_mesh(mesh: Mesh, points: Array, lattice: Lattice) -> Mesh:
     """The refined mesh on given points; while one is alive, others share its connectivity."""
     if mesh._repeats:
         # no corner of a child is repeated, but the halves of an edge from a vertex to itself are
         # alike, and twins may be missing, then and ever after, that would be found in the child
-        loop = mesh.indices == mesh.indices[mesh.next_corner]
-        separate = np.zeros((mesh.n_corners, 4), dtype=bool)
-        separate[:, 0], separate[:, 3] = loop, loop[mesh.previous_corner]
-        known = {"twin": child_twins(mesh), "separate": separate.ravel(), "_repeats": True}
-        known = read_only(known)
-        sizes = np.full(mesh.n_corners, 4)
-        return Mesh._from_valid(points, sizes, child_faces(mesh).ravel(), known)
-    children = mesh._connectivity.get("children", lambda: None)()
+        loops = np.flatnonzero(mesh.indices == mesh.indices[mesh.next_corner])
+        faces, twin = child_faces(mesh, lattice), child_twins(mesh, lattice)
+        separate = np.zeros(faces.size, dtype=bool)
+        for half in child_halves(mesh, loops, lattice):
+            separate[half] = True
+        known: dict[str, Any] = {"twin": twin, "separate": separate, "_repeats": True}
+        if not lattice.face_points:
+            known["_parallel"] = True
+            known["_edge_table"] = _edges_without_centres(mesh, lattice, twin)
+        sizes = np.full(len(faces), lattice.face_size)
+        return Mesh._from_valid(points, sizes, faces.ravel(), read_only(known))
+    name = f"children as {lattice.name}"
+    children = mesh._connectivity.get(name, lambda: None)()
     if children is None:
-        children = ChildConnectivity(mesh)
-        mesh._connectivity["children"] = weakref.ref(children)
+        children = ChildConnectivity(mesh, lattice)
+        mesh._connectivity[name] = weakref.ref(children)
     return Mesh._from_valid(points, children.sizes, children.indices, children)
 
 
@@ -152,7 +318,7 @@ class MeshPart:
     Attributes
     ----------
     mesh : Mesh
-        Its points are `vertices`.
+        Its points are the `vertex_numbers` of its vertices.
     wanted : (n_corners of the whole,) bool
         The corners whose faces they are.
     faces, corners, vertices : int arrays, ascending
@@ -187,45 +353,70 @@ class MeshPart:
             indices = number[indices]
         if mesh._repeats:
             known["separate"] = mesh.separate[corners]
+        if mesh._parallel:
+            known |= _part_edges(mesh, corners, indices)
         if mesh._of_quads:
             known["_steps"] = mesh._steps
-        part = Mesh._from_valid(vertices, mesh.sizes[faces], indices, known)
+        part = Mesh._from_valid(vertex_numbers(mesh)[vertices], mesh.sizes[faces], indices, known)
         return cls(part, wanted, faces, corners, vertices)
 
 
-def first_limit_face(mesh: Mesh, lattice: Lattice | None = None) -> Array:
+def _part_edges(mesh: Mesh, corners: Array, indices: Array) -> dict[str, Any]:
+    """What a part of a mesh with parallel edges has to know, from some corners and their vertices.
+
+    It cannot be told from the faces.
+    """
+    number = np.full(mesh.n_corners + 1, -1)  # the last is for none
+    number[corners] = np.arange(len(corners))
+    twin = number[mesh.twin[corners]]
+    _, corner_edge = np.unique(mesh.corner_edge[corners], return_inverse=True)
+    first = np.empty(corner_edge.max() + 1, np.int64)
+    first[corner_edge[::-1]] = np.arange(len(corners))[::-1]
+    last = np.full(mesh.n_corners, -1)
+    last[corners] = indices
+    heads = last[mesh.next_corner[corners]]
+    edges = np.sort(np.stack([indices, heads], axis=1)[first], axis=1)
+    table = edges, corner_edge, np.stack([first, twin[first]], axis=1)
+    return {"twin": twin, "_parallel": True, "_edge_table": table}
+
+
+def first_limit_face(mesh: Mesh, lattice: Lattice) -> IntArray:
     """First limit face of each face and, last, their number, (n_faces + 1,)."""
-    if mesh._steps[0] == 4:
+    if all_regular(mesh, lattice):
         return np.arange(mesh.n_faces + 1)
-    return np.concatenate([[0], np.cumsum(np.where(mesh.sizes == 4, 1, mesh.sizes))])
+    counts = np.where(mesh.sizes == lattice.face_size, 1, mesh.sizes)
+    return np.concatenate([[0], np.cumsum(counts)])
 
 
 @dataclass(frozen=True)
 class LimitFaces:
-    """The limit faces of a mesh: one for a quad, n for an n-gon, in the order of its corners.
+    """The limit faces of a mesh: one for a regular face, n for an n-gon, by its corners.
+
+    Regular faces have as many corners as those of the lattice.
 
     Attributes
     ----------
     face : (n_limit_faces,) int
         Face of the mesh that each belongs to.
     corner : (n_limit_faces,) int
-        Its corner of an n-gon; -1 for quads.
+        Its corner of an n-gon; -1 for regular faces.
     first : (n_faces,) int
         First limit face of each face.
     """
 
-    face: Array
-    corner: Array
-    first: Array
+    face: IntArray
+    corner: IntArray
+    first: IntArray
 
     @classmethod
-    def of(cls, mesh: Mesh) -> LimitFaces:
+    def of(cls, mesh: Mesh, lattice: Lattice) -> LimitFaces:
         """Number the limit faces of `mesh`."""
-        first = first_limit_face(mesh)
-        if mesh._steps[0] == 4:
+        first = first_limit_face(mesh, lattice)
+        if all_regular(mesh, lattice):
             return cls(first[:-1], np.full(mesh.n_faces, -1), first[:-1])
         face = np.repeat(np.arange(mesh.n_faces), np.diff(first))
-        corner = np.where(mesh.sizes[face] == 4, -1, np.arange(len(face)) - first[face])
+        regular = mesh.sizes[face] == lattice.face_size
+        corner = np.where(regular, -1, np.arange(len(face)) - first[face])
         return cls(face, corner, first[:-1])
 
     def __len__(self) -> int:

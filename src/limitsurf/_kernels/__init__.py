@@ -15,6 +15,11 @@ from limitsurf._kernels.locks import preparing as preparing
 
 _PAYS = 100_000  # queries, or corners of faces: about a tenth of a second in NumPy
 _MODULES = ("coefficients", "connectivity", "evaluation", "grids", "refinement", "rows")
+# whose kernels evaluate patches that are the box spline of these directions
+_SHAPES = {
+    "quads": ((1, 0),) * 4 + ((0, 1),) * 4,
+    "triangles": ((1, 0),) * 2 + ((0, 1),) * 2 + ((-1, 1),) * 2,
+}
 _always = False
 _loaded = False
 
@@ -39,7 +44,7 @@ def compiled(items: int) -> bool:
 
 
 def pays(items: int) -> bool:
-    """The same, without loading them."""
+    """Whether a call of this size is large enough for kernels, without loading them."""
     return _always or items >= _PAYS
 
 
@@ -51,6 +56,19 @@ def load() -> None:
             for name in _MODULES:
                 import_module(f"{__name__}.{name}")
             _loaded = True
+
+
+def shape(directions: tuple[tuple[int, int], ...]) -> str | None:
+    """The shape of the faces of surfaces whose regular patches are that box spline, if known."""
+    return next((name for name, own in _SHAPES.items() if sorted(own) == sorted(directions)), None)
+
+
+def evaluating(shape: str) -> Any:
+    """The kernels that evaluate surfaces of such faces: modules with equal names.
+
+    One is imported when first asked for; ask while `preparing`.
+    """
+    return import_module(f"{__name__}.{shape}")
 
 
 def connects() -> bool:

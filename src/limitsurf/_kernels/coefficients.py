@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from limitsurf._kernels.evaluation import FINE, LANES, LOW_ORIGIN, ORIGIN
+from limitsurf._kernels.evaluation import LANES
 from limitsurf._kernels.jit import combination, inlined, lean
 
 Array = NDArray[Any]
@@ -62,14 +62,14 @@ def coefficients(
 ) -> None:  # fmt: skip
     """Coefficients and refined points of special patches with control points ids (P, K).
 
-    high (n, width), extras (m, 2 width), errors (m,) as in ``evaluation.Points``; matrix (K + 25,
-    rounded up to `SIX`; K, rounded up to `LANES`) has left eigenvectors and rows of refined points;
-    modes (P, ROWS + 3, width) and fine (P, 27, width) are zero and get what ``evaluation.Points``
-    says.
+    high (n, width), extras (m, 2 width), errors (m,) as in ``evaluation.Points``; matrix
+    (K + REFINED, rounded up to `SIX`; K, rounded up to `LANES`) has left eigenvectors and rows of
+    refined points; modes (P, ROWS + 3, width) and fine (P, REFINED + 2, width) are zero and get
+    what ``evaluation.Points`` says.
     near (K, rounded up; `LANES`) is flat and zero, sums (`SIX`, `LANES`) are room.
     """
     K, size, width = ids.shape[1], matrix.shape[1], high.shape[1]
-    last = modes.shape[1] - 1
+    last, refined = modes.shape[1] - 1, fine.shape[1] - 2
     for p in range(len(ids)):
         own: int = ids[p, 0]
         first = -1
@@ -83,9 +83,9 @@ def coefficients(
                     near[k * LANES + c - channel] = x
                     error = errors[i - len(high)] if i >= len(high) else 0.0
                     size_of_points = max(size_of_points, abs(x) + error)
-            for begin in range(0, K + 25, SIX):
+            for begin in range(0, K + refined, SIX):
                 _sum6(matrix[begin : begin + SIX], size, near, 0, LANES, sums)
-                for r in range(begin, min(begin + SIX, K + 25)):
+                for r in range(begin, min(begin + SIX, K + refined)):
                     for c in range(LANES):
                         x = sums[r - begin, c]
                         if r >= K:
@@ -100,22 +100,27 @@ def coefficients(
                 low, rounded = _low(high, extras, own, c), _high(high, extras, own, c)
                 modes[p, 0, c] += low
                 modes[p, last - 1, c] = rounded
-                fine[p, LOW_ORIGIN, c], fine[p, ORIGIN, c] = low, rounded
+                fine[p, refined, c], fine[p, refined + 1, c] = low, rounded
         modes[p, last, 0] = largest
         modes[p, last, 1] = max(1, first)
         modes[p, last, 2] = size_of_points
 
 
 @lean
-def copies(ids: Array, which: Array, high: Array, extras: Array, fine: Array, start: int) -> None:
-    """16 control points, relative to number 5, of patches `which` into fine from row `start` on."""
+def copies(
+    ids: Array, own_point: int, which: Array, high: Array, extras: Array, fine: Array
+) -> None:
+    """Control points ids (patches, n) of some of the patches, relative to one, into fine.
+
+    fine (len(which), REFINED + 2, width) as in ``evaluation.Points``.
+    """
+    last = fine.shape[1] - 1
     for p in range(len(which)):
-        at, row = which[p] * 16, start + p * FINE
-        own: int = ids[at + 5]
+        own: int = ids[which[p], own_point]
         for c in range(high.shape[1]):
             rounded, low = _high(high, extras, own, c), _low(high, extras, own, c)
-            for k in range(16):
-                i: int = ids[at + k]
+            for k in range(ids.shape[1]):
+                i: int = ids[which[p], k]
                 step = _high(high, extras, i, c) - rounded
-                fine[row + k, c] = step + (_low(high, extras, i, c) - low)
-            fine[row + LOW_ORIGIN, c], fine[row + ORIGIN, c] = low, rounded
+                fine[p, k, c] = step + (_low(high, extras, i, c) - low)
+            fine[p, last - 1, c], fine[p, last, c] = low, rounded

@@ -7,14 +7,15 @@ otherwise in the order of the caller, and results are written where they belong.
 Around a special corner the first halving leads to three regular pieces, three quarters of the
 patch, whose control points are kept. Nearer the corner eigenfunctions take over.
 
-What a patch is, is packed in one integer, ``row | turn << 32 | far << 34 | kind << 35``; `far` says
+What a patch is, is packed in one integer, ``row | turn << 32 | far << 35 | kind << 36``; `far` says
 that not all its control points are vertices of the cage. ``limitsurf/engine/packing.py`` makes the
-arrays.
+arrays. What faces are, is told by the modules `quads` and `triangles`, whose functions and numbers
+of equal names are what `evaluator` makes its kernels of.
 """
 
 from __future__ import annotations
 
-from math import cos, isfinite, sin, sqrt
+from math import cos, sin, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,6 @@ from numpy.typing import NDArray
 
 from limitsurf._kernels.doubt import NOISE, SCALED
 from limitsurf._kernels.jit import (
-    bicubic,
     bits,
     combination,
     differences,
@@ -30,14 +30,14 @@ from limitsurf._kernels.jit import (
     lean,
     of_bits,
     part,
-    polynomials,
     prefetch,
     scaling,
 )
 
 Array = NDArray[Any]
 
-TURN, FAR, KIND = 32, 34, 35
+TURN, FAR, KIND = 32, 35, 36
+TURNS = 7  # its bits
 STEP = 32  # powers n of eigenvalues are products of those of n % STEP and of n - n % STEP
 STEPS = 35  # 2^-1074 is the least float64
 TINY = 2.0**-900  # in place of that of the rule, for less room
@@ -51,29 +51,11 @@ LANES = 4  # channels that are evaluated at once
 # product is along the normal at the corner itself, or -1
 SIZE, ROWS, MODES, CHAINS, PAIRS, FLIP, PATCH, ALONG, ACROSS, FIELDS = range(10)
 FIRST, SECOND = 0, 1  # the eigenvalue that powers are relative to
-FINE = 27  # rows of a patch in `Points.fine`: up to 25 points, and these
-LOW_ORIGIN, ORIGIN = 25, 26
-# the grids of the three pieces (right, diagonal, up) in 5 x 5 refined points around a corner
-PIECES = np.array(
-    [5 * (j + y) + i + x for x, y in ((1, 0), (1, 1), (0, 1)) for j in range(4) for i in range(4)],
-    dtype=np.int32,
-)
-
 ROW = (1 << TURN) - 1  # the bits of a packed patch that are its row
 _BLOCK = 256  # queries that are sorted by what their patches are
 _AHEAD = 4  # queries that memory is asked for ahead of time; many more at once hinder each other
-_NEVER = 1 << 40
+NEVER = 1 << 40  # more halvings than there are
 DEEPEST = 1000  # level beyond which second derivatives are left to the reference
-# which derivative in patch parameters each one is, by turn mod 2; and its sign, by turn
-TURNED = np.array([[0, 1, 2, 3, 4, 5], [0, 2, 1, 5, 4, 3]])
-SIGN = np.array([
-    [1.0, 1, 1, 1, 1, 1], [1, -1, 1, 1, -1, 1], [1, -1, -1, 1, 1, 1], [1, 1, -1, 1, -1, 1],
-])  # fmt: skip
-_SAME = np.arange(16, dtype=np.int32)
-
-_bicubic0, _bicubic1, _bicubic2 = (bicubic(order) for order in range(3))
-_bicubic_sized = bicubic(1, sized=True)
-_polynomials0, _polynomials1, _polynomials2 = (polynomials(order) for order in range(3))
 _scale1, _scale3, _scale6 = (scaling(count) for count in (1, 3, 6))
 _sum1, _sum3, _sum6 = (combination(count) for count in (1, 3, 6))
 
@@ -83,7 +65,7 @@ class Patches(NamedTuple):
 
     info: Array  # (limit faces + 4 splits,) int64: packed patches; -2 - split; -1 without a limit
     n_faces: int
-    ids: Array  # flat int32: 16 control points of each regular patch, then of each strip
+    ids: Array  # flat int32: control points of each regular patch, then of each strip
     strips: Array  # (strips, 2) int64: first piece and depth of their splines
     strip_pieces: Array  # flat: their polynomials
     near: (
@@ -95,7 +77,7 @@ class Tables(NamedTuple):
     """Eigenbases by kind of patch; W eigenfunctions after the constant one, the last of them 0."""
 
     kinds: Array  # (kinds, FIELDS) int64
-    pieces: Array  # (kinds, 3, 16, W)
+    pieces: Array  # (kinds, 3, monomials, W)
     ratios: Array  # (kinds, 2, STEP + STEPS, W): powers of ratios to the first, second eigenvalue
     inverses: Array  # (kinds, 2): of these eigenvalues
     mantissas: Array  # (kinds, STEP + STEPS): of the first's powers, which are in [0.5, 1)
@@ -114,8 +96,9 @@ class Points(NamedTuple):
     extras: Array  # (other control points, 2 width): each with what rounding took from it
     errors: Array  # (other control points,): what rounding did to them at most, times 1 / NOISE
     modes: Array  # flat: blocks (ROWS + 3, width) of special patches
-    # (27 of each patch, width): 5 x 5 refined points of special patches, or copies of 16 control
-    # points; all relative to an origin, of which the last two rows have what is rounded, and itself
+    # (REFINED + 2 of each patch, width): refined points around special corners, or copies of the
+    # control points of others; all relative to an origin, of which the last two rows have what is
+    # rounded, and itself
     fine: Array
 
 
@@ -141,7 +124,7 @@ class Room(NamedTuple):
         codes, depths, places, simple, splines, special = np.empty((6, _BLOCK), dtype=np.int64)
         s, t = np.empty((2, _BLOCK))
         rows = np.empty((6 + tables.chains.shape[1], max(6, tables.pieces.shape[3])))
-        sums = np.empty(24), np.empty(7 * LANES), np.empty((16, LANES))
+        sums = np.empty(72), np.empty(7 * LANES), np.empty((16, LANES))
         return cls(codes, depths, places, s, t, simple, splines, special, *sums, rows)
 
 
@@ -167,7 +150,7 @@ def scale_by_two(x: float, n: int) -> float:
 def halvings(x: float, up: bool) -> int:
     """Largest k >= 0 with 2^k x <= 1 (< 1 where `up`, unless x is 1); far for x = 0."""
     if x == 0:
-        return _NEVER
+        return NEVER
     n: int = bits(x)
     shift = 0
     if n >> 52 == 0:  # subnormal
@@ -177,47 +160,6 @@ def halvings(x: float, up: bool) -> int:
     if n & ((1 << 52) - 1) == 0 and not up:
         k += 1
     return max(k, 0)
-
-
-@inlined
-def cubic_weights(t: float, order: int, at: int, weights: Array) -> None:
-    """Weights of the four control points of a cubic piece, derivatives 0 to `order` in rows."""
-    s = 1 - t
-    # sums of products of non-negative numbers: no cancellation
-    weights[at] = s * s * s / 6
-    weights[at + 1] = (1 + 3 * s * (1 + s * t)) / 6
-    weights[at + 2] = (1 + 3 * t * (1 + s * t)) / 6
-    weights[at + 3] = t * t * t / 6
-    if order > 0:
-        weights[at + 4] = -s * s / 2
-        weights[at + 5] = -t * (1 + 3 * s) / 2
-        weights[at + 6] = s * (1 + 3 * t) / 2
-        weights[at + 7] = t * t / 2
-    if order > 1:
-        weights[at + 8] = s
-        weights[at + 9] = 3 * t - 2
-        weights[at + 10] = 1 - 3 * t
-        weights[at + 11] = t
-
-
-@inlined
-def strip_weights(
-    t: float, order: int, up: bool, pieces: Array, first: int, depth: int, at: int, weights: Array
-) -> None:
-    """The same across a semi-sharp crease."""
-    k = min(halvings(t, up), depth)
-    level = min(k + 1, depth)
-    T = scale_by_two(t, level)
-    if k < depth:
-        T -= 1
-    for j in range(4):
-        p = (first + k) * 16 + j
-        a, b, c, d = pieces[p], pieces[p + 4], pieces[p + 8], pieces[p + 12]
-        weights[at + j] = a + T * (b + T * (c + T * d))
-        if order > 0:
-            weights[at + 4 + j] = scale_by_two(b + T * (2 * c + T * (3 * d)), level)
-        if order > 1:
-            weights[at + 8 + j] = scale_by_two(2 * c + 6 * d * T, 2 * level)
 
 
 @inlined
@@ -255,43 +197,7 @@ def powered(kind: int, lead: int, level: int, count: int, tables: Tables, rows: 
 
 
 @inlined
-def eigenfunctions(
-    order: int, kind: int, piece: int, S: float, T: float, tables: Tables, rows: Array
-) -> None:
-    """Derivatives up to an order of the eigenfunctions on a piece."""
-    at, n = (kind * 3 + piece) * 16 * rows.shape[1], tables.kinds[kind, ROWS]
-    if order == 0:
-        _polynomials0(tables.pieces, at, n, S, T, rows)
-    elif order == 1:
-        _polynomials1(tables.pieces, at, n, S, T, rows)
-    else:
-        _polynomials2(tables.pieces, at, n, S, T, rows)
-
-
-@inlined
-def turned(s: float, t: float, turn: int) -> tuple[float, float]:
-    """Parameters in a patch that is turned against its limit face."""
-    x, y = (t, s) if turn & 1 else (s, t)
-    return 1 - x if turn >= 2 else x, 1 - y if turn == 1 or turn == 2 else y
-
-
-@inlined
-def place_around(s: float, t: float, turn: int) -> tuple[int, int, float, float]:
-    """Level (-1 at the corner), piece and parameters in it of (s, t) around a special corner."""
-    # lines between pieces belong to the side nearer corner 0 of the limit face
-    ks = halvings(s, turn >= 2)
-    kt = halvings(t, turn == 1 or turn == 2)
-    level = min(ks, kt)
-    if level >= _NEVER:
-        return -1, 0, 0.0, 0.0
-    # (no branches: where a random query lies cannot be foreseen)
-    S = scale_by_two(s, level + 1) - (ks == level)
-    T = scale_by_two(t, level + 1) - (kt == level)
-    return level, 1 + (ks > level) - (kt > level), S, T
-
-
-@inlined
-def _crossed(found: Array, noise: float, other: float, out: Array, query: int) -> bool:
+def crossed(found: Array, noise: float, other: float, out: Array, query: int) -> bool:
     """The unit vector across both first derivatives; False if rounding errors might decide."""
     x = max(abs(found[4]), abs(found[5]), abs(found[6]))
     y = max(abs(found[8]), abs(found[9]), abs(found[10]))
@@ -310,25 +216,11 @@ def _crossed(found: Array, noise: float, other: float, out: Array, query: int) -
 
 
 @inlined
-def _spline_normal(weights: Array, found: Array, error: float, out: Array, query: int) -> bool:
-    """The same of a bicubic patch, from its weights, sums of order 1 and errors of its points."""
-    reach = max(found[3 * LANES], found[3 * LANES + 1], found[3 * LANES + 2]) + error
-    reach = reach * NOISE + TINY
-    values = slopes = rises = steep = 0.0
-    for j in range(4):
-        values += abs(weights[j])
-        slopes += abs(weights[4 + j])
-        rises += abs(weights[8 + j])
-        steep += abs(weights[12 + j])
-    return _crossed(found, reach * slopes * rises, reach * values * steep, out, query)
-
-
-@inlined
 def _eigen_normal(
     level: int, kind: int, at: int, width: int, tables: Tables, modes: Array, rows: Array,
     found: Array, out: Array, query: int,
 ) -> bool:  # fmt: skip
-    """The same around a special corner, from rows of order 1; see `basis.eigen_normals`."""
+    """As `crossed` around a special corner, from rows of order 1; see `basis.eigen_normals`."""
     n = tables.kinds[kind, ROWS]
     size, added = modes[at + (n + 1) * width], modes[at + (n + 1) * width + 2]
     if tables.kinds[kind, SIZE] < 2 or not size > 0:
@@ -379,367 +271,302 @@ def _eigen_normal(
     return True
 
 
-@inlined
-def _spline(
-    order: int, sized: bool, points: Array, ids: Array, at: int, base: int, channel: int,
-    weights: Array, found: Array,
-) -> None:  # fmt: skip
-    """Derivatives up to an order of a bicubic patch, relative to its control point 5."""
-    if sized:
-        _bicubic_sized(points, ids, at, base, channel, weights, found)
-    elif order == 0:
-        _bicubic0(points, ids, at, base, channel, weights, found)
-    elif order == 1:
-        _bicubic1(points, ids, at, base, channel, weights, found)
-    else:
-        _bicubic2(points, ids, at, base, channel, weights, found)
+def evaluator(shape: Any) -> Any:
+    """The kernel that evaluates scattered queries, for faces of a shape."""
+    size, own_point, pieces = shape.POINTS, shape.OWN, shape.PIECES
+    fine = shape.REFINED + 2  # rows of a patch in `Points.fine`
+    low_origin, origin = shape.REFINED, shape.REFINED + 1
+    same = np.arange(size, dtype=np.int32)
+    near = differences(size, own_point)
+    located, turned, place_around = shape.located, shape.turned, shape.place_around
+    spline, spline_weights, patch_weights = shape.spline, shape.spline_weights, shape.patch_weights
+    spline_normal, eigenfunctions, write = shape.spline_normal, shape.eigenfunctions, shape.write
 
-
-@inlined
-def _write(
-    order: int, found: Array, which: Array, turn: int, mantissa: float, exponent: int, step: int,
-    out: Array, query: int, channel: int,
-) -> None:  # fmt: skip
-    """Write derivatives up to an order in patch parameters as such in those of the limit face.
-
-    Those of order o > 0 are multiplied by mantissa 2^(exponent + o step).
-    """
-    first, second = exponent + step, exponent + 2 * step if order > 1 else 0
-    slope = bend = 1.0
-    deep = min(first, second) < -1000 or max(first, second) > 1000
-    if not deep and order > 0:
-        slope = mantissa * of_bits((first + 1023) << 52)
-        bend = mantissa * of_bits((second + 1023) << 52)
-    lanes = min(LANES, out.shape[2] - channel)
-    for j in range(len(which)):
-        term = TURNED[turn & 1, which[j]]
-        sign = SIGN[turn, which[j]]
-        factor = (1.0 if term == 0 else slope if term < 3 else bend) * sign
-        at = LANES * term
-        if deep and term:
-            e = first if term < 3 else second
-            for c in range(lanes):
-                x = found[at + c] * mantissa * sign
-                out[j, query, channel + c] = scale_by_two(x, e)
-        elif lanes == 3:
-            out[j, query, channel] = found[at] * factor
-            out[j, query, channel + 1] = found[at + 1] * factor
-            out[j, query, channel + 2] = found[at + 2] * factor
-        else:
-            for c in range(lanes):
-                out[j, query, channel + c] = found[at + c] * factor
-
-
-@inlined
-def located(face: int, s: float, t: float, patches: Patches) -> tuple[int, int, float, float, bool]:
-    """Packed patch (-1 if there is none) of a query, its depth, parameters; whether in range."""
-    if face < 0 or face >= patches.n_faces:
-        return -1, 0, s, t, False
-    if not (0 <= s <= 1 and 0 <= t <= 1):
-        outside = (isfinite(s) and not 0 <= s <= 1) or (isfinite(t) and not 0 <= t <= 1)
-        return -1, 0, s, t, not outside
-    code, depth = patches.info[face], 0
-    while code <= -2:
-        s, t = 2 * s, 2 * t
-        child = patches.n_faces + 4 * (-2 - code)
-        if s > 1:
-            s -= 1
-            child += 1
-        if t > 1:
-            t -= 1
-            child += 2
-        code = patches.info[child]
-        depth += 1
-    return code, depth, s, t, True
-
-
-@inlined
-def _copy(code: int, patches: Patches, tables: Tables) -> int:
-    """First row in `Points.fine` of what a patch has there; -1 if nothing."""
-    kind, row = code >> KIND, code & ROW
-    first = -1
-    if kind > 1:
-        first = (tables.kinds[kind, PATCH] + row) * FINE
-    elif code >> FAR & 1:
-        first = patches.near[row]
-    return first
-
-
-@inlined
-def _ask(
-    i: int, n: int, queries: Array, codes: Array, patches: Patches, tables: Tables, points: Points
-) -> None:
-    """Prefetch what the bicubic patches of queries some way beyond number i need."""
-    for j in range(0 if i == 0 else i + 2 * _AHEAD, min(i + 2 * _AHEAD + 1, n)):
-        code = codes[queries[j]]
-        if _copy(code, patches, tables) < 0:
-            prefetch(patches.ids, (code & ROW) * 16)
-    j = i + _AHEAD
-    if j >= n or codes[queries[j]] == codes[queries[j - 1]]:
-        return
-    width, inner = points.high.shape[1], len(points.high)
-    base = _copy(codes[queries[j]], patches, tables) * width
-    if base >= 0:
-        for line in range(base, base + FINE * width, 8):
-            prefetch(points.fine, line)
-        return
-    at = (codes[queries[j]] & ROW) * 16
-    for k in range(16):
-        number = np.int64(patches.ids[at + k])
-        if number < inner:
-            prefetch(points.high, number * width)
-        else:
-            prefetch(points.extras, (number - inner) * 2 * width)
-
-
-@part
-def _simple(
-    simple: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
-    which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,
-) -> int:  # fmt: skip
-    """Queries in regular patches as they are."""
-    ids = patches.ids
-    weights = room.weights
-    found = room.found
-    for i in range(simple):
-        _ask(i, simple, room.simple, room.codes, patches, tables, points)
-        k = room.simple[i]
-        at, query = room.codes[k] * 16, start + k
-        cubic_weights(room.s[k], order, 0, weights)
-        cubic_weights(room.t[k], order, 4 * order + 4, weights)
-        _spline(order, normals, points.high, ids, at, 0, 0, weights, found)
-        if normals:
-            if not _spline_normal(weights, found, 0.0, out, query):
-                rest[left] = query
-                left += 1
-            continue
-        own = np.int64(ids[at + 5])
-        for c in range(3):
-            found[c] += points.high[own, c]
-        for j in range(len(which)):
-            for c in range(3):
-                out[j, query, c] = found[LANES * which[j] + c]
-    return left
-
-
-@part
-def _splines(
-    splines: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
-    which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,
-) -> int:  # fmt: skip
-    """Queries in other bicubic patches: turned, split, strips, next to special corners."""
-    width = points.high.shape[1]
-    d = out.shape[2]
-    ids = patches.ids
-    weights = room.weights
-    found = room.found
-    first_strip = len(patches.ids) // 16 - len(patches.strips)
-    inner = len(points.high)
-    for i in range(splines):
-        _ask(i, splines, room.splines, room.codes, patches, tables, points)
-        k = room.splines[i]
-        code, query = room.codes[k], start + k
-        kind, row, turn = code >> KIND, code & ROW, code >> TURN & 3
-        s, t, step = room.s[k], room.t[k], room.depths[k]
-        base = _copy(code, patches, tables)
-        grid, numbers, at = points.high, ids, row * 16
+    @inlined
+    def _copy(code: int, patches: Patches, tables: Tables) -> int:
+        """First row in `Points.fine` of what a patch has there; -1 if nothing."""
+        kind, row = code >> KIND, code & ROW
+        first = -1
         if kind > 1:
-            grid, numbers, at = points.fine, PIECES, (room.places[k] & 3) * 16
-            step += 1
-        else:
-            s, t = turned(s, t, turn)
-            if base >= 0:
-                grid, numbers, at = points.fine, _SAME, 0
-        cubic_weights(s, order, 0, weights)
-        if kind == 1:
-            first = patches.strips[row - first_strip, 0]
-            depth = patches.strips[row - first_strip, 1]
-            up = turn == 1 or turn == 2
-            pieces = patches.strip_pieces
-            strip_weights(t, order, up, pieces, first, depth, 4 * order + 4, weights)
-        else:
-            cubic_weights(t, order, 4 * order + 4, weights)
-        first = max(base, 0)
-        own = first + np.int64(numbers[at + 5])
-        extra = own - inner
-        far = base < 0 and code >> FAR & 1
-        for channel in range(0, d, LANES):
-            column = channel
-            if far:
-                differences(points.high, points.extras, ids, row * 16, channel, room.near)
-                grid, numbers, at, column = room.near, _SAME, 0, 0
-            _spline(order, normals, grid, numbers, at, first, column, weights, found)
-            if normals:
-                error = 0.0
-                if kind > 1:
-                    # rows that refine have sums of at most 3, where points are reflected
-                    n = tables.kinds[kind, ROWS]
-                    block = tables.kinds[kind, MODES] + row * (n + 3)
-                    error = 3 * points.modes[(block + n + 2) * width + 2]
-                elif code >> FAR & 1:
-                    for j in range(row * 16, row * 16 + 16):
-                        number = np.int64(ids[j]) - inner
-                        if number >= 0:
-                            error = max(error, points.errors[number])
-                if not _spline_normal(weights, found, error, out, query):
-                    rest[left] = query
-                    left += 1
-                break
-            if base >= 0:
-                for c in range(LANES):
-                    value = found[c] + points.fine[own, channel + c]
-                    value += points.fine[base + LOW_ORIGIN, channel + c]
-                    found[c] = value + points.fine[base + ORIGIN, channel + c]
-            elif extra >= 0:
-                for c in range(LANES):
-                    value = found[c] + points.extras[extra, width + channel + c]
-                    found[c] = value + points.extras[extra, channel + c]
+            first = (tables.kinds[kind, PATCH] + row) * fine
+        elif code >> FAR & 1:
+            first = patches.near[row]
+        return first
+
+    @inlined
+    def _ask(
+        i: int,
+        n: int,
+        queries: Array,
+        codes: Array,
+        patches: Patches,
+        tables: Tables,
+        points: Points,
+    ) -> None:
+        """Prefetch what the splines of queries some way beyond number i need."""
+        for j in range(0 if i == 0 else i + 2 * _AHEAD, min(i + 2 * _AHEAD + 1, n)):
+            code = codes[queries[j]]
+            if _copy(code, patches, tables) < 0:
+                prefetch(patches.ids, (code & ROW) * size)
+        j = i + _AHEAD
+        if j >= n or codes[queries[j]] == codes[queries[j - 1]]:
+            return
+        width, inner = points.high.shape[1], len(points.high)
+        base = _copy(codes[queries[j]], patches, tables) * width
+        if base >= 0:
+            for line in range(base, base + fine * width, 8):
+                prefetch(points.fine, line)
+            return
+        at = (codes[queries[j]] & ROW) * size
+        for k in range(size):
+            number = np.int64(patches.ids[at + k])
+            if number < inner:
+                prefetch(points.high, number * width)
             else:
-                for c in range(LANES):
-                    found[c] += points.high[own, channel + c]
-            _write(order, found, which, turn, 1.0, 0, step, out, query, channel)
-    return left
+                prefetch(points.extras, (number - inner) * 2 * width)
 
-
-@part
-def _special(
-    special: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
-    which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,
-) -> int:  # fmt: skip
-    """Queries nearer to special corners."""
-    width = points.high.shape[1]
-    d = out.shape[2]
-    modes = points.modes
-    found = room.found
-    rows = room.rows
-    for i in range(special):
-        if i + 1 < special:
-            code = room.codes[room.special[i + 1]]
-            length = (tables.kinds[code >> KIND, ROWS] + 3) * width
-            base = tables.kinds[code >> KIND, MODES] * width + (code & ROW) * length
-            for line in range(base, base + length, 8):
-                prefetch(modes, line)
-        k = room.special[i]
-        code, query = room.codes[k], start + k
-        kind, turn = code >> KIND, code >> TURN & 3
-        n, at = tables.kinds[kind, ROWS], tables.kinds[kind, MODES]
-        block = (at + (code & ROW) * (n + 3)) * width
-        piece, level = room.places[k] & 3, (room.places[k] >> 2) - 1
-        S, T = room.s[k], room.t[k]
-        # what the reference does: coefficients too many to keep, degenerate points, second
-        # derivatives where what they come from is nothing beside the first eigenfunction
-        if normals and level < 0 and at >= 0:
-            # (where there is none, or degenerate points hide it, the reference knows why)
-            along, across = tables.kinds[kind, ALONG], tables.kinds[kind, ACROSS]
-            for c in range(3):
-                found[LANES + c] = modes[block + along * width + c]
-                found[2 * LANES + c] = modes[block + across * width + c]
-            noise = NOISE * modes[block + (n + 2) * width + 2]
-            if along >= 0:
-                noise, other = (
-                    noise * tables.sizes[kind, along - 1],
-                    noise * tables.sizes[kind, across - 1],
-                )
-                if _crossed(found, noise, other, out, query):
-                    continue
-        if (
-            at < 0
-            or modes[block + (n + 2) * width + 1] != 1
-            or (normals and level < 0)
-            or (order == 2 and level > DEEPEST)
-        ):
-            rest[left] = query
-            left += 1
-            continue
-        mantissa, exponent, step = 1.0, 0, room.depths[k]
-        if level < 0:
-            for j in range(6):
-                for c in range(n):
-                    rows[j, c] = tables.corners[kind, j, c]
-        else:
-            eigenfunctions(order, kind, piece, S, T, tables, rows)
+    @part
+    def _simple(
+        simple: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
+        which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,
+    ) -> int:  # fmt: skip
+        """Queries in regular patches as they are."""
+        ids = patches.ids
+        weights = room.weights
+        found = room.found
+        for i in range(simple):
+            _ask(i, simple, room.simple, room.codes, patches, tables, points)
+            k = room.simple[i]
+            at, query = room.codes[k] * size, start + k
+            spline_weights(room.s[k], room.t[k], order, weights)
+            spline(order, normals, points.high, ids, at, 0, 0, weights, found)
             if normals:
-                if not _eigen_normal(
-                    level, kind, block + width, width, tables, modes, rows, found, out, query
-                ):
+                if not spline_normal(weights, found, 0.0, out, query):
                     rest[left] = query
                     left += 1
                 continue
-            count = (order + 1) * (order + 2) // 2
-            powered(kind, FIRST, level, count, tables, rows)
-            mantissa = tables.mantissas[kind, level % STEP]
-            mantissa *= tables.mantissas[kind, STEP + level // STEP]
-            exponent = tables.exponents[kind, level % STEP]
-            exponent += tables.exponents[kind, STEP + level // STEP]
-            step += level + 1
-        for channel in range(0, d, LANES):
-            at = block + channel
-            if order == 0:
-                _sum1(rows, n, modes, at + width, width, found)
-            elif order == 1:
-                _sum3(rows, n, modes, at + width, width, found)
+            own = np.int64(ids[at + own_point])
+            for c in range(3):
+                found[c] += points.high[own, c]
+            for j in range(len(which)):
+                for c in range(3):
+                    out[j, query, c] = found[LANES * which[j] + c]
+        return left
+
+    @part
+    def _splines(
+        splines: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
+        which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,
+    ) -> int:  # fmt: skip
+        """Queries in other splines: turned, split, strips, next to special corners."""
+        width = points.high.shape[1]
+        d = out.shape[2]
+        ids = patches.ids
+        weights = room.weights
+        found = room.found
+        inner = len(points.high)
+        for i in range(splines):
+            _ask(i, splines, room.splines, room.codes, patches, tables, points)
+            k = room.splines[i]
+            code, query = room.codes[k], start + k
+            kind, row, turn = code >> KIND, code & ROW, code >> TURN & TURNS
+            s, t, step, piece = room.s[k], room.t[k], room.depths[k], 0
+            base = _copy(code, patches, tables)
+            grid, numbers, at = points.high, ids, row * size
+            if kind > 1:
+                piece = room.places[k] & 3
+                grid, numbers, at = points.fine, pieces, piece * size
+                step += 1
             else:
-                _sum6(rows, n, modes, at + width, width, found)
-            if exponent > -1000:
-                scale = mantissa * of_bits((exponent + 1023) << 52)
-                for c in range(LANES):
-                    found[c] *= scale
-            else:
-                for c in range(LANES):
-                    found[c] = scale_by_two(found[c] * mantissa, exponent)
-            for c in range(LANES):
-                found[c] = (found[c] + modes[at + c]) + modes[at + (n + 1) * width + c]
-            _write(order, found, which, turn, mantissa, exponent, step, out, query, channel)
-    return left
-
-
-@lean
-def scattered(
-    face: Array, u: Array, v: Array, patches: Patches, tables: Tables, points: Points, order: int,
-    which: Array, normals: bool, out: Array, start: int, rest: Array, room: Room,
-) -> int:  # fmt: skip
-    """Derivatives, or unit normals, at (face, u, v): queries `start` to `start + len(face)`.
-
-    Results are written to ``out[k, query, channel]`` for the derivatives `which` (places in the
-    order of `LimitSurface.jet`), or to ``out[0]``; NaN where u or v is not finite and on faces
-    without a limit. Queries that are left to the reference are written to `rest`; returned is how
-    many there are, or -1 if a face or a parameter is out of range.
-    """
-    d, left = out.shape[2], 0
-    for begin in range(0, len(face), _BLOCK):
-        size = min(_BLOCK, len(face) - begin)
-        simple = splines = special = 0
-        for k in range(size):
-            if begin + k + 4 * _AHEAD < len(face):
-                prefetch(patches.info, face[begin + k + 4 * _AHEAD])
-            code, depth, s, t, fine = located(face[begin + k], u[begin + k], v[begin + k], patches)
-            if not fine:
-                return -1
-            room.codes[k], room.depths[k], room.s[k], room.t[k] = code, depth, s, t
-            if code < 0:
-                for j in range(len(out)):
-                    for c in range(d):
-                        out[j, start + begin + k, c] = np.nan
-            elif code >> KIND > 1:
-                kind, turn = code >> KIND, code >> TURN & 3
                 s, t = turned(s, t, turn)
-                level, piece, room.s[k], room.t[k] = place_around(s, t, turn)
-                room.places[k] = piece + 4 * (level + 1)
-                if level == 0 and tables.kinds[kind, MODES] >= 0:
+                if base >= 0:
+                    grid, numbers, at = points.fine, same, 0
+            patch_weights(code, s, t, order, patches, weights)
+            first = max(base, 0)
+            own = first + np.int64(numbers[at + own_point])
+            extra = own - inner
+            far = base < 0 and code >> FAR & 1
+            for channel in range(0, d, LANES):
+                column = channel
+                if far:
+                    near(points.high, points.extras, ids, row * size, channel, room.near)
+                    grid, numbers, at, column = room.near, same, 0, 0
+                spline(order, normals, grid, numbers, at, first, column, weights, found)
+                if normals:
+                    error = 0.0
+                    if kind > 1:
+                        # rows that refine have sums of at most 3, where points are reflected
+                        n = tables.kinds[kind, ROWS]
+                        block = tables.kinds[kind, MODES] + row * (n + 3)
+                        error = 3 * points.modes[(block + n + 2) * width + 2]
+                    elif code >> FAR & 1:
+                        for j in range(row * size, row * size + size):
+                            number = np.int64(ids[j]) - inner
+                            if number >= 0:
+                                error = max(error, points.errors[number])
+                    if not spline_normal(weights, found, error, out, query):
+                        rest[left] = query
+                        left += 1
+                    break
+                if base >= 0:
+                    for c in range(LANES):
+                        value = found[c] + points.fine[own, channel + c]
+                        value += points.fine[base + low_origin, channel + c]
+                        found[c] = value + points.fine[base + origin, channel + c]
+                elif extra >= 0:
+                    for c in range(LANES):
+                        value = found[c] + points.extras[extra, width + channel + c]
+                        found[c] = value + points.extras[extra, channel + c]
+                else:
+                    for c in range(LANES):
+                        found[c] += points.high[own, channel + c]
+                write(order, found, which, turn, piece, 1.0, 0, step, out, query, channel)
+        return left
+
+    @part
+    def _special(
+        special: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
+        which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,
+    ) -> int:  # fmt: skip
+        """Queries nearer to special corners."""
+        width = points.high.shape[1]
+        d = out.shape[2]
+        modes = points.modes
+        found = room.found
+        rows = room.rows
+        for i in range(special):
+            if i + 1 < special:
+                code = room.codes[room.special[i + 1]]
+                length = (tables.kinds[code >> KIND, ROWS] + 3) * width
+                base = tables.kinds[code >> KIND, MODES] * width + (code & ROW) * length
+                for line in range(base, base + length, 8):
+                    prefetch(modes, line)
+            k = room.special[i]
+            code, query = room.codes[k], start + k
+            kind, turn = code >> KIND, code >> TURN & TURNS
+            n, at = tables.kinds[kind, ROWS], tables.kinds[kind, MODES]
+            block = (at + (code & ROW) * (n + 3)) * width
+            piece, level = room.places[k] & 3, (room.places[k] >> 2) - 1
+            S, T = room.s[k], room.t[k]
+            # what the reference does: coefficients too many to keep, degenerate points, second
+            # derivatives where what they come from is nothing beside the first eigenfunction
+            if normals and level < 0 and at >= 0:
+                # (where there is none, or degenerate points hide it, the reference knows why)
+                along, across = tables.kinds[kind, ALONG], tables.kinds[kind, ACROSS]
+                for c in range(3):
+                    found[LANES + c] = modes[block + along * width + c]
+                    found[2 * LANES + c] = modes[block + across * width + c]
+                noise = NOISE * modes[block + (n + 2) * width + 2]
+                if along >= 0:
+                    noise, other = (
+                        noise * tables.sizes[kind, along - 1],
+                        noise * tables.sizes[kind, across - 1],
+                    )
+                    if crossed(found, noise, other, out, query):
+                        continue
+            if (
+                at < 0
+                or modes[block + (n + 2) * width + 1] != 1
+                or (normals and level < 0)
+                or (order == 2 and level > DEEPEST)
+            ):
+                rest[left] = query
+                left += 1
+                continue
+            mantissa, exponent, step = 1.0, 0, room.depths[k]
+            if level < 0:
+                for j in range(6):
+                    for c in range(n):
+                        rows[j, c] = tables.corners[kind, j, c]
+            else:
+                eigenfunctions(order, kind, piece, S, T, tables, rows)
+                if normals:
+                    if not _eigen_normal(
+                        level, kind, block + width, width, tables, modes, rows, found, out, query
+                    ):
+                        rest[left] = query
+                        left += 1
+                    continue
+                count = (order + 1) * (order + 2) // 2
+                powered(kind, FIRST, level, count, tables, rows)
+                mantissa = tables.mantissas[kind, level % STEP]
+                mantissa *= tables.mantissas[kind, STEP + level // STEP]
+                exponent = tables.exponents[kind, level % STEP]
+                exponent += tables.exponents[kind, STEP + level // STEP]
+                step += level + 1
+            for channel in range(0, d, LANES):
+                at = block + channel
+                if order == 0:
+                    _sum1(rows, n, modes, at + width, width, found)
+                elif order == 1:
+                    _sum3(rows, n, modes, at + width, width, found)
+                else:
+                    _sum6(rows, n, modes, at + width, width, found)
+                if exponent > -1000:
+                    scale = mantissa * of_bits((exponent + 1023) << 52)
+                    for c in range(LANES):
+                        found[c] *= scale
+                else:
+                    for c in range(LANES):
+                        found[c] = scale_by_two(found[c] * mantissa, exponent)
+                for c in range(LANES):
+                    found[c] = (found[c] + modes[at + c]) + modes[at + (n + 1) * width + c]
+                write(
+                    order, found, which, turn, piece, mantissa, exponent, step, out, query, channel
+                )
+        return left
+
+    @lean
+    def scattered(
+        face: Array, u: Array, v: Array, patches: Patches, tables: Tables, points: Points,
+        order: int, which: Array, normals: bool, out: Array, start: int, rest: Array, room: Room,
+    ) -> int:  # fmt: skip
+        """Derivatives, or unit normals, at (face, u, v): queries `start` to `start + len(face)`.
+
+        Results are written to ``out[k, query, channel]`` for the derivatives `which` (places in
+        the order of `LimitSurface.jet`), or to ``out[0]``; NaN where u or v is not finite and on
+        faces without a limit. Queries that are left to the reference are written to `rest`;
+        returned is how many there are, or -1 if a face or a parameter is out of range.
+        """
+        d, left = out.shape[2], 0
+        for begin in range(0, len(face), _BLOCK):
+            size = min(_BLOCK, len(face) - begin)
+            simple = splines = special = 0
+            for k in range(size):
+                if begin + k + 4 * _AHEAD < len(face):
+                    prefetch(patches.info, face[begin + k + 4 * _AHEAD])
+                code, depth, s, t, fine = located(
+                    face[begin + k], u[begin + k], v[begin + k], patches
+                )
+                if not fine:
+                    return -1
+                room.codes[k], room.depths[k], room.s[k], room.t[k] = code, depth, s, t
+                if code < 0:
+                    for j in range(len(out)):
+                        for c in range(d):
+                            out[j, start + begin + k, c] = np.nan
+                elif code >> KIND > 1:
+                    kind, turn = code >> KIND, code >> TURN & TURNS
+                    s, t = turned(s, t, turn)
+                    level, piece, room.s[k], room.t[k] = place_around(s, t, turn)
+                    room.places[k] = piece + 4 * (level + 1)
+                    if level == 0 and tables.kinds[kind, MODES] >= 0:
+                        room.splines[splines] = k
+                        splines += 1
+                    else:
+                        room.special[special] = k
+                        special += 1
+                elif code > ROW or depth or d != 3:
                     room.splines[splines] = k
                     splines += 1
                 else:
-                    room.special[special] = k
-                    special += 1
-            elif code > ROW or depth or d != 3:
-                room.splines[splines] = k
-                splines += 1
-            else:
-                room.simple[simple] = k
-                simple += 1
+                    room.simple[simple] = k
+                    simple += 1
 
-        given = patches, tables, points, order, which, normals, out, rest
-        left = _simple(simple, start + begin, *given, left, room)
-        left = _splines(splines, start + begin, *given, left, room)
-        left = _special(special, start + begin, *given, left, room)
-    return left
+            given = patches, tables, points, order, which, normals, out, rest
+            left = _simple(simple, start + begin, *given, left, room)
+            left = _splines(splines, start + begin, *given, left, room)
+            left = _special(special, start + begin, *given, left, room)
+        return left
+
+    return scattered

@@ -19,6 +19,7 @@ from limitsurf._kernels.evaluation import (
     ROW,
     ROWS,
     TURN,
+    TURNS,
     Patches,
     Points,
     Tables,
@@ -57,98 +58,105 @@ def _across(sums: Array, places: int, size: float) -> None:
         sums[2, 0, q], sums[2, 1, q], sums[2, 2, q] = c0 * scale, c1 * scale, c2 * scale
 
 
-@lean
-def gridded(
-    faces: Array, patches: Patches, tables: Tables, points: Points, weights: Weights, count: int,
-    places: int, position: int, normals: bool, out: Array, start: int, rest: Array, near: Array,
-    sums: Array,
-) -> int:  # fmt: skip
-    """Derivatives, or unit normals, at the same `places` parameters on each face.
+def gridder(shape: Any) -> Any:
+    """The kernel that evaluates grids of queries, for faces of a shape."""
+    own_size, own_point = shape.POINTS, shape.OWN
 
-    Results are written to ``out[k, (start + f) * places + place, channel]`` for the `count`
-    derivatives k of the weights, of which number `position` (or -1) is the position; normals need
-    two, along u and v. Queries that are left to others are written to `rest`; returned is how many
-    there are, or -1 if a face is out of range. near (64,) and sums (6, 3, weights.places) are room.
-    """
-    width, d = points.high.shape[1], out.shape[2]
-    channels = 3 if d == 3 else 1
-    left = 0
-    for f in range(len(faces)):
-        if faces[f] < 0 or faces[f] >= patches.n_faces:
-            return -1
-        code = patches.info[faces[f]]
-        kind, row, turn = code >> KIND, code & ROW, code >> TURN & 3
-        table = -1 if code < 0 else weights.start[kind, turn]
-        size, block, own = 16, 0, np.int64(0)
-        if table >= 0 and kind > 1:
-            size = tables.kinds[kind, ROWS]
-            block = (tables.kinds[kind, MODES] + row * (size + 3)) * width
-            if points.modes[block + (size + 2) * width + 1] != 1:
-                table = -1
-        if table < 0 or (kind <= 1 and code >> FAR & 1):
-            for q in range(places):
-                rest[left] = (start + f) * places + q
-                left += 1
-            continue
-        for channel in range(0, d, channels):
-            reach = 0.0
-            if kind <= 1:
-                own = np.int64(patches.ids[row * 16 + 5])
-                for j in range(16):
-                    i = np.int64(patches.ids[row * 16 + j])
-                    for c in range(channels):
-                        x = points.high[i, channel + c] - points.high[own, channel + c]
-                        near[j * 4 + c] = x
-                        reach = max(reach, abs(x))
-            else:
-                sizes = block + (size + 2) * width
-                reach = max(points.modes[sizes], points.modes[sizes + 2])
-            stride, first = weights.places, block + width + channel
-            for k in range(count):
-                for begin in range(0, stride, PLACES):
-                    at = table + k * size * stride + begin
-                    if kind <= 1 and channels == 3:
-                        _products3(weights.table, at, size, stride, near, 0, 4, sums, k, begin)
-                    elif kind <= 1:
-                        _products1(weights.table, at, size, stride, near, 0, 4, sums, k, begin)
-                    elif channels == 3:
-                        _products3(
-                            weights.table, at, size, stride, points.modes, first, width, sums, k,
-                            begin,
-                        )  # fmt: skip
-                    else:
-                        _products1(
-                            weights.table, at, size, stride, points.modes, first, width, sums, k,
-                            begin,
-                        )  # fmt: skip
-            query = (start + f) * places
-            if normals:
-                _across(sums, places, reach)
+    @lean
+    def gridded(
+        faces: Array, patches: Patches, tables: Tables, points: Points, weights: Weights,
+        count: int, places: int, position: int, normals: bool, out: Array, start: int, rest: Array,
+        near: Array, sums: Array,
+    ) -> int:  # fmt: skip
+        """Derivatives, or unit normals, at the same `places` parameters on each face.
+
+        Results are written to ``out[k, (start + f) * places + place, channel]`` for the `count`
+        derivatives k of the weights, of which number `position` (or -1) is the position; normals
+        need two, along u and v. Queries that are left to others are written to `rest`; returned is
+        how many there are, or -1 if a face is out of range. near (64,) and sums
+        (6, 3, weights.places) are room.
+        """
+        width, d = points.high.shape[1], out.shape[2]
+        channels = 3 if d == 3 else 1
+        left = 0
+        for f in range(len(faces)):
+            if faces[f] < 0 or faces[f] >= patches.n_faces:
+                return -1
+            code = patches.info[faces[f]]
+            kind, row, turn = code >> KIND, code & ROW, code >> TURN & TURNS
+            table = -1 if code < 0 else weights.start[kind, turn]
+            size, block, own = own_size, 0, np.int64(0)
+            if table >= 0 and kind > 1:
+                size = tables.kinds[kind, ROWS]
+                block = (tables.kinds[kind, MODES] + row * (size + 3)) * width
+                if points.modes[block + (size + 2) * width + 1] != 1:
+                    table = -1
+            if table < 0 or (kind <= 1 and code >> FAR & 1):
                 for q in range(places):
-                    out[0, query + q, 0] = sums[2, 0, q]
-                    out[0, query + q, 1] = sums[2, 1, q]
-                    out[0, query + q, 2] = sums[2, 2, q]
-                for q in range(places):
-                    if not abs(sums[2, 0, q]) + abs(sums[2, 1, q]) + abs(sums[2, 2, q]) > 0:
-                        rest[left] = query + q
-                        left += 1
+                    rest[left] = (start + f) * places + q
+                    left += 1
                 continue
-            if position >= 0:
-                for c in range(channels):
-                    if kind <= 1:
-                        high, low = points.high[own, channel + c], 0.0
-                    else:
-                        low = points.modes[block + channel + c]
-                        high = points.modes[block + (size + 1) * width + channel + c]
-                    for q in range(places):
-                        sums[position, c, q] = (sums[position, c, q] + low) + high
-            for k in range(count):
-                if channels == 3:
-                    for q in range(places):
-                        out[k, query + q, 0] = sums[k, 0, q]
-                        out[k, query + q, 1] = sums[k, 1, q]
-                        out[k, query + q, 2] = sums[k, 2, q]
+            for channel in range(0, d, channels):
+                reach = 0.0
+                if kind <= 1:
+                    own = np.int64(patches.ids[row * own_size + own_point])
+                    for j in range(own_size):
+                        i = np.int64(patches.ids[row * own_size + j])
+                        for c in range(channels):
+                            x = points.high[i, channel + c] - points.high[own, channel + c]
+                            near[j * 4 + c] = x
+                            reach = max(reach, abs(x))
                 else:
+                    sizes = block + (size + 2) * width
+                    reach = max(points.modes[sizes], points.modes[sizes + 2])
+                stride, first = weights.places, block + width + channel
+                for k in range(count):
+                    for begin in range(0, stride, PLACES):
+                        at = table + k * size * stride + begin
+                        if kind <= 1 and channels == 3:
+                            _products3(weights.table, at, size, stride, near, 0, 4, sums, k, begin)
+                        elif kind <= 1:
+                            _products1(weights.table, at, size, stride, near, 0, 4, sums, k, begin)
+                        elif channels == 3:
+                            _products3(
+                                weights.table, at, size, stride, points.modes, first, width, sums,
+                                k, begin,
+                            )  # fmt: skip
+                        else:
+                            _products1(
+                                weights.table, at, size, stride, points.modes, first, width, sums,
+                                k, begin,
+                            )  # fmt: skip
+                query = (start + f) * places
+                if normals:
+                    _across(sums, places, reach)
                     for q in range(places):
-                        out[k, query + q, channel] = sums[k, 0, q]
-    return left
+                        out[0, query + q, 0] = sums[2, 0, q]
+                        out[0, query + q, 1] = sums[2, 1, q]
+                        out[0, query + q, 2] = sums[2, 2, q]
+                    for q in range(places):
+                        if not abs(sums[2, 0, q]) + abs(sums[2, 1, q]) + abs(sums[2, 2, q]) > 0:
+                            rest[left] = query + q
+                            left += 1
+                    continue
+                if position >= 0:
+                    for c in range(channels):
+                        if kind <= 1:
+                            high, low = points.high[own, channel + c], 0.0
+                        else:
+                            low = points.modes[block + channel + c]
+                            high = points.modes[block + (size + 1) * width + channel + c]
+                        for q in range(places):
+                            sums[position, c, q] = (sums[position, c, q] + low) + high
+                for k in range(count):
+                    if channels == 3:
+                        for q in range(places):
+                            out[k, query + q, 0] = sums[k, 0, q]
+                            out[k, query + q, 1] = sums[k, 1, q]
+                            out[k, query + q, 2] = sums[k, 2, q]
+                    else:
+                        for q in range(places):
+                            out[k, query + q, channel] = sums[k, 0, q]
+        return left
+
+    return gridded

@@ -49,7 +49,7 @@ def kernel(function: F) -> F:
 
 
 def lean(function: F) -> F:
-    """The same for a kernel that allocates nothing: callers bring room to work in."""
+    """Compile, as `kernel` does, what allocates nothing: callers bring room to work in."""
     return _cached(function, _LEAN)
 
 
@@ -73,7 +73,10 @@ class _Cache(NullCache):  # type: ignore[misc]
         name = f"{Path(code.co_filename).stem}.{function.__qualname__}-{code.co_firstlineno}"
         self._name = "".join(c for c in name if c not in "<>")  # which some systems do not allow
         constants = [x for x in code.co_consts if not hasattr(x, "co_code")]
-        self._code = code.co_code, constants, code.co_names
+        # kernels that are made for a shape of faces differ in what they close over
+        closed = [cell.cell_contents for cell in function.__closure__ or ()]
+        closed = [x if isinstance(x, int) else getattr(x, "__module__", "") for x in closed]
+        self._code = code.co_code, constants, code.co_names, closed
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled kernel; None if it is to be compiled."""
@@ -259,13 +262,75 @@ def bicubic(order: int, sized: bool = False) -> Any:
     return contract
 
 
-def polynomials(order: int) -> Any:
-    """An intrinsic for bicubic polynomials at one place, four at once.
+def gathered(size: int, own: int, count: int, sized: bool = False) -> Any:
+    """An intrinsic for `count` sums of products of control points, four channels at once.
 
-    ``f(c, at, size, S, T, rows)``: coefficients c (..., stride) float64, from place `at` on 16 rows
-    of `size` polynomials, a multiple of four, coefficient ``4 j + i`` that of ``S^i T^j``; rows
+    ``f(points, ids, at, base, channel, weights, scale, out)``: points (n, width) float64; flat ids
+    from `at` on, plus `base`, are the rows of `size` control points, taken relative to number
+    `own`; flat weights (count, size), all times `scale`; out (count, 4). If `sized`, a last row of
+    `out` has the largest absolute values of any control point.
+    """
+
+    @intrinsic
+    def contract(
+        typing: Any, points: Any, ids: Any, at: Any, base: Any, channel: Any, weights: Any,
+        scale: Any, out: Any,
+    ) -> Any:  # fmt: skip
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            given = signature.args
+            data, ids, weights, out = (
+                _data(context, builder, given[k], arguments[k]) for k in (0, 1, 5, 7)
+            )
+            array = context.make_array(given[0])(context, builder, arguments[0])
+            width = builder.extract_value(array.shape, 1)
+
+            def point(k: int) -> Any:
+                place = builder.gep(ids, [builder.add(arguments[2], _I64(k))])
+                number = builder.add(builder.sext(builder.load(place), _I64), arguments[3])
+                start = builder.add(builder.mul(number, width), arguments[4])
+                return builder.load(_vector(builder, data, start), align=8)
+
+            origin = point(own)
+            found: list[Any] = [None] * count
+            largest = ir.Constant(_FOUR, None)
+            absolute = cgutils.get_or_insert_function(
+                builder.module, ir.FunctionType(_FOUR, [_FOUR]), "llvm.fabs.v4f64"
+            )
+            for k in range(size):
+                if k == own:
+                    continue
+                near = builder.fsub(point(k), origin)
+                if sized:
+                    far = builder.call(absolute, [near])
+                    larger = builder.fcmp_ordered(">", far, largest)
+                    largest = builder.select(larger, far, largest)
+                for row in range(count):
+                    weight = _spread(builder, weights, _I64(row * size + k))
+                    found[row] = _added(builder, found[row], weight, near)
+            one = builder.insert_element(_UNDEFINED, arguments[6], _I32(0))
+            scale = builder.shuffle_vector(
+                one, _UNDEFINED, ir.Constant(ir.VectorType(_I32, 4), [0] * 4)
+            )
+            found = [builder.fmul(x, scale) for x in found]
+            for k, value in enumerate([*found, largest] if sized else found):
+                builder.store(value, _vector(builder, out, _I64(4 * k)), align=8)
+            return context.get_dummy_value()
+
+        places = [types.int64] * 3
+        return types.void(points, ids, *places, weights, types.float64, out), generate
+
+    return contract
+
+
+def polynomials(order: int, degrees: tuple[int, ...]) -> Any:
+    """An intrinsic for polynomials at one place, four at once.
+
+    Of degree ``degrees[j]`` in S beside ``T^j``, which do not grow with j.
+    ``f(c, at, size, S, T, rows)``: coefficients c (..., stride) float64, from place `at` on rows of
+    `size` polynomials, a multiple of four, a row for each ``S^i T^j``, by j, then i; rows
     (6 or more, stride) get all derivatives up to the order, in the order of `LimitSurface.jet`.
     """
+    starts = [sum(degrees[:j]) + j for j in range(len(degrees))]
 
     @intrinsic
     def evaluate(typing: Any, c: Any, at: Any, size: Any, S: Any, T: Any, rows: Any) -> Any:
@@ -281,22 +346,28 @@ def polynomials(order: int) -> Any:
                 same = ir.Constant(ir.VectorType(_I32, 4), [0] * 4)
                 return builder.shuffle_vector(one, _UNDEFINED, same)
 
-            def powers(x: Any) -> list[list[Any]]:
-                """Factors of the coefficients of a cubic in its derivatives, but the first."""
-                two, three, six = (ir.Constant(_FOUR, [f] * 4) for f in (2.0, 3.0, 6.0))
-                square = builder.fmul(x, x)
-                first = [builder.fmul(two, x), builder.fmul(three, square)]
-                return [[x, square, builder.fmul(x, square)], first, [builder.fmul(six, x)]]
+            def powers(x: Any, degree: int) -> list[list[Any]]:
+                """Factors of the coefficients of a polynomial in its derivatives, but the first."""
+                of = [x]
+                for _ in range(1, degree):
+                    of.append(builder.fmul(x, of[-1]))
+
+                def times(counts: Any) -> list[Any]:
+                    counts = [ir.Constant(_FOUR, [float(k)] * 4) for k in counts]
+                    return [builder.fmul(k, y) for k, y in zip(counts, of, strict=False)]
+
+                first, second = range(2, degree + 1), range(2, degree)
+                return [of, times(first), times([k * (k + 1) for k in second])]
 
             def value(terms: list[Any], powers: list[list[Any]], times: int) -> Any:
                 total = terms[times]
                 if times == 2:
                     total = builder.fadd(total, total)
-                for factor, term in zip(powers[times], terms[times + 1 :], strict=True):
+                for factor, term in zip(powers[times], terms[times + 1 :], strict=False):
                     total = _added(builder, total, factor, term)
                 return total
 
-            S, T = powers(four(S)), powers(four(T))
+            S, T = powers(four(S), degrees[0]), powers(four(T), len(degrees) - 1)
             with cgutils.for_range(builder, builder.udiv(size, _I64(4)), intp=_I64) as loop:
                 k = builder.mul(loop.index, _I64(4))
                 start = builder.add(at, k)
@@ -306,16 +377,16 @@ def polynomials(order: int) -> Any:
                             _vector(
                                 builder,
                                 data,
-                                builder.add(start, builder.mul(stride, _I64(4 * j + i))),
+                                builder.add(start, builder.mul(stride, _I64(first + i))),
                             ),
                             align=8,
                         )
-                        for i in range(4)
+                        for i in range(degree + 1)
                     ]
-                    for j in range(4)
+                    for first, degree in zip(starts, degrees, strict=True)
                 ]
                 for m in range(order + 1):
-                    along = [value(row, S, m) for row in grid]
+                    along = [value(row, S, m) for row in grid if len(row) > m]
                     for n in range(order + 1 - m):
                         number = (m + n) * (m + n + 1) // 2 + n
                         place = builder.add(builder.mul(stride, _I64(number)), k)
@@ -363,48 +434,53 @@ def scaling(count: int) -> Any:
     return scale
 
 
-@intrinsic
-def differences(
-    typing: Any, points: Any, extras: Any, ids: Any, at: Any, channel: Any, near: Any
-) -> Any:
-    """``f(points, extras, ids, at, channel, near)``: 16 control points relative to number 5.
+def differences(size: int, own: int) -> Any:
+    """An intrinsic for `size` control points relative to number `own`, four channels at once.
 
-    points (n, width) float64; flat ids from `at` on are rows of it, or from n on of extras
-    (m, 2 width), unevaluated sums of two. near (16, 4) gets four channels.
+    ``f(points, extras, ids, at, channel, near)``: points (n, width) float64; flat ids from `at` on
+    are rows of it, or from n on of extras (m, 2 width), unevaluated sums of two. near (size, 4)
+    gets four channels.
     """
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        given = signature.args
-        data, more, ids, near = (
-            _data(context, builder, given[k], arguments[k]) for k in (0, 1, 2, 5)
-        )
-        array = context.make_array(given[0])(context, builder, arguments[0])
-        n, width = (builder.extract_value(array.shape, axis) for axis in (0, 1))
-        nothing = cgutils.alloca_once(builder, _FOUR)
-        builder.store(ir.Constant(_FOUR, None), nothing)
-        nothing = builder.bitcast(nothing, _FOUR.as_pointer())
+    @intrinsic
+    def subtract(
+        typing: Any, points: Any, extras: Any, ids: Any, at: Any, channel: Any, near: Any
+    ) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            given = signature.args
+            data, more, ids, near = (
+                _data(context, builder, given[k], arguments[k]) for k in (0, 1, 2, 5)
+            )
+            array = context.make_array(given[0])(context, builder, arguments[0])
+            n, width = (builder.extract_value(array.shape, axis) for axis in (0, 1))
+            nothing = cgutils.alloca_once(builder, _FOUR)
+            builder.store(ir.Constant(_FOUR, None), nothing)
+            nothing = builder.bitcast(nothing, _FOUR.as_pointer())
 
-        def point(k: int) -> tuple[Any, Any]:
-            place = builder.gep(ids, [builder.add(arguments[3], _I64(k))])
-            number = builder.sext(builder.load(place), _I64)
-            extra = builder.icmp_signed(">=", number, n)
-            row = builder.mul(builder.mul(builder.sub(number, n), width), _I64(2))
-            other = builder.add(row, arguments[4])
-            own = builder.add(builder.mul(number, width), arguments[4])
-            high = builder.select(extra, _vector(builder, more, other), _vector(builder, data, own))
-            low = _vector(builder, more, builder.add(other, width))
-            low = builder.select(extra, low, nothing)
-            return builder.load(high, align=8), builder.load(low, align=8)
+            def point(k: int) -> tuple[Any, Any]:
+                place = builder.gep(ids, [builder.add(arguments[3], _I64(k))])
+                number = builder.sext(builder.load(place), _I64)
+                extra = builder.icmp_signed(">=", number, n)
+                row = builder.mul(builder.mul(builder.sub(number, n), width), _I64(2))
+                other = builder.add(row, arguments[4])
+                inner = builder.add(builder.mul(number, width), arguments[4])
+                high = _vector(builder, data, inner)
+                high = builder.select(extra, _vector(builder, more, other), high)
+                low = _vector(builder, more, builder.add(other, width))
+                low = builder.select(extra, low, nothing)
+                return builder.load(high, align=8), builder.load(low, align=8)
 
-        high, low = point(5)
-        for k in range(16):
-            first, second = point(k)
-            step = builder.fadd(builder.fsub(first, high), builder.fsub(second, low))
-            builder.store(step, _vector(builder, near, _I64(4 * k)), align=8)
-        return context.get_dummy_value()
+            high, low = point(own)
+            for k in range(size):
+                first, second = point(k)
+                step = builder.fadd(builder.fsub(first, high), builder.fsub(second, low))
+                builder.store(step, _vector(builder, near, _I64(4 * k)), align=8)
+            return context.get_dummy_value()
 
-    given = points, extras, ids, types.int64, types.int64, near
-    return types.void(*given), generate
+        given = points, extras, ids, types.int64, types.int64, near
+        return types.void(*given), generate
+
+    return subtract
 
 
 def combination(count: int) -> Any:

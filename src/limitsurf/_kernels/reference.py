@@ -103,6 +103,58 @@ def split_corner(s: Array, t: Array, up_s: Array, up_t: Array) -> tuple[Array, A
     return np.where(corner, -1, level), piece, S, T
 
 
+def split_flipped_corner(
+    s: Array, t: Array, up_s: Array, up_t: Array, up: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Find the regular piece of a triangle around the corner (0, 0) that holds each (s, t).
+
+    As `split_corner`, but after ``level`` halvings s + t is above 1/2, and of the three pieces
+    0 (s > 1/2), 1 (t > 1/2) and 2, amid the others, the last is turned by half a turn. On the line
+    s + t = 1/2 between two levels the one farther from the corner is taken where `up` is true.
+    """
+    number = type_of(s)
+    # where the sum is rounded to a power of two what rounding took from it tells the side
+    total, error = two_sum(s, t)
+    level = number.halvings(total, np.where(error == 0, up, error > 0))
+    corner = level == FAR
+    level = np.where(corner, 0, level)
+    S, T = number.scaled(s, level + 1), number.scaled(t, level + 1)
+    first, second = ((x > 1) | ((x == 1) & near) for x, near in ((S, up_s), (T, up_t)))
+    # where rounding took both beyond 1/2, the first
+    piece = np.where(corner | first, 0, np.where(second, 1, 2))
+    S = np.choose(piece, [np.where(corner, S, S - 1), S, 1 - S])
+    T = np.choose(piece, [T, T - 1, 1 - T])
+    return np.where(corner, -1, level), piece, S, T
+
+
+def coordinates(u: Array, v: Array, sides: Sequence[tuple[int, int, int]]) -> list[Array]:
+    """The values (Q,) of `Lattice.sides`, as `Lattice.coordinates`, but none below 0 by rounding.
+
+    Parameters on the edge of a triangle, where u + v is 1 but for their rounding, stay there; and
+    1 - u - v is rounded once, so that what is on a line between pieces is so from every corner.
+    """
+    found = [u, v]
+    for _, b, c in sides[2:]:
+        if b and c:
+            large, small = np.maximum(u, v), np.minimum(u, v)
+            with np.errstate(invalid="ignore"):  # where one is infinite
+                rest = 1 - large
+                rest = (rest - small) + ((1 - rest) - large)
+                found.append(np.maximum(rest, 0 * rest))  # (a zero of its type)
+        else:
+            found.append(1 - (u if b else v))
+    return found
+
+
+def barycentric_monomials(s: Array, t: Array, exponents: Sequence[tuple[int, int, int]]) -> Array:
+    """``(1 - s - t)^i s^j t^k`` for each of the exponents (i, j, k), (Q, exponents)."""
+    degree = max(map(sum, exponents))
+    rest = 1 - np.maximum(s, t) - np.minimum(s, t)
+    powers = np.stack([monomials(x, degree) for x in (rest, s, t)])
+    i, j, k = np.transpose(exponents)
+    return np.asarray(powers[0][:, i] * powers[1][:, j] * powers[2][:, k])
+
+
 def split_strip(t: Array, depth: Array, up: Array) -> tuple[Array, Array, Array]:
     """Find the piece of a strip that holds each t: piece (Q,), parameter in it, its level.
 

@@ -18,22 +18,15 @@ from limitsurf._kernels.evaluation import (
     KIND,
     MODES,
     ROW,
-    SIGN,
     SIZE,
     STEP,
     TURN,
-    TURNED,
+    TURNS,
     Patches,
     Room,
     Tables,
-    cubic_weights,
-    eigenfunctions,
-    located,
-    place_around,
     powered,
     scale_by_two,
-    strip_weights,
-    turned,
 )
 from limitsurf._kernels.jit import inlined, lean, prefetch
 
@@ -52,47 +45,6 @@ class Controls(NamedTuple):
     indptr: Array  # (extras + 1,) int64: control points that are not vertices, as rows over those
     indices: Array  # int64
     data: Array
-
-
-@inlined
-def _controls(code: int, patches: Patches, tables: Tables, controls: Controls) -> tuple[int, int]:
-    """Where the control points of a patch begin, and how many there are."""
-    kind, row = code >> KIND, code & ROW
-    if kind <= 1:
-        return row * 16, 16
-    n = tables.kinds[kind, SIZE] + 1
-    return controls.first[kind] + row * n, n
-
-
-@lean
-def lengths(
-    face: Array, u: Array, v: Array, patches: Patches, tables: Tables, controls: Controls,
-    order: int, result: Array,
-) -> int:  # fmt: skip
-    """Most entries that the row of each query can have; negative if a query cannot be answered."""
-    for q in range(len(face)):
-        code, _, s, t, fine = located(face[q], u[q], v[q], patches)
-        if not fine:
-            return OUT_OF_RANGE
-        if code < 0:
-            result[q] = 1
-            continue
-        kind, turn = code >> KIND, code >> TURN & 3
-        if kind > 1:
-            s, t = turned(s, t, turn)
-            if tables.kinds[kind, MODES] < 0 or (
-                order == 2 and place_around(s, t, turn)[0] > DEEPEST
-            ):
-                return UNKNOWN
-        at, n = _controls(code, patches, tables, controls)
-        result[q] = n
-        if code >> FAR & 1:
-            ids = patches.ids if code >> KIND <= 1 else controls.ids
-            for k in range(at, at + n):
-                extra = ids[k] - controls.n_vertices
-                if extra >= 0:
-                    result[q] += controls.indptr[extra + 1] - controls.indptr[extra] - 1
-    return 0
 
 
 @inlined
@@ -138,89 +90,124 @@ def _place(
     return total == 0
 
 
-@lean
-def fill(
-    face: Array, u: Array, v: Array, patches: Patches, tables: Tables, controls: Controls,
-    order: int, term: int, starts: Array, ends: Array, indices: Array, data: Array, room: Room,
-    weights: Array, keys: Array,
-) -> None:  # fmt: skip
-    """Rows of one derivative, `term` in the order of `LimitSurface.jet`, from `starts` to `ends`.
+def writers(shape: Any) -> tuple[Any, Any]:
+    """The kernels `lengths` and `fill`, for faces of a shape."""
+    size, eigenfunctions, spline_row = shape.POINTS, shape.eigenfunctions, shape.spline_row
+    located, turned, place_around = shape.located, shape.turned, shape.place_around
+    chosen = shape.chosen
 
-    `weights` and `keys` (int64) are room for those of the control points of a patch.
-    """
-    first_strip = len(patches.ids) // 16 - len(patches.strips)
-    rows, along = room.rows, room.weights
-    for q in range(len(face)):
-        if q + 16 < len(face):
-            prefetch(patches.info, face[q + 16])
-            ahead = patches.info[face[q + 8]]
-            if ahead >= 0 and ahead >> KIND <= 1:
-                prefetch(patches.ids, (ahead & ROW) * 16)
-        start = starts[q]
-        code, depth, s, t, _ = located(face[q], u[q], v[q], patches)
-        if code < 0:
-            indices[start], data[start] = controls.own[face[q]], np.nan
-            ends[q] = start + 1
-            continue
-        kind, row, turn = code >> KIND, code & ROW, code >> TURN & 3
-        s, t = turned(s, t, turn)
-        here, sign = TURNED[turn & 1, term], SIGN[turn, term]
-        at, n = _controls(code, patches, tables, controls)
+    @inlined
+    def _controls(
+        code: int, patches: Patches, tables: Tables, controls: Controls
+    ) -> tuple[int, int]:
+        """Where the control points of a patch begin, and how many there are."""
+        kind, row = code >> KIND, code & ROW
         if kind <= 1:
-            cubic_weights(s, 2, 0, along)
-            if kind == 0:
-                cubic_weights(t, 2, 12, along)
+            return row * size, size
+        n = tables.kinds[kind, SIZE] + 1
+        return controls.first[kind] + row * n, n
+
+    @lean
+    def lengths(
+        face: Array, u: Array, v: Array, patches: Patches, tables: Tables, controls: Controls,
+        order: int, result: Array,
+    ) -> int:  # fmt: skip
+        """Most entries that the row of each query can have; negative if one cannot be answered."""
+        for q in range(len(face)):
+            code, _, s, t, fine = located(face[q], u[q], v[q], patches)
+            if not fine:
+                return OUT_OF_RANGE
+            if code < 0:
+                result[q] = 1
+                continue
+            kind, turn = code >> KIND, code >> TURN & TURNS
+            if kind > 1:
+                s, t = turned(s, t, turn)
+                if tables.kinds[kind, MODES] < 0 or (
+                    order == 2 and place_around(s, t, turn)[0] > DEEPEST
+                ):
+                    return UNKNOWN
+            at, n = _controls(code, patches, tables, controls)
+            result[q] = n
+            if code >> FAR & 1:
+                ids = patches.ids if code >> KIND <= 1 else controls.ids
+                for k in range(at, at + n):
+                    extra = ids[k] - controls.n_vertices
+                    if extra >= 0:
+                        result[q] += controls.indptr[extra + 1] - controls.indptr[extra] - 1
+        return 0
+
+    @lean
+    def fill(
+        face: Array, u: Array, v: Array, patches: Patches, tables: Tables, controls: Controls,
+        order: int, term: int, starts: Array, ends: Array, indices: Array, data: Array, room: Room,
+        weights: Array, keys: Array,
+    ) -> None:  # fmt: skip
+        """Rows of one derivative, `term` in the order of `LimitSurface.jet`; `starts`, `ends`.
+
+        `weights` and `keys` (int64) are room for those of the control points of a patch.
+        """
+        rows, along = room.rows, room.weights
+        for q in range(len(face)):
+            if q + 16 < len(face):
+                prefetch(patches.info, face[q + 16])
+                ahead = patches.info[face[q + 8]]
+                if ahead >= 0 and ahead >> KIND <= 1:
+                    prefetch(patches.ids, (ahead & ROW) * size)
+            start = starts[q]
+            code, depth, s, t, _ = located(face[q], u[q], v[q], patches)
+            if code < 0:
+                indices[start], data[start] = controls.own[face[q]], np.nan
+                ends[q] = start + 1
+                continue
+            kind, turn = code >> KIND, code >> TURN & TURNS
+            s, t = turned(s, t, turn)
+            at, n = _controls(code, patches, tables, controls)
+            if kind <= 1:
+                spline_row(code, depth, s, t, term, order, patches, along, weights)
             else:
-                first = patches.strips[row - first_strip, 0]
-                deep = patches.strips[row - first_strip, 1]
-                up = turn == 1 or turn == 2
-                strip_weights(t, 2, up, patches.strip_pieces, first, deep, 12, along)
-            # derivatives (0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)
-            j = 2 if here == 5 else 1 if here == 2 or here == 4 else 0
-            i = order - j
-            factor = scale_by_two(sign, order * depth)
-            for y in range(4):
-                across = along[12 + 4 * j + y] * factor
-                for x in range(4):
-                    weights[4 * y + x] = across * along[4 * i + x]
-        else:
-            level, piece, S, T = place_around(s, t, turn)
+                level, piece, S, T = place_around(s, t, turn)
+                for k in range(n):
+                    weights[k] = 0.0
+                mantissa, exponent = 1.0, order * depth
+                if level < 0:
+                    for j in range(6):
+                        for k in range(n - 1):
+                            rows[j, k] = tables.corners[kind, j, k]
+                else:
+                    eigenfunctions(order, kind, piece, S, T, tables, rows)
+                    powered(kind, FIRST, level, (order + 1) * (order + 2) // 2, tables, rows)
+                    mantissa = tables.mantissas[kind, level % STEP]
+                    mantissa *= tables.mantissas[kind, STEP + level // STEP]
+                    exponent += tables.exponents[kind, level % STEP] + order * (level + 1)
+                    exponent += tables.exponents[kind, STEP + level // STEP]
+                here, sign = chosen(rows, n - 1, turn, piece, term)
+                mantissa *= sign
+                if level >= 0 or order > 0:
+                    for j in range(n - 1):
+                        value = rows[here, j]
+                        for k in range(n):
+                            weights[k] += value * controls.left[kind, j + 1, k]
+                for k in range(n):
+                    w = scale_by_two(weights[k] * mantissa, exponent)
+                    weights[k] = w + controls.left[kind, 0, k] if order == 0 else w
+            ids = patches.ids if kind <= 1 else controls.ids
+            if not code >> FAR & 1 and _place(ids, at, n, weights, keys, indices, data, start):
+                ends[q] = start + n
+                continue
+            end = start
             for k in range(n):
-                weights[k] = 0.0
-            mantissa, exponent = sign, order * depth
-            if level < 0:
-                for k in range(n - 1):
-                    rows[here, k] = tables.corners[kind, here, k]
-            else:
-                eigenfunctions(order, kind, piece, S, T, tables, rows)
-                powered(kind, FIRST, level, (order + 1) * (order + 2) // 2, tables, rows)
-                mantissa *= tables.mantissas[kind, level % STEP]
-                mantissa *= tables.mantissas[kind, STEP + level // STEP]
-                exponent += tables.exponents[kind, level % STEP] + order * (level + 1)
-                exponent += tables.exponents[kind, STEP + level // STEP]
-            if level >= 0 or order > 0:
-                for j in range(n - 1):
-                    value = rows[here, j]
-                    for k in range(n):
-                        weights[k] += value * controls.left[kind, j + 1, k]
-            for k in range(n):
-                w = scale_by_two(weights[k] * mantissa, exponent)
-                weights[k] = w + controls.left[kind, 0, k] if order == 0 else w
-        ids = patches.ids if kind <= 1 else controls.ids
-        if not code >> FAR & 1 and _place(ids, at, n, weights, keys, indices, data, start):
-            ends[q] = start + n
-            continue
-        end = start
-        for k in range(n):
-            column = ids[at + k]
-            extra = column - controls.n_vertices
-            if extra < 0:
-                end = _insert(indices, data, start, end, column, weights[k])
-            else:
-                for e in range(controls.indptr[extra], controls.indptr[extra + 1]):
-                    value = weights[k] * controls.data[e]
-                    end = _insert(indices, data, start, end, controls.indices[e], value)
-        ends[q] = end
+                column = ids[at + k]
+                extra = column - controls.n_vertices
+                if extra < 0:
+                    end = _insert(indices, data, start, end, column, weights[k])
+                else:
+                    for e in range(controls.indptr[extra], controls.indptr[extra + 1]):
+                        value = weights[k] * controls.data[e]
+                        end = _insert(indices, data, start, end, controls.indices[e], value)
+            ends[q] = end
+
+    return lengths, fill
 
 
 @lean

@@ -36,8 +36,11 @@ class Compiled:
     def knows(self, orders: Sequence[Order], weights: bool) -> bool:
         """Whether kernels can answer at all: derivatives of few orders, of points of common size.
 
-        There must be numbers to be answered. For `weights` points do not matter.
+        Patches must be of a shape that has kernels, and there must be numbers to be answered. For
+        `weights` points do not matter.
         """
+        if not self._topology.packs:
+            return False
         for nu in orders:
             if nu not in PLACES:
                 return False
@@ -77,7 +80,7 @@ class Compiled:
 
     def curvatures(self, request: Request) -> Array:
         """See `Engine`; around special corners, and where errors may weigh, by the reference."""
-        request.check(self._topology.patches.n_limit_faces)
+        request.check(self._topology.patches.n_limit_faces, self._topology.lattice)
         total, start = request.face.size, 0
         found = np.empty((total, 10))
         for part in np.array_split(found, max(1, total // _PORTION)):  # views
@@ -98,7 +101,7 @@ class Compiled:
         known = flat if rest is None else flat.flat(~rest)
         found = packing.weights((known.face, known.u, known.v), PLACES[nu], request.workers)
         if found is None:
-            request.check(self._topology.patches.n_limit_faces)
+            request.check(self._topology.patches.n_limit_faces, self._topology.lattice)
             return self._reference.weights(request, nu)
         if rest is None:
             return found
@@ -116,7 +119,7 @@ class Compiled:
         if not without.any():
             return None
         patches = self._topology.patches
-        flat.check(patches.n_limit_faces)
+        flat.check(patches.n_limit_faces, self._topology.lattice)
         there = np.flatnonzero(np.isfinite(flat.u) & np.isfinite(flat.v))
         patch, *_ = patches.locate(flat.face[there].astype(np.int64), flat.u[there], flat.v[there])
         result = np.zeros(len(flat.face), dtype=bool)
@@ -135,7 +138,7 @@ class Compiled:
             self._points, (request.face, request.u, request.v), width, places, request.workers
         )
         if found is None:
-            request.check(self._topology.patches.n_limit_faces)
+            request.check(self._topology.patches.n_limit_faces, self._topology.lattice)
             raise AssertionError("kernels and checks disagree about what is in range")
         results, rest = found
         if len(rest):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.engine.kinds import Corners, Group, Kind, Regular, Rings, Strip
 from limitsurf.numbers import NumberType
@@ -86,17 +87,20 @@ class Groups:
         No group gathers too much for `width` numbers a control point; those of shared rings count
         if `dense`.
         """
-        patches = self.patches
+        patches, lattice = self.patches, self._scheme.lattice
         finite = self.number.finite(u) & self.number.finite(v)
         finite &= patches.codes[face] != -1
         defined, undefined = finite.nonzero()[0], (~finite).nonzero()[0]
-        patch, s, t, depth, _ = patches.locate(face[defined], u[defined], v[defined])
+        patch, s, t, depth, flipped = patches.locate(face[defined], u[defined], v[defined])
         kinds, groups = patches.kind[patch], []
         for which in np.unique(kinds).tolist():
             here = (kinds == which).nonzero()[0]
-            kind, turn = self.kinds[which], patches.turn[patch[here]]
-            sides = [s[here], t[here], 1 - s[here], 1 - t[here]]
-            x, y = np.choose(turn, sides), np.choose(turn, sides[1:] + sides[:1])
+            kind, turn, x, y = self.kinds[which], patches.turn[patch[here]], s[here], t[here]
+            if turn.any():
+                sides = kernels.coordinates(x, y, lattice.sides)
+                x, y = np.choose(turn, sides), np.choose(turn, sides[1:] + sides[:1])
+            if flipped is not None:
+                turn = turn + lattice.face_size * flipped[here]
             group = Group(kind, defined[here], patches.row[patch[here]], x, y, depth[here], turn)
             step = max(1, _GATHER // max(kind.widths[dense] * width, 1))
             groups += [group] if len(here) <= step else _cut(group, step)
@@ -107,6 +111,6 @@ def _cut(g: Group, step: int) -> list[Group]:
     """A group in parts of so many queries."""
     parts = (slice(start, start + step) for start in range(0, len(g.query), step))
     return [
-        Group(g.kind, *(x[part] for x in (g.query, g.row, g.s, g.t, g.depth, g.turn)))
+        Group(g.kind, *(x[part] for x in (g.query, g.row, g.s, g.t, g.depth, g.orientation)))
         for part in parts
     ]

@@ -1,8 +1,7 @@
 """The kinds of patches: how queries in them get their weights, and with points their values.
 
-Regular patches and strips are splines of 16 control points. A special corner has an eigenbasis, or
-where too many faces meet a ring that its patches share. What depends on the points comes as
-`values.Values`.
+Regular patches and strips are splines. A special corner has an eigenbasis, or where too many faces
+meet a ring that its patches share. What depends on the points comes as `values.Values`.
 """
 
 from __future__ import annotations
@@ -10,8 +9,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import partial
+from itertools import repeat
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -31,8 +30,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-_FIRST_CORNER = 5  # the control point of a bicubic patch at its corner (0, 0)
-
 
 @dataclass(slots=True)
 class Group:
@@ -44,7 +41,7 @@ class Group:
     s: Array  # (q,) parameters in the patch
     t: Array
     depth: Array  # (q,) halvings from limit face to patch
-    turn: Array  # (q,) corners that the patch is turned against the limit face
+    orientation: Array  # (q,) of the patch in the limit face; see `Lattice.gradients`
 
 
 class Kind(ABC):
@@ -66,7 +63,7 @@ class Kind(ABC):
     def __init__(self, controls: Array, number: NumberType, scheme: Scheme) -> None:
         self.controls, self.number = controls, number
         self.widths = controls.shape[1], controls.shape[1]
-        self._scheme = scheme
+        self._scheme, self._lattice = scheme, scheme.lattice
 
     def ids(self, row: Array) -> Array:
         """All control points of some patches, (n, K)."""
@@ -97,33 +94,60 @@ class Kind(ABC):
     def curvatures(self, values: Values, g: Group) -> list[Array]:
         """What `curvatures` returns, (q, 10)."""
 
-    def jets(self, values: Values, g: Group) -> tuple[Array, Array, Array] | None:
-        """Derivatives (q, 4, 4, d) of orders 0 to 3 in u and v, in parameters of their piece.
+    def jets(
+        self, values: Values, g: Group, orientation: Array
+    ) -> tuple[Array, Array, Array] | None:
+        """Derivatives (q, n, n, d) of all orders in x and y, in parameters of their piece.
 
-        Those are u and v times 2 ** exponent (q,), returned last; before it bounds (q, 4, 4) of
-        rounding errors. The position, of order (0, 0), is left 0. None if there are no such pieces.
+        Patches have this `orientation` (q,) in x and y, which are these times 2 ** exponent (q,),
+        returned last; before it bounds (q, n, n) of rounding errors. The position, of order (0, 0),
+        is left 0. None if there are no such pieces.
         """
         return None
 
+    @cached_property
+    def _orders(self) -> list[Order]:
+        """Orders of derivatives that are not 0 everywhere."""
+        each = range(self._size)
+        orders = [(i, j) for i in each for j in each if i or j]
+        return [nu for nu in orders if not self._scheme.spline.vanishes(nu)]
 
-_ORDERS = [(i, j) for i in range(4) for j in range(4) if i or j]
+    @property
+    def _size(self) -> int:
+        return self._scheme.spline.degree + 1
 
 
 class Spline(Kind):
-    """Patches of 16 control points that are products of splines."""
+    """Patches of pieces of a spline."""
 
     special = False
 
     @abstractmethod
-    def patch_weights(self, g: Group, nu: Order) -> Array:
-        """Weights (q, 16), but for the depth of the patch."""
+    def own_weights(self, g: Group, nu: Order, here: Any) -> Array:
+        """Weights (n, K) of some queries for derivatives in (s, t), but for the depth."""
+
+    def patch_weights(self, g: Group, nu: Order, orientation: Array | None = None) -> Array:
+        """Weights (q, K) for derivatives in (u, v), but for the depth of the patch.
+
+        Those of an `orientation` if it is given, else of their own.
+        """
+        orientation = g.orientation if orientation is None else orientation
+        if not orientation.any():
+            return self.own_weights(g, nu, slice(None))
+        rows = partial(self.own_weights, g)
+        return basis.turned_rows(self._lattice, nu, orientation, rows)
+
+    @cached_property
+    def _first(self) -> int:
+        """The control point at the corner (0, 0)."""
+        return self._lattice.template.index((1, 1))
 
     def weights(self, g: Group, nu: Order) -> Array:
         scale = kernels.scale_by_two(np.ones(len(g.s), dtype=self.number.dtype), g.depth * sum(nu))
         return np.asarray(self.patch_weights(g, nu) * scale[:, None])
 
     def derivatives(self, values: Values, g: Group, orders: Sequence[Order]) -> list[Array]:
-        high, low, points = values.differences(self.controls[g.row], _FIRST_CORNER)
+        high, low, points = values.differences(self.controls[g.row], self._first)
         found = []
         for nu in orders:
             value = np.matmul(self.patch_weights(g, nu)[:, None], points)[:, 0]
@@ -137,8 +161,8 @@ class Spline(Kind):
 
     def directions(self, values: Values, g: Group) -> list[Array]:
         ids = self.controls[g.row]
-        *_, points = values.differences(ids, _FIRST_CORNER)
-        size = values.sizes(points, ids)[..., None]  # (q, 16, 1)
+        *_, points = values.differences(ids, self._first)
+        size = values.sizes(points, ids)[..., None]  # (q, K, 1)
         weights = [self.patch_weights(g, nu) for nu in ((1, 0), (0, 1))]
         noise = [kernels.NOISE * _contract(np.abs(w), size) + kernels.TINY for w in weights]
         return [_contract(w, points) for w in weights] + noise
@@ -149,30 +173,34 @@ class Spline(Kind):
 
     def curvatures(self, values: Values, g: Group) -> list[Array]:
         (normal,), ids = self.normals(values, g), self.controls[g.row]
-        *_, points = values.differences(ids, _FIRST_CORNER)
+        *_, points = values.differences(ids, self._first)
         weights = [self.patch_weights(g, nu) for nu in JET]
         jet = np.stack([_contract(w, points) for w in weights])
         sizes = np.abs(points) + values.errors[ids]
         errors = kernels.NOISE * np.stack([_contract(np.abs(w), sizes) for w in weights])
         return [curvatures(jet, normal, errors, sizes.max(axis=(1, 2)), values.balance)]
 
-    def jets(self, values: Values, g: Group) -> tuple[Array, Array, Array]:
-        ids = self.controls[g.row]
-        *_, points = values.differences(ids, _FIRST_CORNER)
+    def jets(self, values: Values, g: Group, orientation: Array) -> tuple[Array, Array, Array]:
+        ids, n = self.controls[g.row], self._size
+        *_, points = values.differences(ids, self._first)
         sizes = values.sizes(points, ids)
-        found, error = np.zeros((len(ids), 4, 4, points.shape[2])), np.zeros((len(ids), 4, 4))
-        for nu in _ORDERS:
-            weights = self.patch_weights(g, nu)
+        found, error = np.zeros((len(ids), n, n, points.shape[2])), np.zeros((len(ids), n, n))
+        for nu in self._orders:
+            weights = self.patch_weights(g, nu, orientation)
             found[:, *nu] = _contract(weights, points)
             error[:, *nu] = (np.abs(weights) * sizes).sum(axis=1)
         return found, kernels.NOISE * error, g.depth.copy()
 
 
 class Regular(Spline):
-    """Bicubic patches."""
+    """Patches of the scheme's spline."""
 
-    def patch_weights(self, g: Group, nu: Order) -> Array:
-        return kernels.bicubic_weights(g.s, g.t, nu)
+    def __init__(self, controls: Array, number: NumberType, scheme: Scheme) -> None:
+        super().__init__(controls, number, scheme)
+        self._weights = basis.regular_weights(scheme.spline, number)
+
+    def own_weights(self, g: Group, nu: Order, here: Any) -> Array:
+        return self._weights(g.s[here], g.t[here], nu)
 
 
 class Strip(Spline):
@@ -189,16 +217,11 @@ class Strip(Spline):
         """Splines across creases, and which of them each strip has."""
         return tables.strips_of(self._scheme, self._sharpness, self.number)
 
-    def patch_weights(self, g: Group, nu: Order) -> Array:
+    def own_weights(self, g: Group, nu: Order, here: Any) -> Array:
         strips, index = self.tables
-        turned, sign = basis.turned(nu)
-        up = (g.turn == 1) | (g.turn == 2)  # where t grows against u or v
-        result = np.empty((len(g.s), 16), dtype=self.number.dtype)
-        for order in set(turned):
-            here = np.flatnonzero(np.array([o == order for o in turned])[g.turn])
-            which = index[g.row[here]]
-            result[here] = basis.strip_weights(strips, which, g.s[here], g.t[here], order, up[here])
-        return np.asarray(result * sign[g.turn].astype(result.dtype)[:, None])
+        # where t grows towards corner 0
+        up = np.array([across for _, across, _ in self._lattice.against])[g.orientation[here]]
+        return basis.strip_weights(strips, index[g.row[here]], g.s[here], g.t[here], nu, up)
 
 
 @dataclass(slots=True)
@@ -230,28 +253,27 @@ class Corners(Kind):
         return tables.rational_table(self._scheme, self.table.sector)
 
     def weights(self, g: Group, nu: Order) -> Array:
-        turned, sign = basis.turned(nu)
-        scale = kernels.scale_by_two(sign[g.turn].astype(self.number.dtype), g.depth * sum(nu))
-        place, table = basis.CornerPlace.of(g.s, g.t, g.turn), self.table
-        result = np.empty((len(g.s), table.size), dtype=self.number.dtype)
-        for order in set(turned):
-            here = np.array([o == order for o in turned])[g.turn]
+        scale = kernels.scale_by_two(np.ones(len(g.s), dtype=self.number.dtype), g.depth * sum(nu))
+        place, table = basis.CornerPlace.of(g.s, g.t, g.orientation, self._lattice), self.table
+
+        def rows(order: Order, here: Array) -> Array:
             sub = place[here]
             if self.number.exact:
                 at_corner = basis.corner_derivative(table, order)
-                result[here] = basis.rational_weights(self._rational, sub, order, at_corner)
-            else:
-                powers = basis.EigenPowers.of(table, sub)
-                eigen = basis.eigen_weights(table, sub, powers, order)
-                result[here] = basis.control_weights(table, eigen)
-        return np.asarray(result * scale[:, None])
+                spline = self._scheme.spline
+                return basis.rational_weights(self._rational, spline, sub, order, at_corner)
+            powers = basis.EigenPowers.of(table, sub)
+            return basis.control_weights(table, basis.eigen_weights(table, sub, powers, order))
+
+        return basis.turned_rows(self._lattice, nu, g.orientation, rows) * scale[:, None]
 
     def derivatives(self, values: Values, g: Group, orders: Sequence[Order]) -> list[Array]:
-        # in patch parameters first: all orders at once, then each query picks by its turn
-        turned, wanted, balance = [], set(), values.balance
-        for nu in orders:
-            turned.append(basis.turned(nu))
-            wanted.update(turned[-1][0])
+        # in patch parameters first: all orders at once, then each query adds up what it needs
+        balance, wanted = values.balance, set[Order]()
+        turned = list(map(basis.turned, repeat(self._lattice), orders))
+        for terms in turned:
+            for choices, _ in terms:
+                wanted.update(choices)
         needed = sorted(wanted)
         parts = np.empty((len(g.query), len(needed), values.channels))
         for c in self.parts(values, g):
@@ -271,19 +293,27 @@ class Corners(Kind):
                 if balance:
                     found[:, k] = np.ldexp(found[:, k], -balance)
             parts[c.query] = found
-        result = []
-        for choices, sign in turned:
-            pick = np.array(list(map(needed.index, choices)))[g.turn]
-            result.append(parts[np.arange(len(pick)), pick] * sign[g.turn][:, None])
+        result: list[Array] = []
+        every = np.arange(len(g.query))
+        for terms in turned:
+            for number, (choices, factors) in enumerate(terms):
+                pick = np.array(list(map(needed.index, choices)))[g.orientation]
+                factor = factors[g.orientation]
+                if number == 0:
+                    result.append(parts[every, pick] * factor[:, None])
+                    continue
+                here = np.flatnonzero(factor)
+                result[-1][here] += parts[here, pick[here]] * factor[here, None]
         return result
 
     def directions(self, values: Values, g: Group) -> list[Array]:
         found, errors = np.empty((2, len(g.query), values.channels)), np.empty((2, len(g.query), 1))
         for c in self.parts(values, g):
+            known = c.modes, self._added(values, c), c.which, g.orientation[c.query]
             found[:, c.query], errors[:, c.query] = basis.eigen_directions(
-                self.table, c.place, c.powers, c.modes, self._added(values, c), c.which
+                self.table, c.place, c.powers, *known
             )
-        return _turned_directions(found, errors, g.turn)
+        return [*found, *(kernels.NOISE * errors)]
 
     def normals(self, values: Values, g: Group) -> list[Array]:
         result = np.empty((len(g.query), 3))
@@ -308,25 +338,25 @@ class Corners(Kind):
             )
         return [_principal(form, exponent + values.balance, axis, normal)]
 
-    def jets(self, values: Values, g: Group) -> tuple[Array, Array, Array]:
-        shape = len(g.query), 4, 4, values.channels
+    def jets(self, values: Values, g: Group, orientation: Array) -> tuple[Array, Array, Array]:
+        shape = len(g.query), self._size, self._size, values.channels
         found, error, exponent = np.zeros(shape), np.zeros(shape[:3]), g.depth.copy()
         for c in self.parts(values, g):
             added = self._added(values, c)[c.which, 1:]
-            rows = [basis.eigen_rows(self.table, c.place, c.powers, nu) for nu in _ORDERS]
+            rows = [basis.eigen_rows(self.table, c.place, c.powers, nu) for nu in self._orders]
             rows = [np.where((c.place.level < 0)[:, None], np.nan, x) for x in rows]
-            for nu, row in zip(_ORDERS, rows, strict=True):
+            for nu, row in zip(self._orders, rows, strict=True):
                 found[c.query, *nu] = _contract(row, c.modes[c.which, 1:])
                 error[c.query, *nu] = (np.abs(row) * added).sum(axis=1)
             exponent[c.query] += c.place.level + 1
         error *= kernels.NOISE
-        turned, bounds = np.empty_like(found), np.empty_like(error)
-        for nu in _ORDERS:
-            choices, sign = basis.turned(nu)
-            for turn, order in enumerate(choices):
-                here = g.turn == turn
-                turned[here, *nu] = sign[turn] * found[here, *order]
-                bounds[here, *nu] = error[here, *order]
+        turned, bounds = np.zeros_like(found), np.zeros_like(error)
+        for nu in self._orders:
+            for choices, factors in basis.turned(self._lattice, nu):
+                for way, (order, factor) in enumerate(zip(choices, factors, strict=True)):
+                    here = np.flatnonzero((orientation == way) & (factor != 0))
+                    turned[here, *nu] += factor * found[here, *order]
+                    bounds[here, *nu] += abs(factor) * error[here, *order]
         return turned, bounds, exponent
 
     def parts(self, values: Values, g: Group) -> list[_Part]:
@@ -340,7 +370,7 @@ class Corners(Kind):
         modes = self.table.coefficients(points)
         occurs = (modes[:, 1:] != 0).any(axis=2)
         leads = 1 + occurs.argmax(axis=1)
-        place, parts = basis.CornerPlace.of(g.s, g.t, g.turn), []
+        place, parts = basis.CornerPlace.of(g.s, g.t, g.orientation, self._lattice), []
         found = np.unique(leads).tolist()
         for lead in found:
             query = np.flatnonzero(leads[which] == lead)
@@ -377,48 +407,50 @@ class Rings(Kind):
         return np.concatenate([own, self.controls[row]], axis=1)
 
     def weights(self, g: Group, nu: Order) -> Array:
-        turned, sign = basis.turned(nu)
-        scale = kernels.scale_by_two(sign[g.turn].astype(self.number.dtype), g.depth * sum(nu))
-        place, position = basis.CornerPlace.of(g.s, g.t, g.turn), self.shared.position[g.row]
-        result = np.empty(
-            (len(g.s), self.shared.points.shape[1] + len(OUTER)), dtype=self.number.dtype
-        )
-        for order in set(turned):
-            here = np.flatnonzero(np.array([o == order for o in turned])[g.turn])
+        scale = kernels.scale_by_two(np.ones(len(g.s), dtype=self.number.dtype), g.depth * sum(nu))
+        place = basis.CornerPlace.of(g.s, g.t, g.orientation, self._lattice)
+        position = self.shared.position[g.row]
+
+        def rows(order: Order, here: Array) -> Array:
             if not self.number.exact:
-                s, t, turn = g.s[here], g.t[here], g.turn[here]
-                result[here] = rings.weights(self.masks, position[here], s, t, turn, order)
-                continue
+                own = position[here], g.s[here], g.t[here], g.orientation[here]
+                return rings.weights(self.masks, *own, order)
+            width = self.shared.points.shape[1] + len(OUTER)
+            result = self.number.full((len(here), width), self.number.zero)
             for p in np.unique(position[here]).tolist():
-                at = here[position[here] == p]
+                at = np.flatnonzero(position[here] == p)
                 columns, sector = rings.columns(self.masks.sector, p)
                 zero = np.zeros(1)
                 exists = rings.on_curve(self.masks, np.array([p]), zero, zero, order)[0]
                 at_corner = np.full(1, 1.0 if exists else np.nan if max(order) <= 3 else 0.0)
                 rational = tables.rational_table(self._scheme, sector)
-                result[at] = Fraction(0)
-                found = basis.rational_weights(rational, place[at], order, at_corner)
-                result[at[:, None], columns] = found
-        return np.asarray(result * scale[:, None])
+                given = rational, self._scheme.spline, place[here[at]], order, at_corner
+                result[at[:, None], columns] = basis.rational_weights(*given)
+            return result
+
+        return basis.turned_rows(self._lattice, nu, g.orientation, rows) * scale[:, None]
 
     def derivatives(self, values: Values, g: Group, orders: Sequence[Order]) -> list[Array]:
-        found = self._around(values).derivatives(g.row, g.s, g.t, g.turn, g.depth, orders)
+        found = self._around(values).derivatives(g.row, g.s, g.t, g.orientation, g.depth, orders)
         back = np.full((len(g.query), 1), -values.balance)
         return [kernels.scale_by_two(x, back) for x in found] if values.balance else found
 
     def directions(self, values: Values, g: Group) -> list[Array]:
         around = self._around(values)
-        place = around.place(g.row, g.s, g.t, g.turn)
-        return _turned_directions(*around.directions(g.row, place), g.turn)
+        place = around.place(g.row, g.s, g.t, g.orientation)
+        both = basis.turned_directions(
+            self._lattice, *around.directions(g.row, place), g.orientation
+        )
+        return [*both[0], *(kernels.NOISE * both[1])]
 
     def normals(self, values: Values, g: Group) -> list[Array]:
         around = self._around(values)
-        return [around.normals(g.row, around.place(g.row, g.s, g.t, g.turn))]
+        return [around.normals(g.row, around.place(g.row, g.s, g.t, g.orientation))]
 
     def curvatures(self, values: Values, g: Group) -> list[Array]:
         """At the corner itself NaN, but for 0 where all is flat."""
         (normal,), around = self.normals(values, g), self._around(values)
-        place, balance = around.place(g.row, g.s, g.t, g.turn), values.balance
+        place, balance = around.place(g.row, g.s, g.t, g.orientation), values.balance
         result = np.full((len(g.row), 10), np.nan)
         jet = np.stack([place.derivatives(nu) for nu in JET])
         found = curvatures(jet, normal[place.away])
@@ -469,15 +501,6 @@ def _principal(form: Array, exponent: Array, axis: Array, normal: Array) -> Arra
     found[:, :3] = kernels.scale_by_two(found[:, :3], exponent[:, None])
     found[:, 3] = kernels.scale_by_two(found[:, 3], 2 * exponent)
     return found
-
-
-def _turned_directions(found: Array, errors: Array, turn: Array) -> list[Array]:
-    """Directions (2, q, d) in the limit face from those in patches; errors (2, q, 1) as noise."""
-    (ds, dt), (noise_s, noise_t), turn = found, kernels.NOISE * errors, turn[:, None]
-    odd = turn % 2 == 1
-    along = np.where(odd, dt, ds) * np.where((turn == 1) | (turn == 2), -1, 1)
-    across = np.where(odd, ds, dt) * np.where((turn == 2) | (turn == 3), -1, 1)
-    return [along, across, np.where(odd, noise_t, noise_s), np.where(odd, noise_s, noise_t)]
 
 
 def _contract(weights: Array, points: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import factorial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,14 @@ from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.engine.groups import CHUNK
 from limitsurf.engine.kinds import Group
-from limitsurf.engine.protocol import Request
+from limitsurf.engine.protocol import Request, on_slope
 from limitsurf.engine.topology import Topology
 from limitsurf.mesh import Mesh
 from limitsurf.refine import refined
 from limitsurf.values import Values
+
+if TYPE_CHECKING:
+    from limitsurf.scheme.lattice import Lattice
 
 Array = NDArray[Any]
 
@@ -42,18 +45,22 @@ class Limits:
         some, topology = request.flat(lost), self._topology
         face, u, v = some.face, some.u, some.v
         at = np.isfinite(u) & np.isfinite(v) & (topology.patches.codes[face] != -1)
-        away = np.where(topology.sharp_sides[face].T, [v, 1 - u, 1 - v, u], np.inf)
+        lattice = topology.lattice
+        # side k is where coordinate k + 1 is 0, and corner k where coordinate k is, too
+        coordinates = np.array(kernels.coordinates(u, v, lattice.sides))
+        beside = np.roll(coordinates, -1, axis=0)
+        away = np.where(topology.sharp_sides[face].T, beside, np.inf)
         side, nearest = away.argmin(axis=0), away.min(axis=0)
         at &= nearest < _BESIDE
-        corner = at & ((u == 0) | (u == 1)) & ((v == 0) | (v == 1))
+        corners = (coordinates == 0) & (beside == 0)
+        corner = at & corners.any(axis=0)
         found = np.full((len(face), 3), np.nan)
         if corner.any():
-            which = np.where(v[corner] == 0, u[corner], 3 - u[corner]).astype(int)
+            which = corners[:, corner].argmax(axis=0)
             found[corner] = self._corner_normals[face[corner], which]
         here = np.flatnonzero(at & ~corner)
         face, side, nearest = face[here].astype(np.int64, copy=False), side[here], nearest[here]
-        u = np.choose(side, [u[here], 1.0, u[here], 0.0])
-        v = np.choose(side, [0.0, v[here], 1.0, v[here]])
+        u, v = _on_sides(u[here], v[here], side, lattice)
         limits = np.full((len(here), 3), np.nan)
         for start in range(0, len(here), CHUNK):
             part = slice(start, start + CHUNK)
@@ -66,19 +73,17 @@ class Limits:
     def _at_side(self, g: Group, side: Array, away: Array) -> Array:
         """Limits (q, 3) of normals towards sides of limit faces on which derivatives vanish.
 
-        Queries of a group on the sides v = 0, u = 1, v = 1, u = 0, of numbers `side` 0 to 3 (q,),
-        of which the normal is wanted so far `away` (q,) from the side; NaN where there is none.
-        Derived in ``derivations/limit_normals.py``, section 8.
+        Queries of a group on sides of some number (q,), each from a corner to the next, of which
+        the normal is wanted so far `away` (q,) from the side; NaN where there is none. Derived in
+        ``derivations/limit_normals.py``, section 8.
         """
-        jets = g.kind.jets(self._values, g)
+        # x along the side, y away from it: as corner k sees the face; half a turn stays one
+        size = self._topology.lattice.face_size
+        turn = g.orientation % size
+        jets = g.kind.jets(self._values, g, (turn - side) % size + (g.orientation - turn))
         if jets is None:
             return np.full((len(g.query), 3), np.nan)
         found, error, exponent = jets
-        # x along the side, y away from it
-        along_v, back = side % 2 == 1, (side == 1) | (side == 2)
-        found = np.where(along_v[:, None, None, None], found.swapaxes(1, 2), found)
-        error = np.where(along_v[:, None, None], error.swapaxes(1, 2), error)
-        found[:, :, 1::2] *= np.where(back, -1, 1)[:, None, None, None]
         y = kernels.scale_by_two(away, exponent)
         parts = []
         for first in (found[:, 1:], error[:, 1:]), (found[:, :, 1:], error[:, :, 1:]):
@@ -91,20 +96,31 @@ class Limits:
             parts.append((first[0][:, 0] * scale[..., None]).sum(axis=1))
             parts.append((first[1][:, 0] * scale).sum(axis=1)[:, None])
         along, noise, across, other = parts
-        normals = kernels.unit_normals(along, across, (noise, other))
-        return normals * np.where((side == 2) | (side == 3), -1, 1)[:, None]
+        return kernels.unit_normals(along, across, (noise, other))
 
     @cached_property
     def _corner_normals(self) -> Array:
-        """Limit normals at the corners (0, 0), (1, 0), (1, 1), (0, 1) of limit faces, (n, 4, 3)."""
+        """Limit normals at the corners of limit faces, (n, corners, 3)."""
         mesh, faces = self._mesh, self._topology.limit_faces
-        quads = bool((mesh.sizes == 4).all())
-        fine = refined(mesh, 0 if quads else 1, **vars(self._topology.rules))
-        normals: Array = fine.limit_normals.reshape(-1, 4, 3)
-        if quads:
+        size = self._topology.lattice.face_size
+        regular = bool((mesh.sizes == size).all())
+        fine = refined(mesh, 0 if regular else 1, **vars(self._topology.rules))
+        normals: Array = fine.limit_normals.reshape(-1, size, 3)
+        if regular:
             return normals
+        # a step makes a face for each corner
         child = mesh.offsets[faces.face] + np.maximum(faces.corner, 0)
         result: Array = normals[child]
-        quad = np.flatnonzero(mesh.sizes[faces.face] == 4)
-        result[quad] = normals[child[quad, None] + np.arange(4), 0]
+        whole = np.flatnonzero(mesh.sizes[faces.face] == size)
+        result[whole] = normals[child[whole, None] + np.arange(size), 0]
         return result
+
+
+def _on_sides(u: Array, v: Array, side: Array, lattice: Lattice) -> tuple[Array, Array]:
+    """Parameters (q,) put on the nearby sides of numbers `side` (q,)."""
+    us, vs = [], []
+    for a, b, c in lattice.edges:
+        x, y = on_slope(u, v) if b and c else (u, v)
+        us.append(x if c else -a / b + 0 * u)
+        vs.append(y if b else -a / c + 0 * v)
+    return np.choose(side, us), np.choose(side, vs)

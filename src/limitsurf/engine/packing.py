@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from limitsurf import _kernels, basis, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
+from limitsurf.numbers import FLOAT64
 from limitsurf.patches import REGULAR, STRIP, PatchTable
 
 if TYPE_CHECKING:
     from limitsurf._kernels import evaluation, grids, rows
+    from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
 
@@ -65,6 +67,7 @@ class Packing:
     def __init__(
         self,
         patches: PatchTable,
+        scheme: Scheme,
         eigen_tables: Sequence[tables.EigenTable | None],
         strips: tables.StripTables,
         which: Array,
@@ -72,7 +75,10 @@ class Packing:
     ) -> None:
         self._patches, self._own = patches, own
         self._copied = np.zeros(0, dtype=np.int64)
-        self._sectors = eigen_tables
+        self._sectors, self._spline = eigen_tables, scheme.spline
+        shape = _kernels.shape(scheme.spline.directions)
+        assert shape is not None
+        self._shape = _kernels.evaluating(shape)
         self.tables, self._n_rows, self._n_special = self._tables()
         self.patches = self._covering(strips, which)
 
@@ -93,11 +99,11 @@ class Packing:
         inside = info >= 0
         info[inside] = packed[info[inside]]
         near = np.full(len(regular) + len(strip), -1)
-        bicubic = np.flatnonzero((packed >> evaluation.FAR & 1 == 1) & (patches.kind <= STRIP))
-        if len(bicubic) <= max(_COPIED, _COPIED_SHARE * patches.n_limit_faces):
-            self._copied = packed[bicubic] & ((1 << evaluation.TURN) - 1)
-            first = self._n_special + np.arange(len(bicubic))
-            near[self._copied] = first * evaluation.FINE
+        far = np.flatnonzero((packed >> evaluation.FAR & 1 == 1) & (patches.kind <= STRIP))
+        if len(far) <= max(_COPIED, _COPIED_SHARE * patches.n_limit_faces):
+            self._copied = packed[far] & evaluation.ROW
+            first = self._n_special + np.arange(len(far))
+            near[self._copied] = first * (self._shape.REFINED + 2)
         return evaluation.Patches(
             info,
             patches.n_limit_faces,
@@ -124,7 +130,7 @@ class Packing:
         kinds[:, evaluation.MODES] = -1
         made = evaluation.Tables(
             kinds,
-            np.zeros((n, 3, 16, wide)),
+            np.zeros((n, 3, self._shape.MONOMIALS, wide)),
             np.zeros((n, 2, levels, wide)),
             np.zeros((n, 2)),
             np.zeros((n, levels)),
@@ -179,10 +185,11 @@ class Packing:
             start += operator.shape[0]
         errors = self._errors(high, extras) if d == 3 else np.zeros(len(extras))
         modes = _aligned((self._n_rows, width))
-        copied = self._n_special * evaluation.FINE
-        fine = _aligned((copied + len(self._copied) * evaluation.FINE, width))
-        ids = self.patches.ids
-        coefficients.copies(ids, self._copied, high, extras, fine, copied)
+        shape, each, special = self._shape, self._shape.REFINED + 2, self._n_special
+        fine = _aligned(((special + len(self._copied)) * each, width))
+        grids = fine.reshape(-1, each, width)
+        ids = self.patches.ids.reshape(-1, shape.POINTS)
+        coefficients.copies(ids, shape.OWN, self._copied, high, extras, grids[special:])
         sums = np.empty((coefficients.SIX, evaluation.LANES))
         for kind, table in enumerate(self._sectors):
             begin, size, patch = kinds[
@@ -192,12 +199,11 @@ class Packing:
                 continue
             ids = patches.controls[kind]
             blocks = modes[begin : begin + len(ids) * (size + 3)]
-            grids = fine[patch * evaluation.FINE : (patch + len(ids)) * evaluation.FINE]
-            matrix = _projections(table)
+            matrix = _projections(table, shape)
             near = np.zeros(matrix.shape[1] * evaluation.LANES)
             coefficients.coefficients(
                 ids, high, extras, errors, matrix, blocks.reshape(len(ids), -1, width),
-                grids.reshape(len(ids), -1, width), near, sums,
+                grids[patch : patch + len(ids)], near, sums,
             )  # fmt: skip
         return evaluation.Points(high, extras, errors, modes.reshape(-1), fine)
 
@@ -298,7 +304,8 @@ class Packing:
         indptr = np.zeros(total + 1, dtype=np.int64)
 
         def measure(part: slice) -> int:
-            return rows.lengths(*chunk(part), *known, order, indptr[1:][part])
+            found: int = self._shape.lengths(*chunk(part), *known, order, indptr[1:][part])
+            return found
 
         if any(found < 0 for found in over_chunks(total, workers, measure)):
             return None
@@ -309,10 +316,10 @@ class Packing:
         data = np.empty(indptr[-1])
 
         def fill(part: slice) -> None:
-            most = self._controls.left.shape[2] + 16
+            most = self._controls.left.shape[2] + self._shape.POINTS
             room = evaluation.Room.of(self.tables), np.empty(most), np.empty(most, np.int64)
             places = indptr[:-1][part], ends[part], indices, data
-            rows.fill(*chunk(part), *known, order, term, *places, *room)
+            self._shape.fill(*chunk(part), *known, order, term, *places, *room)
 
         for _ in over_chunks(total, workers, fill):
             pass
@@ -361,10 +368,11 @@ class Packing:
 
         None where a face or a parameter is out of range or not finite.
         """
-        from limitsurf._kernels import grids
-
         faces, u, v = grid
-        if not ((u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)).all():
+        inside = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+        if self._patches.lattice.sloped:
+            inside &= np.maximum(u, v) - 1 + np.minimum(u, v) <= 0
+        if not inside.all():
             return None
         normals, n = orders is None, len(u)
         terms = [TERMS[k] for k in ((1, 2) if orders is None else orders)]
@@ -379,7 +387,7 @@ class Packing:
             face = np.array(faces[part], dtype=np.int64)
             rest = np.empty(len(face) * n, dtype=np.int64)
             room = np.empty(64), np.empty((6, 3, weights.places))
-            left = grids.gridded(
+            left = self._shape.gridded(
                 face, self.patches, self.tables, points, weights, len(terms), n, position, normals,
                 out, part.start, rest, *room,
             )  # fmt: skip
@@ -398,11 +406,13 @@ class Packing:
         places = -(-len(u) // grids.PLACES) * grids.PLACES
         start = np.full((len(kinds), 4), -1)
         parts, at = [np.zeros(0)], 0
-        there = np.bincount((codes[codes >= 0] >> evaluation.TURN) & ~np.int64(4))
+        there = np.bincount((codes[codes >= 0] >> evaluation.TURN) & ~np.int64(8))
         for both in np.flatnonzero(there).tolist():
-            kind, turn = both >> (evaluation.KIND - evaluation.TURN), both & 3
+            kind, turn = both >> (evaluation.KIND - evaluation.TURN), both & evaluation.TURNS
             if kind == REGULAR:
-                size, rows = 16, [kernels.bicubic_weights(u, v, nu) for nu in terms]
+                size = self._shape.POINTS
+                weights_of = basis.regular_weights(self._spline, FLOAT64)
+                rows = [weights_of(u, v, nu) for nu in terms]
             elif kinds[kind, evaluation.MODES] >= 0:
                 size = int(kinds[kind, evaluation.ROWS])
                 found = self._eigen_weights(kind, turn, u, v, terms)
@@ -425,17 +435,22 @@ class Packing:
         """Weights (places, K - 1) of coefficients in each derivative; None where they overflow."""
         table = self._sectors[kind]
         assert table is not None
-        sides = [u, v, 1 - u, 1 - v]
-        s, t = sides[turn], sides[(turn + 1) % 4]
-        place = basis.CornerPlace.of(s, t, np.full(len(u), turn))
+        lattice = table.sector.lattice
+        sides = kernels.coordinates(u, v, lattice.sides)
+        s, t = sides[turn], sides[(turn + 1) % len(sides)]
+        place = basis.CornerPlace.of(s, t, np.full(len(u), turn), lattice)
         powers = basis.EigenPowers.of(table, place)
         rows = []
         for nu in terms:
-            turned, sign = basis.turned(nu)
-            found = basis.eigen_weights(table, place, powers, turned[turn])
-            if np.abs(found.exponent).max() > 900:
-                return None
-            rows.append(sign[turn] * kernels.scale_by_two(found.rows, found.exponent[:, None]))
+            parts = []
+            for order, factors in lattice.turned(nu).items():
+                if factors[turn]:
+                    found = basis.eigen_weights(table, place, powers, order)
+                    if np.abs(found.exponent).max() > 900:
+                        return None
+                    scaled = kernels.scale_by_two(found.rows, found.exponent[:, None])
+                    parts.append(factors[turn] * scaled)
+            rows.append(parts[0] if len(parts) == 1 else np.sum(parts, axis=0))
         return rows
 
     def _scattered(
@@ -460,7 +475,7 @@ class Packing:
             face, u, v = chunk(part)
             rest = np.empty(len(face), dtype=np.int64)
             room = evaluation.Room.of(self.tables)
-            left = evaluation.scattered(face, u, v, *known, part.start, rest, room)
+            left = self._shape.scattered(face, u, v, *known, part.start, rest, room)
             return None if left < 0 else rest[:left]
 
         if total <= CHUNK:
@@ -526,20 +541,17 @@ def _left(table: tables.EigenTable) -> Array:
 
 
 @lru_cache(maxsize=1024)
-def _projections(table: tables.EigenTable) -> Array:
-    """Left eigenvectors, then 5 x 5 refined points, as rows over K control points; filled up.
+def _projections(table: tables.EigenTable, shape: Any) -> Array:
+    """Left eigenvectors, then refined points, as rows over K control points; filled up.
 
-    The refined points are those of the three regular pieces: the one beyond the corner is none.
+    The refined points are those of the three regular pieces.
     """
     from limitsurf._kernels.coefficients import SIX
-    from limitsurf._kernels.evaluation import PIECES
 
-    rational = tables.rational_table(table.scheme, table.sector)
-    dense = np.zeros((rational.n_rows, table.size))
-    dense[rational.rows, rational.columns] = rational.numerators / rational.denominator
-    result = np.zeros((-(-(table.size + 25) // SIX) * SIX, _rounded(table.size)))
-    result[: table.size, : table.size] = _left(table)
-    result[table.size + PIECES, : table.size] = dense[rational.pieces.reshape(-1)]
+    size = table.size
+    result = np.zeros((-(-(size + shape.REFINED) // SIX) * SIX, _rounded(size)))
+    result[:size, :size] = _left(table)
+    result[size + shape.PIECES, :size] = table.refined.reshape(-1, size)
     return result
 
 

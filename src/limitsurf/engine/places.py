@@ -26,7 +26,7 @@ Array = NDArray[Any]
 
 @dataclass(slots=True)
 class Places:
-    """Places in patches, all (Q,); s and t in [0, 1] are not both 0.
+    """Places in patches, all (Q,): (s, t) in their domain, but not (0, 0).
 
     Patches without an eigenbasis have ring 0 alone.
     """
@@ -168,7 +168,7 @@ def _corner_characteristic(
     eigenvalues only scale the unknowns.
     """
     table, first = kind.table, list(map(int, kind.table.normal))
-    place = basis.CornerPlace.of(g.s, g.t, g.turn)
+    place = basis.CornerPlace.of(g.s, g.t, g.orientation, table.sector.lattice)
     away = np.flatnonzero(place.level >= 0)
     place, here, row, ring = place[away], here[away], g.row[away], ring[away]
     deep = replace(place, level=place.level + ring)

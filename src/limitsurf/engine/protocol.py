@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,14 @@ from numpy.typing import NDArray
 from limitsurf import numbers
 from limitsurf.masked import may_be_masked, unmasked
 
+if TYPE_CHECKING:
+    from limitsurf.scheme.lattice import Lattice
+
 Array = NDArray[Any]
 Order: TypeAlias = tuple[int, int]
+
+# by how much u + v may be above 1, by rounding
+_BEYOND = 4 * 2.0**-52
 
 # derivatives that curvature comes from
 JET = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
@@ -75,8 +81,11 @@ class Request:
             workers = threads(workers)
         return cls(faces, us, vs, exact, workers)
 
-    def check(self, n_faces: int) -> None:
-        """Complain of the first face or parameter out of range."""
+    def check(self, n_faces: int, lattice: Lattice) -> None:
+        """Complain of the first face or parameter out of range.
+
+        In triangles, floats that are beyond u + v = 1 by rounding are put on that side.
+        """
         bad = (self.face < 0) | (self.face >= n_faces)
         if bad.any():
             raise IndexError(
@@ -85,11 +94,30 @@ class Request:
             )
         for name, x in (("u", self.u), ("v", self.v)):
             with np.errstate(invalid="ignore"):
-                bad = ((x < 0) | (x > 1)).astype(bool)
+                bad = np.asarray(x < 0 if lattice.sloped else (x < 0) | (x > 1), dtype=bool)
             if not self.exact:
                 bad &= np.isfinite(x)
             if bad.any():
                 raise ValueError(f"{name} = {_first(x, bad)} is outside [0, 1]")
+        if lattice.sloped:
+            self._check_sum()
+
+    def _check_sum(self) -> None:
+        u, v = self.u, self.v
+        with np.errstate(invalid="ignore"):
+            beyond = np.maximum(u, v) - 1 + np.minimum(u, v)  # with all digits
+            over = np.asarray(beyond > 0, dtype=bool)
+        if not self.exact:
+            over &= np.isfinite(u) & np.isfinite(v)
+        if not over.any():
+            return
+        bad = over if self.exact else over & (beyond > _BEYOND)
+        if bad.any():
+            raise ValueError(
+                f"u + v = {_first(np.asarray(u + v), bad)} is outside the triangle u, v >= 0, "
+                "u + v <= 1"
+            )
+        self.u, self.v = on_slope(u, v, over)
 
     def flat(self, which: Any = slice(None)) -> Request:
         """All of them in C order, or those of some places in it, as (Q,) arrays."""
@@ -122,6 +150,12 @@ class Engine(Protocol):
     def weights(self, request: Request, nu: Order) -> Any:
         """Sparse rows (Q, n_vertices) that give the derivative of this order."""
         ...
+
+
+def on_slope(u: Array, v: Array, which: Array | bool = True) -> tuple[Array, Array]:
+    """Parameters of which some are put on u + v = 1: the larger one becomes 1 - the other."""
+    larger = u > v
+    return np.where(which & larger, 1 - v, u), np.where(which & ~larger, 1 - u, v)
 
 
 def threads(workers: int) -> int:

@@ -84,7 +84,7 @@ class Reference:
 
     def weights(self, request: Request, nu: Order) -> Any:
         """See `Engine`; any order."""
-        request.check(self._groups.patches.n_limit_faces)
+        request.check(self._groups.patches.n_limit_faces, self._topology.lattice)
         patches, parts = self._groups.patches, []
         face = request.face.ravel().astype(np.int64, copy=False)
         u, v = request.u.ravel(), request.v.ravel()
@@ -133,7 +133,7 @@ class Reference:
 
         Overflow to infinity and underflow to zero are results, not accidents.
         """
-        request.check(self._groups.patches.n_limit_faces)
+        request.check(self._groups.patches.n_limit_faces, self._topology.lattice)
         values, *more = given
         face = request.face.ravel().astype(np.int64, copy=False)
         u, v, width = request.u.ravel(), request.v.ravel(), max(*widths, 1)

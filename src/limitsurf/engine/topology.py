@@ -36,6 +36,7 @@ class Topology:
     ----------
     mesh : Mesh
         The cage with points of no channels.
+    lattice : Lattice
     limit_faces : LimitFaces
     patches : PatchTable
     groups : Groups
@@ -43,8 +44,8 @@ class Topology:
     """
 
     def __init__(self, mesh: Mesh, rules: Rules, patches: PatchTable | None = None) -> None:
-        self.rules = rules
-        self.limit_faces = LimitFaces.of(mesh)
+        self.rules, self.lattice = rules, rules.scheme.lattice
+        self.limit_faces = LimitFaces.of(mesh, self.lattice)
         self.patches = PatchTable(mesh, rules, numbers.FLOAT64) if patches is None else patches
         self.mesh = mesh.with_points(np.zeros((mesh.n_vertices, 0)))
         self.groups = Groups(self.patches, rules.scheme, numbers.FLOAT64)
@@ -60,6 +61,11 @@ class Topology:
         """A vertex of the cage at each limit face."""
         return self.mesh.indices[self.mesh.offsets[self.limit_faces.face]]
 
+    @cached_property
+    def packs(self) -> bool:
+        """Whether there are compiled kernels for the patches."""
+        return _kernels.shape(self.rules.scheme.spline.directions) is not None
+
     @property
     def packing(self) -> Packing:
         """Patches and tables as compiled kernels want them."""
@@ -70,22 +76,25 @@ class Topology:
                 if found is None:
                     _kernels.load()
                     groups = self.groups
-                    given = groups.tables, *groups.strips, self.own_vertices
+                    given = self.rules.scheme, groups.tables, *groups.strips, self.own_vertices
                     self.__dict__["_packing"] = found = Packing(self.patches, *given)
         return found
 
     @cached_property
     def sharp_sides(self) -> Array:
-        """Whether the sides v = 0, u = 1, v = 1, u = 0 of limit faces stay sharp, (n, 4)."""
-        mesh, faces = self.mesh, self.limit_faces
+        """Whether the sides of limit faces, each from a corner to the next, stay sharp, (n, sides).
+
+        Of a quad those at v = 0, u = 1, v = 1, u = 0, of a triangle at v = 0, u + v = 1, u = 0.
+        """
+        mesh, faces, size = self.mesh, self.limit_faces, self.lattice.face_size
         sharpness = Sharpness.of(mesh, self.rules, numbers.FLOAT64)
         sharp = np.zeros(mesh.n_corners, dtype=bool)
         sharp[sharpness.sides] = tables.is_infinite(sharpness.edge_sharpness)[sharpness.edge]
-        quad = faces.corner < 0
-        first = mesh.offsets[faces.face] + np.where(quad, 0, faces.corner)
-        sides = np.zeros((len(faces), 4), dtype=bool)
-        sides[quad] = sharp[first[quad, None] + np.arange(4)]
+        whole = faces.corner < 0
+        first = mesh.offsets[faces.face] + np.where(whole, 0, faces.corner)
+        sides = np.zeros((len(faces), size), dtype=bool)
+        sides[whole] = sharp[first[whole, None] + np.arange(size)]
         # only those at the corner are on edges of an n-gon
-        sides[~quad, 0] = sharp[first[~quad]]
-        sides[~quad, 3] = sharp[mesh.previous_corner[first[~quad]]]
+        sides[~whole, 0] = sharp[first[~whole]]
+        sides[~whole, -1] = sharp[mesh.previous_corner[first[~whole]]]
         return sides

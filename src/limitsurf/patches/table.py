@@ -13,6 +13,7 @@ ring around them.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -109,7 +110,9 @@ class PatchTable:
                 return
             level = level.part()
             if many or len(level.sharpness.concerned):
-                level = level.of_faces(self._add_sharp(level, Sectors.of(level.sharpness)))
+                level = level.of_faces(
+                    self._add_sharp(level, Sectors.of(level.sharpness, self.lattice))
+                )
             if len(level.faces) == 0:
                 return
         face = int(level.slot[0])
@@ -305,7 +308,8 @@ class PatchTable:
         slot = np.repeat(slot, each) + corner
         slot[whole] = n_codes + np.repeat(count * np.arange(n_splits), count) + part[whole]
         turn = np.where(whole, turn, 0).astype(np.int8)
-        return Level(sharpness.children(children), new[children.indices], child, slot, turn)
+        inner = sharpness.children(children, self.lattice)
+        return Level(inner, new[children.indices], child, slot, turn)
 
     def _children(self, mesh: Mesh, faces: Array) -> tuple[Array, Array, Array | bool]:
         """Children of faces in the refined mesh, which of each they are, whether in the middle."""
@@ -396,6 +400,14 @@ class PatchTable:
             ("no limit (holes)", int((code == NO_LIMIT).sum())),
         ]
         return [(reason, number) for reason, number in counts if number]
+
+    def special_corners(self) -> list[tuple[str, int, int]]:
+        """What is around special corners: kind, faces, and patches there; smooth ones first."""
+        counts: Counter[tuple[bool, str, int]] = Counter()
+        for sector, number in zip(self.sectors, np.bincount(self.kind).tolist(), strict=False):
+            if sector is not None:
+                counts[sector.kind != "interior", sector.kind, sector.faces] += number
+        return [(kind, faces, number) for (_, kind, faces), number in sorted(counts.items())]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,12 +12,9 @@ from limitsurf import numbers, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.mesh import Mesh, read_only
 from limitsurf.refine.operators import entries, identity, sparse_operator, stacked
-from limitsurf.refine.stages import refined_values, refinement_stages, smooth_valences
+from limitsurf.refine.stages import irrational, refined_values, refinement_stages, smooth_valences
 from limitsurf.rules import PENDING, Rules, Sectors, Sharpness
-from limitsurf.topology import (
-    MeshPart,
-    child_mesh,
-)
+from limitsurf.topology import MeshPart, child_halves, child_mesh, vertex_numbers
 
 if TYPE_CHECKING:
     from limitsurf.scheme.scheme import Scheme
@@ -26,15 +23,20 @@ Array = NDArray[Any]
 
 
 def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Array) -> Array:
-    """Limits of the `wanted` (n_vertices,) bool vertices of an all-quad mesh, NaN elsewhere."""
-    sectors = Sectors.of(sharpness)
+    """Limits of the `wanted` (n_vertices,) bool vertices of regular faces, NaN elsewhere."""
+    lattice = rules.scheme.lattice
+    sectors = Sectors.of(sharpness, lattice)
     vertex = sectors.fans.vertex
     result = np.full_like(points, np.nan)
     for kind, faces, fans in sectors.groups(np.flatnonzero(wanted[vertex] & (sectors.kind >= 0))):
         own = points[vertex[fans]]
         step = np.zeros_like(own)
-        mask = tables.limit_mask(rules.scheme, kind, faces, sharpness.number)
-        if tables.Sector(kind, faces).carried:  # the last point is the middle of two
+        try:
+            mask = tables.limit_mask(rules.scheme, kind, faces, sharpness.number)
+        except TypeError:
+            what = f"vertex {vertex_numbers(sharpness.mesh)[vertex[fans[0]]]} has {faces} faces"
+            raise TypeError(irrational(what, rules)) from None
+        if rules.scheme.sector(kind, faces).carried:  # the last point is the middle of two
             mask = np.append(mask[:-1], [mask[-1] / 2] * 2)
         ring = sectors.ring(kind, faces, fans)[:, 1:]
         if faces > tables.MOST_FACES:
@@ -54,7 +56,9 @@ def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arra
         finer = refined_values(near.mesh, rules, inner, points[near.vertices], compiled)
         later = np.zeros(len(finer), dtype=bool)
         later[: near.mesh.n_vertices] = pending[near.vertices]
-        inner = inner.children(child_mesh(near.mesh, finer))
+        names = np.full(len(finer), -1)
+        names[: near.mesh.n_vertices] = vertex_numbers(near.mesh)
+        inner = inner.children(child_mesh(near.mesh, names, lattice), lattice)
         limits = limit_points(inner, rules, finer, later)
         result[pending] = limits[later]
     return result
@@ -63,13 +67,14 @@ def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arra
 def _normal_operators(
     sharpness: Sharpness, rules: Rules, wanted: Array, masks: Callable[[Scheme, str, int], Array]
 ) -> list[Any]:
-    """Operators (n_fans, n_vertices) on differences from the vertex of an all-quad mesh.
+    """Operators (n_fans, n_vertices) on differences from a vertex, in a mesh of regular faces.
 
     They give pairs of vectors for each fan of the `Sectors`, two if `masks` are those of
     `tables.normal_masks`, and four of `tables.collapsed_masks`. A fan without a normal has no
     entries, nor have others than those `wanted` (n_fans,) bool.
     """
-    mesh, sectors = sharpness.mesh, Sectors.of(sharpness)
+    mesh, lattice = sharpness.mesh, rules.scheme.lattice
+    sectors = Sectors.of(sharpness, lattice)
     parts: list[list[tuple[Array, Array, Array]]] = [[] for _ in range(8)]
     for kind, faces, fans in sectors.groups(np.flatnonzero(wanted & (sectors.kind >= 0))):
         ring = sectors.ring(kind, faces, fans)
@@ -84,12 +89,11 @@ def _normal_operators(
         near = MeshPart.of(mesh, sharpness.neighbours(np.isin(sectors.fans.fan, pending)))
         inner = sharpness.part(near)
         faces_stage, stage = refinement_stages(near.mesh, rules, inner, numbers.FLOAT64)
-        child = child_mesh(near.mesh, np.zeros(stage.shape[0]))
-        later = inner.children(child)
+        later = inner.children(child_mesh(near.mesh, np.zeros(stage.shape[0]), lattice), lattice)
         first = np.searchsorted(near.corners, sectors.fans.corners[sectors.fans.offsets[pending]])
-        child_fans = Sectors.of(later).fans
+        child_fans = Sectors.of(later, lattice).fans
         fan = np.full(len(child_fans.vertex), -1)
-        fan[child_fans.fan[4 * first]] = pending
+        fan[child_fans.fan[child_halves(near.mesh, first, lattice)[0]]] = pending
         both = stacked([identity(near.mesh.n_vertices, numbers.FLOAT64), faces_stage])
         limits = _normal_operators(later, rules, fan >= 0, masks)
         for part, finer in zip(parts, limits, strict=True):
@@ -106,11 +110,11 @@ def _normal_operators(
 def limit_normals(
     sharpness: Sharpness, rules: Rules, points: Array, errors: Array, wanted: Array
 ) -> Array:
-    """Limit normals by corner, (n_corners, 3), at the `wanted` vertices of an all-quad mesh.
+    """Limit normals by corner, (n_corners, 3), at the `wanted` vertices of regular faces.
 
     `errors` (n_vertices,) bound those of the points, in units of `NOISE`.
     """
-    fans = Sectors.of(sharpness).fans
+    fans = Sectors.of(sharpness, rules.scheme.lattice).fans
 
     def vectors(wanted: Array, masks: Callable[[Scheme, str, int], Array]) -> list[Array]:
         found = []

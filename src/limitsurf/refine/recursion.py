@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal, Self, overload
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from limitsurf import _kernels, memory, numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
 from limitsurf.checks import checked_integer
-from limitsurf.mesh import Mesh, read_only
+from limitsurf.mesh import Boundary, Creasing, IntArray, Mesh, Triangles, read_only
 from limitsurf.refine.limits import limit_normals, limit_points, normal_weights, ring_weights
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
 from limitsurf.refine.stages import channel_groups, refined_values, refinement_stages
 from limitsurf.rules import Rules, Sharpness
 from limitsurf.topology import (
     MeshPart,
+    all_regular,
+    at_children,
+    child_halves,
     child_mesh,
+    children_of,
     first_limit_face,
     without_points,
 )
@@ -28,9 +32,11 @@ from limitsurf.topology import (
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+    from limitsurf.scheme.lattice import Lattice
     from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
+Floats: TypeAlias = NDArray[np.float64]
 
 
 class RefinedMesh(Mesh):
@@ -58,11 +64,12 @@ class RefinedMesh(Mesh):
     _rounded: bool  # whether the points come from refinement, and not from outside
 
     @cached_property
-    def _parents(self) -> tuple[Array, Array, Array]:
+    def _parents(self) -> tuple[IntArray, Floats, Floats]:
         """Parent face and parameters, taken in a vertex's first face, one with a limit if any."""
-        limit_face, uv = _cage_parameters(self._lineage[0])
+        lattice = self._rules.scheme.lattice
+        limit_face, uv = _cage_parameters(self._lineage[0], lattice)
         for mesh in self._lineage[:-1]:
-            limit_face, uv = _child_parameters(mesh, limit_face, uv)
+            limit_face, uv = _child_parameters(mesh, limit_face, uv, lattice)
         face = np.full(self.n_vertices, -1)
         u, v = np.full((2, self.n_vertices), np.nan)
         without = self._rules.without_limit(self)[self.corner_face]
@@ -74,17 +81,17 @@ class RefinedMesh(Mesh):
         return read_only((face, u, v))
 
     @property
-    def parent_face(self) -> Array:
+    def parent_face(self) -> IntArray:
         """Limit face of the original mesh that each vertex is on."""
         return self._parents[0]
 
     @property
-    def parent_u(self) -> Array:
+    def parent_u(self) -> Floats:
         """First parameter of each vertex in its limit face."""
         return self._parents[1]
 
     @property
-    def parent_v(self) -> Array:
+    def parent_v(self) -> Floats:
         """Second parameter of each vertex in its limit face."""
         return self._parents[2]
 
@@ -99,13 +106,14 @@ class RefinedMesh(Mesh):
         Exact rationals if the points are. NaN at vertices without a limit: unused ones, and those
         on untagged boundaries under boundary="none".
         """
-        if self._steps[0] != 4:
+        lattice = self._rules.scheme.lattice
+        if not all_regular(self, lattice):
             finer = refined(self, **vars(self._rules))
             return np.asarray(finer.limit_points[: self.n_vertices])
         points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
         rules = self._rules
         sharpness = Sharpness.of(self, rules, numbers.type_of(points))
-        if sharpness.number.exact or not self._large:
+        if sharpness.number.exact or not (self._large and lattice.face_points):
             result = limit_points(sharpness, rules, points, self.vertex_faces > 0)
         else:
             from limitsurf._kernels import refinement
@@ -128,7 +136,7 @@ class RefinedMesh(Mesh):
         return np.asarray(result.reshape(self.points.shape))
 
     @cached_property
-    def limit_normals(self) -> Array:
+    def limit_normals(self) -> Floats:
         """Unit limit normals by face corner, (n_corners, 3), by tangent masks.
 
         At creases the faces on each side have their own. NaN where no limit normal exists: at
@@ -148,15 +156,15 @@ class RefinedMesh(Mesh):
                 "limit normals need points of shape (n, 3) in numbers that have square roots, "
                 f"float64: got {self.points.dtype} {self.points.shape}"
             )
-        if self._steps[0] != 4:
+        lattice = self._rules.scheme.lattice
+        if not all_regular(self, lattice):
             finer = refined(self, **vars(self._rules))
-            # the first corner of child h is corner h
-            return np.asarray(finer.limit_normals[::4])
+            return np.asarray(finer.limit_normals[child_halves(self, None, lattice)[0]])
         rules, sharpness = self._rules, Sharpness.of(self, self._rules, numbers.FLOAT64)
         points = np.ldexp(self.points, kernels.balance(self.points))
         # what refinement rounded; a cage is exact
         errors = np.abs(points).max(axis=1) * self._rounded
-        if not self._large:
+        if not (self._large and lattice.face_points):
             result = limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
         else:
             from limitsurf._kernels import refinement
@@ -176,10 +184,10 @@ class RefinedMesh(Mesh):
                 normals = limit_normals(inner, rules, *around, own)
                 own = own[near.mesh.indices]
                 result[near.corners[own]] = normals[own]
-        result.reshape(-1, 4, 3)[rules.without_limit(self)] = np.nan
+        result.reshape(-1, lattice.face_size, 3)[rules.without_limit(self)] = np.nan
         return np.asarray(result)
 
-    def with_points(self, points: ArrayLike) -> Self:
+    def with_points(self, points: numbers.Numbers) -> Self:
         """A copy with other points, (n_vertices, ...); limits are computed afresh."""
         mesh = super().with_points(points)
         for name in ("limit_points", "limit_normals"):
@@ -195,9 +203,9 @@ def refined(
     *,
     operator: Literal[False] = False,
     scheme: str | Scheme | None = None,
-    boundary: str | None = None,
-    creasing: str | None = None,
-    triangles: str | None = None,
+    boundary: Boundary | None = None,
+    creasing: Creasing | None = None,
+    triangles: Triangles | None = None,
 ) -> RefinedMesh: ...
 @overload
 def refined(
@@ -206,9 +214,9 @@ def refined(
     *,
     operator: Literal[True],
     scheme: str | Scheme | None = None,
-    boundary: str | None = None,
-    creasing: str | None = None,
-    triangles: str | None = None,
+    boundary: Boundary | None = None,
+    creasing: Creasing | None = None,
+    triangles: Triangles | None = None,
 ) -> tuple[RefinedMesh, csr_array[Any] | ExactOperator]: ...
 def refined(
     mesh: Mesh,
@@ -216,9 +224,9 @@ def refined(
     *,
     operator: bool = False,
     scheme: str | Scheme | None = None,
-    boundary: str | None = None,
-    creasing: str | None = None,
-    triangles: str | None = None,
+    boundary: Boundary | None = None,
+    creasing: Creasing | None = None,
+    triangles: Triangles | None = None,
 ) -> RefinedMesh | tuple[RefinedMesh, csr_array[Any] | ExactOperator]:
     """Refine a mesh recursively by its subdivision rules.
 
@@ -241,7 +249,11 @@ def refined(
         Its vertices are the vertex points, then the edge points in the order of ``mesh.edges``,
         then the face points; unused vertices are kept. Its faces are the children of each face in
         the order of its corners, with corner 0 at that corner, corner 1 the midpoint of the edge
-        to the next one and corner 2 the face point. Children of holes are holes, and so are those
+        to the next one and corner 2 the face point. Schemes of triangles have no face points: child
+        0, 1, 2 of a triangle has that corner, the midpoint of the edge to the next one and of that
+        to the one before, and child 3 is in the middle, from the midpoint opposite to corner 0 on:
+        inner edges of two triangles on the same three vertices join the same midpoints, and
+        ``edges`` has them both. Children of holes are holes, and so are those
         of boundary faces under boundary="none". Creases and corners carry their sharpness on, and
         channels are refined with their seams.
         It also has `parent_face`, `parent_u`, `parent_v`, `limit_points` and `limit_normals`.
@@ -250,6 +262,10 @@ def refined(
     ------
     ValueError
         For levels that are not an integer >= 0, or an unknown option.
+    MeshError
+        For other faces than triangles, if the scheme is of these.
+    TypeError
+        For exact points where masks are irrational, which need float64.
     MemoryError
         At once, for more faces than there is memory for; it says how many levels fit.
 
@@ -279,6 +295,7 @@ def refined(
     # decided once, so that equal calls have equal results, to the last digit
     compiled = not number.exact and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
     coarse, holes = mesh, np.flatnonzero(rules.without_limit(mesh))
+    lattice = rules.scheme.lattice
     first = sharpness = Sharpness.of(mesh, rules, number)
     lineage = []
     for _ in range(levels):
@@ -287,10 +304,10 @@ def refined(
             both = stacked([total, multiplied(faces, total, compiled)])
             total = multiplied(vertices, both, compiled)
         points = refined_values(coarse, rules, sharpness, points, compiled)
-        holes = _corners(coarse, holes)
+        holes = children_of(coarse, holes, lattice)
         lineage.append(without_points(coarse))
-        coarse = child_mesh(coarse, points)
-        sharpness = sharpness.children(coarse)
+        coarse = child_mesh(coarse, points, lattice)
+        sharpness = sharpness.children(coarse, lattice)
     if balance:
         points = np.ldexp(points, -balance)
     channels = {
@@ -348,50 +365,42 @@ def refuse_levels(mesh: Mesh, levels: int, operator: bool = False) -> None:
         memory.refuse_beyond(faces, each, f"faces of {levels} levels", advice)
 
 
-def _corners(mesh: Mesh, faces: Array) -> Array:
-    """All corners of some faces."""
-    if not len(faces):
-        return faces
-    sizes = mesh.sizes[faces]
-    place = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    return np.asarray(np.repeat(mesh.offsets[faces], sizes) + place)
-
-
 def _refined_channel(channel: ChannelMesh, levels: int, holes: Array) -> ChannelMesh:
     """The values of a channel, refined."""
     number = numbers.type_of(channel.points)
     values, balance = _balanced(channel.points.reshape(channel.n_vertices, -1))
     mesh: Mesh = channel
+    lattice = channel.rules.scheme.lattice
     sharpness = Sharpness.of(channel, channel._rules, number)
     compiled = not number.exact and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
     coarser = None
     for _ in range(levels):
-        sharpness = sharpness if coarser is None else coarser.children(mesh)
+        sharpness = sharpness if coarser is None else coarser.children(mesh, lattice)
         values = refined_values(mesh, channel._rules, sharpness, values, compiled)
-        mesh, coarser = child_mesh(mesh, values), sharpness
+        mesh, coarser = child_mesh(mesh, values, lattice), sharpness
     if balance:
         values = np.ldexp(values, -balance)
     values = values.reshape(len(values), *channel.points.shape[1:])
     return channel.refined(mesh, values, sharpness, coarser is not None, holes)
 
 
-_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-
-
-def _cage_parameters(mesh: Mesh) -> tuple[Array, Array]:
+def _cage_parameters(mesh: Mesh, lattice: Lattice) -> tuple[Array, Array]:
     """Limit face (n_corners,) and parameters (n_corners, 2) of every corner of a cage."""
     corner = np.arange(mesh.n_corners) - mesh.offsets[mesh.corner_face]
-    quad = mesh.sizes[mesh.corner_face] == 4
-    limit_face = first_limit_face(mesh)[mesh.corner_face] + np.where(quad, 0, corner)
-    return limit_face, _SQUARE[np.where(quad, corner, 0)]
+    regular = mesh.sizes[mesh.corner_face] == lattice.face_size
+    first = first_limit_face(mesh, lattice)[mesh.corner_face]
+    domain = np.array(lattice.corners, dtype=float)
+    return first + np.where(regular, 0, corner), domain[np.where(regular, corner, 0)]
 
 
-def _child_parameters(mesh: Mesh, limit_face: Array, uv: Array) -> tuple[Array, Array]:
+def _child_parameters(
+    mesh: Mesh, limit_face: Array, uv: Array, lattice: Lattice
+) -> tuple[Array, Array]:
     """The same for the corners of the children, from those of `mesh`."""
-    after, before = mesh.next_corner, mesh.previous_corner
-    opposite = after[after]
-    children = np.stack(
-        [uv, (uv + uv[after]) / 2, (uv + uv[opposite]) / 2, (uv + uv[before]) / 2], axis=1
-    )
-    children[mesh.sizes[mesh.corner_face] != 4] = _SQUARE
-    return np.repeat(limit_face, 4), children.reshape(-1, 2)
+    after = mesh.next_corner
+    middle = (uv + uv[after]) / 2
+    opposite = (uv + uv[after[after]]) / 2
+    children = at_children(mesh, uv, middle, opposite, lattice)
+    if not all_regular(mesh, lattice):
+        children[mesh.sizes[mesh.corner_face] != lattice.face_size] = lattice.corners
+    return np.repeat(limit_face, children.size // uv.size), children.reshape(-1, 2)

@@ -14,8 +14,8 @@ from limitsurf import numbers, tables
 from limitsurf.mesh import Mesh, read_only
 from limitsurf.numbers import NumberType
 from limitsurf.refine.operators import csr, sparse_operator
-from limitsurf.rules import Rules, Sharpness
-from limitsurf.topology import quad_offsets
+from limitsurf.rules import DART, Rules, Sharpness
+from limitsurf.topology import quad_offsets, vertex_numbers
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -30,29 +30,33 @@ def refinement_stages(
 
     The first gives the face points from the vertices, (F, V); the second the refined points from
     vertices and face points, (V + E + F, V + F). A face of n corners costs n entries in each; in
-    their product it would cost n^2.
+    their product it would cost n^2. Where faces have no points F is 0.
     """
-    V, F = mesh.n_vertices, mesh.n_faces
+    V, centres = mesh.n_vertices, rules.scheme.lattice.face_points
+    F = mesh.n_faces * centres
     vertices = _VertexMasks.of(mesh, rules, sharpness, number)
     edges = _EdgeMasks.of(mesh, rules, sharpness, number)
-    parts = _single_entries(mesh, vertices, edges, number)
+    parts = _single_entries(mesh, vertices, edges, F, number)
     corner_weights = _corner_weights(mesh, rules, number)
     shapes = (F, V), (V + mesh.n_edges + F, V + F)
     if compiled is None:
         compiled = not number.exact and mesh._large
-    if compiled:
+    if compiled and centres:
         faces = csr(mesh.offsets, mesh.indices, corner_weights, shapes[0])
         return faces, _compiled_stage(mesh, vertices, edges, parts)
-    # by corner: the edge neighbours and the face points around vertices, the faces of edges
+    # by corner: the edge neighbours and the face points around vertices, what is across edges
     tail, head = mesh.indices, mesh.indices[mesh.next_corner]
+    across = V + mesh.corner_face if centres else mesh.indices[mesh.previous_corner]
     h = np.flatnonzero((vertices.smooth != 0)[tail])
     parts.append((tail[h], head[h], vertices.weights[tail[h], 1]))
-    parts.append((tail[h], V + mesh.corner_face[h], vertices.weights[tail[h], 2]))
+    if centres:
+        parts.append((tail[h], across[h], vertices.weights[tail[h], 2]))
     h = np.flatnonzero((edges.towards != 0)[mesh.corner_edge])
     edge = mesh.corner_edge[h]
-    parts.append((V + edge, V + mesh.corner_face[h], edges.towards[edge]))
+    parts.append((V + edge, across[h], edges.towards[edge]))
     rows, columns, values = (np.concatenate(x) for x in zip(*parts, strict=True))
-    faces = sparse_operator(mesh.corner_face, mesh.indices, corner_weights, shapes[0])
+    own = slice(len(corner_weights))  # all corners, or none
+    faces = sparse_operator(mesh.corner_face[own], mesh.indices[own], corner_weights, shapes[0])
     return faces, sparse_operator(rows, columns, values, shapes[1])
 
 
@@ -64,8 +68,8 @@ class _VertexMasks:
     ----------
     smooth : (V,)
         Shares of the smooth masks.
-    weights : (V, 3)
-        These masks times their shares: of the vertex, each edge neighbour, each face point.
+    weights : (V, 3 or 2)
+        These masks times their shares: of the vertex, each edge neighbour, each face point if any.
     own : (V,)
         All of the weight of the vertex itself.
     end, other, along : (n,)
@@ -101,9 +105,17 @@ class _VertexMasks:
 
 @dataclass(frozen=True, eq=False)
 class _EdgeMasks:
-    """What the points of edges are made of: weights of each end and of each face point, (E,)."""
+    """What the points of edges are made of, each (E,).
 
-    ends: Array
+    Attributes
+    ----------
+    ends : (array, array)
+        Weights of both ends, most often one array.
+    towards : (E,)
+        Of what lies across: of each face point, or corner.
+    """
+
+    ends: tuple[Array, Array]
     towards: Array
 
     @classmethod
@@ -113,29 +125,71 @@ class _EdgeMasks:
         middle, towards = np.zeros((2, mesh.n_edges), dtype=number.dtype)
         middle[mesh.corner_edge[sharpness.sharp_edges]] = sharpness.edge_masks.astype(number.dtype)
         inner = np.flatnonzero((mesh.edge_corners[:, 1] >= 0) & (middle != 1))
-        contribution = tables.edge_face_weights(rules.scheme, rules.triangles == "smooth", number)
-        if (contribution == contribution[1]).all():
-            towards[inner] = contribution[1]
-        else:
+        first = second = edge[0]
+        across = edge[1]
+        if callable(rules.scheme.edge):
+            first, second, across = _by_valences(mesh, rules, sharpness, inner, number)
+        towards[inner] = across
+        triangle, other = tables.edge_face_weights(
+            rules.scheme, rules.triangles == "smooth", number
+        )
+        if triangle != other:
             both = mesh.corner_face[mesh.edge_corners[inner]]
-            towards[inner] = contribution[(mesh.sizes != 3).astype(int)[both]].sum(axis=1) / 2
-        ends = np.full(mesh.n_edges, edge[0], dtype=number.dtype)
-        ends[inner] += edge[1] - towards[inner]
-        ends = (1 - middle) * ends + middle * half
+            shares = np.where((mesh.sizes == 3)[both], triangle, np.reshape(across, (-1, 1)))
+            towards[inner] = shares.sum(axis=1) / 2
+        ends = []
+        for own in (first,) if first is second else (first, second):
+            end = np.full(mesh.n_edges, edge[0], dtype=number.dtype)
+            end[inner] = own + (across - towards[inner])
+            ends.append((1 - middle) * end + middle * half)
         towards *= 1 - middle
-        return cls(ends, towards)
+        return cls((ends[0], ends[-1]), towards)
+
+
+def _by_valences(
+    mesh: Mesh, rules: Rules, sharpness: Sharpness, inner: Array, number: NumberType
+) -> Array:
+    """Masks of smooth edges by what is around both ends, (3, n): of each end, and across.
+
+    Sharp vertices, and those on creases, count as regular.
+    """
+    valence = np.where(sharpness.rule <= DART, mesh.vertex_faces, rules.scheme.lattice.valence)
+    ends = valence[mesh.edges[inner]]
+    try:
+        return tables.edge_weights(rules.scheme, ends[:, 0], ends[:, 1], number).T
+    except TypeError:
+        for edge, pair in zip(inner, ends, strict=True):
+            try:
+                tables.edge_weights(rules.scheme, pair[:1], pair[1:], number)
+            except TypeError:
+                first, second = vertex_numbers(mesh)[mesh.edges[edge]].tolist()
+                what = f"the edge of vertices {first} and {second}"
+                what += f" joins valences {pair[0]} and {pair[1]}"
+                raise TypeError(irrational(what, rules)) from None
+        raise
+
+
+def irrational(what: str, rules: Rules) -> str:
+    """A message for those who want exact numbers where there are none."""
+    return (
+        f"{what}, where the masks of scheme {rules.scheme.name!r} are irrational: there are no "
+        "exact points; take float64, as in mesh.with_points(mesh.points.astype(float))"
+    )
 
 
 def _single_entries(
-    mesh: Mesh, vertices: _VertexMasks, edges: _EdgeMasks, number: NumberType
+    mesh: Mesh, vertices: _VertexMasks, edges: _EdgeMasks, F: int, number: NumberType
 ) -> list[tuple[Array, Array, Array]]:
-    """Rows, columns and values; in each part no row is met twice, and no entry in any other."""
-    V, E, F = mesh.n_vertices, mesh.n_edges, mesh.n_faces
+    """Rows, columns and values; in each part no row is met twice, and no entry in any other.
+
+    F is the number of face points.
+    """
+    V, E = mesh.n_vertices, mesh.n_edges
     rows, every = np.flatnonzero(vertices.own != 0), np.arange(max(E, F))
     parts = [
         (rows, rows, vertices.own[rows]),
-        (V + every[:E], mesh.edges[:, 0], edges.ends),
-        (V + every[:E], mesh.edges[:, 1], edges.ends),
+        (V + every[:E], mesh.edges[:, 0], edges.ends[0]),
+        (V + every[:E], mesh.edges[:, 1], edges.ends[1]),
         (V + E + every[:F], V + every[:F], number.full(F, number.one)),
     ]
     end, other, along = vertices.end, vertices.other, vertices.along
@@ -178,25 +232,49 @@ def _compiled_stage(
 
 
 def _corner_weights(mesh: Mesh, rules: Rules, number: NumberType) -> Array:
-    """Weight of every face corner in its face point, (n_corners,)."""
+    """Weight of every face corner in its face point, (n_corners,); none where there is none."""
+    if not rules.scheme.lattice.face_points:
+        return number.full(0, number.zero)
     if mesh._steps[0] == 4:
         return np.tile(tables.corner_weights(rules.scheme, np.array([4]), number), mesh.n_faces)
     return tables.corner_weights(rules.scheme, mesh.sizes, number)
 
 
 def _vertex_weights(mesh: Mesh, rules: Rules, rough: Array, number: NumberType) -> Array:
-    """Smooth masks by number of faces at a vertex, (largest + 1, 3); 0 where all are `rough`."""
+    """Smooth masks by number of faces at a vertex, (largest + 1, n); 0 where all are `rough`."""
     most, valences = smooth_valences(mesh, rough)
-    table = np.zeros((most + 1, 3), dtype=number.dtype)
-    table[valences] = tables.vertex_weights(rules.scheme, np.array(valences, dtype=int), number)
+    width = 1 + len(rules.scheme.lattice.orbits)
+    table = np.zeros((most + 1, width), dtype=number.dtype)
+    try:
+        table[valences] = tables.vertex_weights(rules.scheme, np.array(valences, dtype=int), number)
+    except TypeError:
+        for faces in valences:
+            try:
+                table[faces] = tables.vertex_weights(rules.scheme, np.array([faces]), number)
+            except TypeError:
+                _refuse_irrational(mesh, rules, faces, rough)
     return table
+
+
+def _refuse_irrational(mesh: Mesh, rules: Rules, faces: int, rough: Array) -> None:
+    """Refuse exact points of a smooth vertex of so many faces, if there is one.
+
+    A vertex on the rim of a part is none.
+    """
+    smooth = mesh.vertex_faces == faces
+    smooth[rough] = False
+    rim = np.flatnonzero(mesh.twin < 0)
+    smooth[mesh.indices[rim]] = smooth[mesh.indices[mesh._after(rim)]] = False
+    if smooth.any():
+        what = f"vertex {vertex_numbers(mesh)[smooth.argmax()]} has valence {faces}"
+        raise TypeError(irrational(what, rules)) from None
 
 
 def refined_values(
     mesh: Mesh, rules: Rules, sharpness: Sharpness, values: Array, compiled: bool
 ) -> Array:
     """One level of refinement of values at the vertices, (n_vertices, d)."""
-    if not compiled:
+    if not (compiled and rules.scheme.lattice.face_points and not callable(rules.scheme.edge)):
         faces, vertices = refinement_stages(mesh, rules, sharpness, numbers.type_of(values), False)
         return np.asarray(vertices @ np.concatenate([values, faces @ values]))
     from limitsurf._kernels import refinement

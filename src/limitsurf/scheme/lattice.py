@@ -149,6 +149,11 @@ class Lattice:
         return found
 
     @cached_property
+    def sloped(self) -> bool:
+        """Whether u and v end where u + v is 1, not each by itself."""
+        return any(b and c for _, b, c in self.sides)
+
+    @cached_property
     def flips(self) -> bool:
         """Whether there are children that are turned by half a turn."""
         return any(child.turned for child in self.children)

@@ -87,6 +87,20 @@ class Spline:
         return tuple((i, j) for j in degrees[1] for i in degrees[0] if i + j <= total)
 
     @cached_property
+    def degree(self) -> int:
+        """The highest power of s, or of t, in a piece."""
+        return max(max(powers) for powers in self.exponents)
+
+    @cached_property
+    def cubic(self) -> bool:
+        """Whether pieces are products of those of the cubic B-spline in s and in t."""
+        return Counter(self.directions) == {(1, 0): 4, (0, 1): 4}
+
+    def vanishes(self, nu: Vector) -> bool:
+        """Whether the derivative of this order is 0 in all pieces."""
+        return all(i < nu[0] or j < nu[1] for i, j in self.exponents)
+
+    @cached_property
     def pieces(self) -> Matrix:
         """Coefficients of the monomials by control point, (exponents, template)."""
         columns = self._weights.values()
@@ -118,7 +132,7 @@ class Spline:
         }
 
     def curve_stencil(self, refined: int) -> dict[int, Fraction]:
-        """As `stencil`, of what is the same along v."""
+        """Weights of control points that are the same along v in a refined one, by their places."""
         sums: dict[int, Fraction] = {}
         for (i, _), weight in self.stencil((refined, 0)).items():
             sums[i] = sums.get(i, Fraction(0)) + weight

@@ -44,7 +44,7 @@ from limitsurf.tables.records import (
 
 if TYPE_CHECKING:
     from limitsurf.exact.matrices import SubdivisionMatrix
-    from limitsurf.exact.ring import FourierRing as FourierModes
+    from limitsurf.exact.ring import FourierModes
 
 FORMAT = 2
 SHIPPED = Path(__file__).parent.parent / "_data" / "tables"
@@ -183,7 +183,7 @@ def _file_name(key: dict[str, Any]) -> str:
 def _derive(scheme: Scheme, sector: Sector) -> dict[str, Array]:
     """Derive a table and round it to float64."""
     from limitsurf.exact.fixed import mp
-    from limitsurf.exact.ring import FourierRing as FourierModes
+    from limitsurf.exact.ring import FourierModes
     from limitsurf.exact.spectrum import spectrum
 
     result = spectrum(scheme, sector)
@@ -344,6 +344,11 @@ def _rational_table(matrix: SubdivisionMatrix, scheme: Scheme, rounded: bool) ->
     from limitsurf.exact.sectors import limit_weights
 
     entries = sorted((c, r, w) for r, row in enumerate(matrix.rows) for c, w in row.items())
+    if not all(isinstance(w, Fraction) for _, _, w in entries):
+        raise TypeError(
+            f"the masks of scheme {scheme.name!r} are irrational at {matrix.sector.place}: no "
+            "exact numbers there; give points, u and v as float64"
+        )
     denominator = lcm(*(w.denominator for _, _, w in entries))
     numerators = np.empty(len(entries), dtype=object)
     numerators[:] = [int(w * denominator) for _, _, w in entries]

@@ -1,0 +1,300 @@
+"""The limit surface of triangles against exact recursion.
+
+Accuracy is that of `test_surface`; derivatives are compared with the largest of their order at the
+same place, which those along u, v and the third side mix.
+"""
+
+import functools
+import math
+import random
+from fractions import Fraction as F
+
+import numpy as np
+import oracles_loop
+import pytest
+import zoo_triangles
+from oracles_creases import Cage
+from oracles_loop import LoopSurface
+
+import limitsurf as ls
+from limitsurf._kernels import reference
+from limitsurf.basis import regular_weights
+from limitsurf.numbers import FLOAT64, RATIONAL
+from limitsurf.patches import STRIP
+from limitsurf.scheme.loop import LOOP
+
+ORDERS = [(i, m - i) for m in range(5) for i in range(m + 1)]
+CAGES = ["torus_3x4", "octahedron", "crowded", "sphere_1", "bipyramid_12", "patch_0", "fan_2",
+         "fan_5", "dart_5", "crease_2_of_6", "corner_3", "cone_5", "semi_2.5", "chaikin",
+         "tagged_sphere_0"]  # fmt: skip
+FRACTIONS = ["torus_3x4", "octahedron", "crowded", "grid_3x2", "crease_2_of_6", "dart_6"]
+CASES = oracles_loop.reference_cases() or {}
+# in coordinates of each corner: on lines between pieces, beside them, near and at the corner
+PLACES = [(0.5, 0.25), (0.25, 0.5), (0.25, 0.25), (0.3, 0.2), (0.7, 0.3), (2.0**-40, 0.0),
+          (2.0**-40, 2.0**-41), (2.0**-43, 1e-12), (0.5, 0.0), (0.0, 0.3), (0.0, 0.0)]  # fmt: skip
+
+pytestmark = pytest.mark.filterwarnings("ignore:scheme 'loop' converges:UserWarning")
+
+
+@functools.lru_cache(maxsize=4)
+def both(name, bits=1200):
+    """A surface, by the reference engine, and the oracle's."""
+    makers = zoo_triangles.ZOO | zoo_triangles.TAGGED
+    points, faces, *tags = makers[name]()
+    tags, points = tags[0] if tags else {}, [[F(float(x)) for x in p] for p in points]
+    mesh = ls.Mesh(np.array(points, dtype=float), faces, **tags)
+    surface = ls.LimitSurface(mesh, scheme=LOOP, engine="reference")
+    return surface, LoopSurface(Cage(points, faces, **tags), bits=bits)
+
+
+def in_face(corner, s, t):
+    """(u, v) of (s, t) as seen from a corner."""
+    rest = 1 - max(s, t) - min(s, t)
+    return [(s, t), (rest, s), (t, rest)][corner]
+
+
+def queries(surface, seed, n=3):
+    """Faces, each with all places, from each corner."""
+    rng = random.Random(seed)
+    faces = rng.sample(range(len(surface.limit_faces)), min(n, len(surface.limit_faces)))
+    found = [(f, *in_face(k, s, t)) for f in faces for k in range(3) for s, t in PLACES]
+    u, v = (sorted((rng.random(), rng.random())) for _ in range(2))
+    return found + [(f, x, y * (1 - x)) for f in faces for x, y in zip(u, v, strict=True)]
+
+
+def floats(values):
+    return np.array([float(x) for x in values])
+
+
+def columns(asked):
+    return [np.array(x) for x in zip(*asked, strict=True)]
+
+
+@pytest.mark.parametrize("name", CAGES)
+def test_derivatives(name):
+    surface, oracle = both(name)
+    asked = queries(surface, name)
+    found = {nu: surface.evaluate(*columns(asked), nu=nu) for nu in ORDERS}
+    size = np.ptp(surface.points, axis=0).max()
+    for k, query in enumerate(asked):
+        for order in range(5):
+            wanted = {nu: floats(oracle.evaluate(*query, nu)) for nu in ORDERS if sum(nu) == order}
+            scale = max(np.abs(x).max() for x in wanted.values())
+            for nu, x in wanted.items():
+                most = 1e-14 * size if order == 0 else 1e-12 * scale + 1e-300
+                if not np.isnan(x).any():  # what the oracle knows
+                    assert np.abs(found[nu][k] - x).max() <= most, (query, nu)
+
+
+@pytest.mark.parametrize("valence", CASES)
+def test_reference_cases(valence):
+    case = CASES[valence]
+    mesh = ls.Mesh(case["verts"], case["faces"])
+    surface = ls.LimitSurface(mesh, scheme=LOOP, engine="reference")
+    u, v = case["uv"].T
+    size = np.ptp(case["verts"], axis=0).max()
+    for nu, name in (((0, 0), "P_true"), ((1, 0), "Pu_true"), ((0, 1), "Pv_true")):
+        found, wanted = surface.evaluate(case["target_face"], u, v, nu=nu), case[name]
+        scale = np.abs(wanted).max(axis=1, keepdims=True)
+        assert (np.abs(found - wanted) <= (1e-12 * scale if any(nu) else 1e-14 * size)).all()
+
+
+def test_close_to_a_vertex_as_anywhere():
+    surface, oracle = both("octahedron")
+    for s, t in [(1e-300, 2e-300), (0.0, 1e-300), (5e-324, 5e-324), (1e-12, 1e-13)]:
+        for nu in ORDERS[:3]:
+            found = surface.evaluate(np.arange(8), s, t, nu=nu)
+            for face in range(0, 8, 3):
+                wanted = floats(oracle.evaluate(face, F(s), F(t), nu))
+                assert np.abs(found[face] - wanted).max() <= 1e-14 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("name", FRACTIONS)
+def test_fractions(name):
+    surface, oracle = both(name)
+    third = [(F(1, 3), F(1, 5)), (F(1, 2**20), F(1, 3 * 2**20)), (F(2, 3), F(1, 3))]
+    places = [*((F(s), F(t)) for s, t in PLACES), *third]
+    rng = random.Random(name)
+    for place in places:
+        face, query = rng.randrange(len(surface.limit_faces)), in_face(rng.randrange(3), *place)
+        for nu in [(0, 0), (1, 0), (0, 1), *rng.sample(ORDERS[3:], 2)]:
+            wanted = oracle.evaluate(face, *query, nu)
+            if not any(x != x for x in wanted):
+                assert list(surface.evaluate(face, *query, nu=nu)) == list(wanted), (query, nu)
+                weights, own = (
+                    surface.weights(face, *query, nu=nu),
+                    oracle.weights(face, *query, nu),
+                )
+                kept = zip(weights.columns.tolist(), weights.values, strict=True)
+                assert {k: w for k, w in kept if w} == {k: w for k, w in own.items() if w}
+    jet = surface.jet(0, F(1, 3), F(1, 3), order=1)
+    assert list(jet[0, 1]) == list(oracle.evaluate(0, F(1, 3), F(1, 3), (0, 1)))
+
+
+def test_irrational_masks_have_no_fractions():
+    surface, oracle = both("disc_7")
+    far = F(1, 3), F(1, 5)
+    assert list(surface.evaluate(27, *far)) == list(oracle.evaluate(27, *far))
+    with pytest.raises(TypeError, match=r"irrational at interior valence 7.*float64"):
+        surface.evaluate(0, *far)
+    with pytest.raises(TypeError, match=r"valence 5.*irrational"):
+        both("icosahedron")[0].evaluate(0, *far)
+
+
+@pytest.mark.parametrize("name", ["sphere_1", "patch_0", "crease_2_of_6", "fan_5"])
+def test_normals_and_curvature(name):
+    surface, oracle = both(name)
+    asked = queries(surface, name)
+    normals, bent = surface.normal(*columns(asked)), surface.curvature(*columns(asked))
+    for k, query in enumerate(asked):
+        normal = floats(oracle.normal(*query))
+        if not np.isnan(normal).any():
+            assert np.abs(normals[k] - normal).max() < 1e-12, query
+        first, second = (
+            [floats(oracle.evaluate(*query, nu)) for nu in ORDERS if sum(nu) == m] for m in (1, 2)
+        )
+        if np.isnan(first).any():
+            continue
+        form, metric = ([a @ b for a, b in pairs] for pairs in (
+            [(normal, x) for x in second],
+            [(first[0], first[0]), (first[0], first[1]), (first[1], first[1])],
+        ))  # fmt: skip
+        area = metric[0] * metric[2] - metric[1] ** 2
+        gaussian = (form[0] * form[2] - form[1] ** 2) / area
+        mean = (form[0] * metric[2] - 2 * form[1] * metric[1] + form[2] * metric[0]) / (2 * area)
+        size = max(abs(bent.k1[k]), abs(bent.k2[k]))
+        # far from singular, where these formulas themselves are precise
+        if min(query[1] + query[2], 2 - 2 * query[1] - query[2], 2 - query[1] - 2 * query[2]) > 0.1:
+            assert abs(bent.mean[k] - mean) < 1e-11 * size
+            assert abs(bent.gaussian[k] - gaussian) < 1e-11 * size**2
+
+
+@pytest.mark.parametrize("name", ["disc_7", "fan_3", "bipyramid_3", "crease_2_of_6", "cone_5"])
+def test_tangents_at_vertices(name):
+    """Along sides they are limits along these; others along the line between both."""
+    surface, _ = both(name)
+    face = np.arange(len(surface.limit_faces))
+    for k in range(3):
+        (a, b), (c, d) = LOOP.lattice.gradients[k]
+        at = surface.tangents(face, *in_face(k, 0, 0))
+        for axis, (s, t) in enumerate(((a, c), (b, d))):
+            place = (0.5, 0.5) if s and t else (abs(s), abs(t))
+            gaps = []
+            for near in (2.0**-20, 2.0**-45):
+                tangent = surface.tangents(face, *in_face(k, *(near * x for x in place)))[axis]
+                gaps.append(np.nanmax(np.abs(tangent - at[axis]), axis=1))
+                assert (np.isnan(tangent) == np.isnan(at[axis])).all()
+            # the slowest limits fall like (mu / lambda)^n, at best by 2^-n
+            assert (gaps[1] <= 0.3 * gaps[0] + 1e-7).all(), (k, axis, gaps)
+
+
+@pytest.mark.parametrize("turn", range(3))
+def test_normals_where_a_row_of_points_coincides(turn):
+    points, faces = zoo_triangles.grid(4, 4, seed=3)
+    points = np.array(points, dtype=float)
+    row = np.argsort(points[:, 0])[:5]
+    points[row] = points[row].mean(axis=0)
+    faces = [face[turn:] + face[:turn] for face in faces]
+    surface = ls.LimitSurface(ls.Mesh(points, faces), scheme=LOOP, engine="reference")
+    sides = np.argwhere(surface.topology.sharp_sides)
+    poles = [(f, k) for f, k in sides.tolist() if {faces[f][k], faces[f][(k + 1) % 3]} <= {*row}]
+    assert len(poles) == 4
+    for face, k in poles:
+        for s in (0.3, 0.5, 0.8):
+            limit = surface.normal(face, *in_face(k, s, 0.0))
+            gaps = [
+                np.abs(surface.normal(face, *in_face(k, s * (1 - t), t)) - limit).max()
+                for t in (2.0**-8, 2.0**-14)
+            ]
+            assert gaps[0] < 0.05
+            assert gaps[1] < gaps[0] / 32
+
+
+def test_the_domain():
+    surface, _ = both("octahedron")
+    for u, v, message in [
+        (1.3, 0.0, r"u \+ v = 1.3 is outside the triangle u, v >= 0, u \+ v <= 1"),
+        ([0.5, 0.6], 0.5, r"u \+ v = 1.1 at index 1 is outside the triangle"),
+        (-0.1, 0.5, r"u = -0.1 is outside \[0, 1\]"),
+        (0.5, -0.1, r"v = -0.1 is outside \[0, 1\]"),
+        (F(2, 3), F(1, 3) + F(1, 10**20), r"u \+ v = .* is outside the triangle"),
+        (0.5, 0.5 + 2.0**-49, r"u \+ v = .* is outside the triangle"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            surface.evaluate(0, u, v)
+    # by rounding
+    inside = [(0.5, 0.5), (1.0, 0.0), (0.7, 0.3)]
+    for u, v in inside:
+        for nu in ORDERS[:6]:
+            found = surface.evaluate(0, u + 2.0**-51, v, nu=nu)
+            wanted = surface.evaluate(0, u, v, nu=nu)
+            assert np.allclose(found, wanted, rtol=0, atol=1e-12, equal_nan=True)
+    assert np.isnan(surface.evaluate(0, [math.nan, math.inf], 0.5)).all()
+    # corner 1 is approached along the third side, too
+    found = surface.evaluate(0, 1.0, 1e-20, nu=(0, 1))
+    assert np.abs(found).max() > 0
+    assert surface.evaluate(0, 1.0, 0.0).tolist() == surface.evaluate(0, 1.0, 1e-300).tolist()
+
+
+def test_all_kinds_of_patches_are_here():
+    kinds = set()
+    for name in CAGES:
+        patches = both(name)[0].patches
+        kinds |= {sector.kind for sector in patches.sectors if sector is not None}
+        assert not (patches.kind == STRIP).any()
+    assert {"interior", "crease", "corner", "dart", "cone"} <= kinds
+
+
+# --- Pieces
+
+
+def walked(s, t, flipped):
+    """Halvings towards the corner, the child there, and the parameters in it, by recursion."""
+    level = 0
+    while (child := oracles_loop.child_of(s, t, flipped)) == 0:
+        s, t, level = 2 * s, 2 * t, level + 1
+    return level, child - 1, *oracles_loop.in_child(s, t, child)
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_the_piece_around_a_corner(flipped):
+    rng = random.Random(int(flipped))
+    dyadic = [(rng.randint(0, 8), rng.randint(0, 8), rng.randint(3, 5)) for _ in range(60)]
+    places = [(a / 2**n, b / 2**n) for a, b, n in dyadic if 0 < a + b <= 2**n]
+    # sums that are rounded to a power of two, from either side
+    for s in (0.1, 0.3, 0.2, 1e-3, 1e-9):
+        t = 0.5 - s
+        places += [(s, t), (s, np.nextafter(t, 0)), (s, np.nextafter(t, 1)), (t / 8, s / 8)]
+    places += [(s * 1e-300, t * 1e-300) for s, t in places[-20:]] + [(5e-324, 0.0), (0.0, 1e-310)]
+    s, t = columns(places)
+    up = np.full(len(s), flipped)
+    found = reference.split_flipped_corner(s, t, up, up, up)
+    exact = RATIONAL.array(s), RATIONAL.array(t)
+    for *own, x, y in zip(*found, *exact, strict=True):
+        wanted = walked(x, y, flipped)
+        assert tuple(own[:2]) == wanted[:2]
+        assert np.abs(floats(own[2:]) - floats(wanted[2:])).max() <= 2.0**-53
+    own = zip(*reference.split_flipped_corner(*exact, up, up, up), strict=True)
+    assert list(own) == [walked(x, y, flipped) for x, y in zip(*exact, strict=True)]
+    zero, no = np.zeros(1), np.zeros(1, dtype=bool)
+    assert [x[0] for x in reference.split_flipped_corner(zero, zero, no, no, no)] == [-1, 0, 0, 0]
+
+
+@pytest.mark.parametrize("nu", [*ORDERS, (5, 0), (3, 3)])
+def test_regular_weights(nu):
+    """Those of Stam's table; in floats to rounding, with no negative weight of a position."""
+    spline, template = LOOP.spline, [(i - 1, j - 1) for i, j in LOOP.lattice.template]
+    exact = [(F(1, 3), F(1, 5)), (F(0), F(1)), (F(1, 2), F(1, 2))]
+    s, t = map(RATIONAL.array, columns(exact))
+    rows = regular_weights(spline, RATIONAL)(s, t, nu)
+    for row, place in zip(rows, exact, strict=True):
+        wanted = oracles_loop.box_spline_weights(*place, nu)
+        assert list(row) == [wanted[k] for k in template]
+    near = [(0.3, 0.6999), (1e-9, 1e-3), (0.7, 0.3), (0.25, 0.5)]
+    s, t = columns(near)
+    rows = regular_weights(spline, FLOAT64)(s, t, nu)
+    for row, (x, y) in zip(rows, near, strict=True):
+        wanted = oracles_loop.box_spline_weights(F(x), F(y), nu)
+        wanted = floats(wanted[k] for k in template)
+        assert np.abs(row - wanted).max() <= 1e-15 * max(1, np.abs(wanted).max())
+        assert any(nu) or (row >= 0).all()
