@@ -167,7 +167,7 @@ def test_fractions_on_the_zoo(name):
         assert same(patches.weights @ surface.points, patches.points.reshape(-1, 3))
     ends = {}
     degree = patches.degree
-    points = patches.points.reshape(len(patches), -1, 3)
+    points = patches.points.reshape(len(patches), len(patches.exponents), 3)
     for i, j in corners:
         u, v = places(patches, int(i), int(j))
         (at,) = np.flatnonzero((patches.exponents == (degree * i, degree * j)).all(axis=1))
