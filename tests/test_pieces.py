@@ -29,8 +29,6 @@ CAGES = {name: (*make(), {}) for name, make in zoo.ZOO.items()}
 CAGES |= {f"tagged_{name}": make() for name, make in zoo.TAGGED.items()}
 TRIANGLES = {f"loop_{name}": (*make(), {}) for name, make in zoo_triangles.ZOO.items()}
 TRIANGLES |= {f"loop_{name}": make() for name, make in zoo_triangles.TAGGED.items()}
-# darts have no tangent plane
-pytestmark = pytest.mark.filterwarnings("ignore:scheme 'loop' converges:UserWarning")
 # of which there are exact rows over the cage too: long Fractions are slow
 ROWS = ("cube", "half_disk_5", "flower_3", "heptagon", "tagged_cone_4", "tagged_ring_2.5")
 # where all weights of Loop are rational
