@@ -38,12 +38,13 @@ from fractions import Fraction
 import numpy as np
 from mpmath import mp
 from mpmath import sqrt as root
-from sympy import Matrix, Rational, Symbol, cancel, simplify, sqrt, symbols
+from sympy import Matrix, Rational, Symbol, cancel, expand, simplify, sqrt, symbols
 
 from limitsurf import LimitSurface
 from limitsurf.exact.spectrum import ring_normal
 from limitsurf.exact.wide import Weights, dart_factor, wide_dart_values
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.loop import LOOP
 from limitsurf.tables import Sector, eigen_table
 
 mp.dps = 40
@@ -162,16 +163,40 @@ for N in (2, 3, 5, 8):
         assert abs(closed - solved_factor(w, N, value)) < 1e-30
 
 # %% [markdown]
-# On the unit circle $\left|16 \lambda + \frac1\lambda - 10\right|$ is least at 1, where it is 7, so
-# $\left|w\right| \le (7 - 3 \sqrt5) / 2 = 0.146$ there and outside. Of 65 and more faces $w^N$ is
-# below $10^{-54}$. Without it $T = X + Y q$ with rational $X$ and $Y$ and
+# Triangles have no face points: with the weight $a = \frac38$ of an end and $b = \frac18$ of an
+# opposite corner $(\lambda - a) \, e_j - b \, (e_{j-1} + e_{j+1}) = 1$, and so
+# $w + \frac1w = (\lambda - a) / b$, $\rho = 1 / (\lambda - a - 2 b)$, and
+# $T = 1 + n \sum_j e_j$. The eigenvalues of $B$ are $a + 2 b \cos \kappa \le \frac58$, and
+# $\frac12$.
+
+# %%
+for N in (3, 5, 8):
+    known = Weights.of(LOOP, 6, exact=True)
+    w = Weights(**{**vars(known), "own": Fraction(-2, 3), "edge": Fraction(5, 3) / N})
+    for value in (mp.mpf("1.3"), mp.mpf("-0.7"), mp.mpc("0.4", "-0.9")):
+        B = mp.matrix(N, N)
+        for j in range(N):
+            B[j, j] += mp.mpf(3) / 8
+            for near in (j - 1, (j + 1) % N):
+                B[j, near] += mp.mpf(1) / 8
+        for j in range(N):
+            B[0, j] = mp.mpf(j == 0) / 2
+        x = mp.lu_solve(value * mp.eye(N) - B, mp.ones(N, 1))
+        solved = 1 + number(w.edge) * sum(x)
+        assert abs(dart_factor(in_digits(w), N, value, root) - solved) < 1e-30
+
+# %% [markdown]
+# In quads, on the unit circle $\left|16 \lambda + \frac1\lambda - 10\right|$ is least at 1, where
+# it is 7, so $\left|w\right| \le (7 - 3 \sqrt5) / 2 = 0.146$ there and outside. Of 65 and more
+# faces $w^N$ is below $10^{-54}$. Without it $T = X + Y q$ with rational $X$ and $Y$ and
 #
 # $$
 # q = \frac{1 + w}{1 - w}, \qquad q^2 = \frac{p + 2}{p - 2}, \qquad p = w + \frac1w,
 # $$
 #
 # and its zeros are among those of a polynomial, $X^2 (p - 2) = Y^2 (p + 2)$, whose degree does not
-# depend on $N$.
+# depend on $N$. In triangles $\left|8 \lambda - 3\right| \ge 5$ there, and $w^N$ is below
+# $10^{-44}$.
 
 # %%
 c = Symbol("c", real=True)  # cosine of the angle of a point of the circle
@@ -234,7 +259,8 @@ for kind, others in (("corner", 1), ("crease", 0)):
 # positive for all $N \ge 3$.
 #
 # Signs of minors are found from Bernstein coefficients in integers, of 96 digits, on pieces that
-# are halved until all are positive or one of a corner is not.
+# are halved until all are positive or one of a corner is not. In quads a minor of bicubic functions
+# has degree 5 in each direction; in triangles one of quartic functions has degree 6.
 #
 # ## 4. Catmull and Clark
 #
@@ -275,3 +301,60 @@ for kind, least, expected in (
 ):
     found = [k for k in range(least, 10) if ring_normal(CATMULL_CLARK, kind, k)]
     assert found == list(expected)
+
+# %% [markdown]
+# ## 5. Which eigenvalues are equal
+#
+# Jordan blocks, and which vectors the outer points have besides, hang on whether eigenvalues of
+# different blocks are equal. They are computed to 96 digits and taken as equal if 60 agree. That is
+# no guess where waves meet the rational eigenvalues $d = 2^{-k}$, $k \le 6$, of curves and outer
+# points. The block of a wave with cosine $c = \cos(2 \pi f / N)$ has the determinant
+# $D(d, c) = \alpha + \beta c$ at $d$, linear in $c$. So $d$ is an eigenvalue only if
+# $c = -\alpha / \beta$, which is rational: by Niven's theorem $0$, $\pm \frac12$ or $\pm 1$, if it
+# is a cosine of a rational part of the circle at all. In both lattices it is one of these, or no
+# cosine, for all $d$:
+
+# %%
+c = Symbol("c")
+NIVEN = {Rational(x, 2) for x in (-2, -1, 0, 1, 2)}
+least = Rational(1)
+for scheme in (CATMULL_CLARK, LOOP):
+    w = Weights.of(scheme, scheme.lattice.valence, exact=True)
+    corner, end, face = (Rational(x.numerator, x.denominator) for x in (w.corner, w.end, w.face))
+    for k in range(7):
+        d = Rational(1, 2**k)
+        waves = end + 2 * face * c - d
+        if corner:
+            square = (1 + c) / 2  # of the cosine of half the angle
+            waves = (end + 4 * face * corner * square - d) * (corner - d)
+            waves -= 4 * face * corner**2 * square
+        alpha, beta = waves.subs(c, 0), waves.diff(c)
+        assert expand(alpha + beta * c - waves) == 0
+        if beta:
+            at = -alpha / beta
+            assert at in NIVEN or abs(at) > 1
+            least = min(least, abs(beta), abs(beta) * (abs(at) - 1) if abs(at) > 1 else least)
+        else:
+            assert alpha
+            least = min(least, abs(alpha))
+assert least >= Rational(1, 512)
+
+# %% [markdown]
+# And if they are not equal, they are far apart. Angles of $c$ and of a value of Niven's are
+# multiples of $2 \pi / 12 N$, half their sum and half their difference of $\pi / 12 N$, whose sines
+# are at least $1 / 6 N$ unless they vanish. So the product
+# $\left|c - c_0\right| = 2 \left|\sin \, \sin\right|$ is at least $1 / 18 N^2$, and as the other
+# eigenvalue of the block is less than 1 from $d$,
+# $\left|\lambda - d\right| \ge \left|D\right| \ge 1 / (512 \cdot 18 N^2)$: for a million faces
+# $10^{-17}$, where 60 digits decide.
+#
+# The eigenvalues that a vertex mask adds are roots of rational polynomials, whose values at $d$ are
+# fractions: not zero, they are at least one over their denominator, which for masks of less than a
+# dozen digits is far from $10^{60}$.
+
+# %%
+for N in (3, 5, 7, 12, 97):
+    for f in range(1, N // 2 + 1):
+        for niven in NIVEN:
+            gap = abs(mp.cos(2 * mp.pi * f / N) - mp.mpf(niven.p) / niven.q)
+            assert gap < mp.mpf(10) ** -35 or gap >= mp.mpf(1) / (18 * N**2)

@@ -31,7 +31,8 @@ Run this file: it says nothing unless an assertion fails.
 # 3. that every such surface is twice continuously differentiable away from the corner;
 # 4. the eigenfunctions of the outer block: they are the seven monomials with $u^3$ or $v^3$;
 # 5. that the $2 N + 8$ eigenfunctions of a face are linearly independent, for every $N \ge 3$;
-# 6. that $X(u, v) = \sum_k \varphi_k(u, v)\, (w_k C)$, the formula by which the library evaluates.
+# 6. that $X(u, v) = \sum_k \varphi_k(u, v)\, (w_k C)$, the formula by which the library evaluates;
+# 7. how the eigenvectors of the faces around a vertex join to those of its two-ring.
 #
 # The matrix itself is derived in [subdivision_matrix](subdivision_matrix.py), its eigenvectors in
 # [eigenstructure](eigenstructure.py), those of sharp corners in [sectors](sectors.py). Here the
@@ -47,6 +48,7 @@ from fractions import Fraction
 from itertools import combinations, product
 from math import prod
 
+import numpy as np
 from sympy import QQ, Matrix, Rational, expand, sqrt, symbols
 from sympy.polys.matrices import DomainMatrix
 
@@ -396,7 +398,10 @@ for n in (0, 1, 2, 7):
 
 # %%
 def mesh_around(n):
-    """Mesh of Fractions, and the vertices that are the control points of its face 0."""
+    """Mesh of Fractions, and the vertices that are the control points of the face of each sector.
+
+    Vertices go by (sector, steps along its first edge, steps along the other).
+    """
     names = {}
 
     def vertex(sector, i, j):
@@ -409,11 +414,14 @@ def mesh_around(n):
         [vertex(sector, i + x, j + y) for x, y in cells] for sector in range(n) for i, j in cells
     ]
     ring = [(0, 0, 0), *((k, 1, j) for k in range(n) for j in (0, 1))]
-    outer = [(n - 1, 1, 2), (0, 2, 0), (0, 2, 1), (0, 2, 2), (0, 1, 2), (1, 2, 0), (1, 2, 1)]
     points = [
         [Fraction((7 * k * k + axis * k + 3) % 23) for axis in range(3)] for k in names.values()
     ]
-    return ls.Mesh(points, faces), [vertex(*place) for place in ring + outer]
+    own = [[((s + k) % n, i, j) if i else (0, 0, 0) for k, i, j in ring + OUTER] for s in range(n)]
+    return ls.Mesh(points, faces), names, own
+
+
+OUTER = [(-1, 1, 2), (0, 2, 0), (0, 2, 1), (0, 2, 2), (0, 1, 2), (1, 2, 0), (1, 2, 1)]
 
 
 QUERIES = [
@@ -433,10 +441,81 @@ def place_of(u, v):
 
 
 for faces in (3, 5):
-    corner, (mesh, ids) = Corner("interior", faces), mesh_around(faces)
-    C = Matrix([[Rational(x) for x in mesh.points[k]] for k in ids])
+    corner, (mesh, names, own) = Corner("interior", faces), mesh_around(faces)
+    C = Matrix([[Rational(x) for x in mesh.points[names[place]]] for place in own[0]])
     for u, v in QUERIES:
         level, k, s_, t_ = place_of(u, v)
         weights = b.subs({S: Rational(s_), T: Rational(t_)})
         found = (weights.T * corner.net(k, corner.A**level * C)).tolist()[0]
         assert found == [Rational(x) for x in ls.LimitSurface(mesh).evaluate(0, u, v)]
+
+# %% [markdown]
+# ## 7. The two-ring of a vertex
+#
+# The $6 N + 1$ points of the $2 \times 2$ quads of all $N$ sectors are refined to $6 N + 1$ points
+# of the same kind, by a matrix $B$. What is refined at the control points of one of the $N$ faces
+# depends on these alone, by its own $A$:
+
+# %%
+for faces in (3, 5):
+    corner, (mesh, names, own) = Corner("interior", faces), mesh_around(faces)
+    fine, step = ls.refined(mesh, operator=True)
+    step = step.toarray()
+    # parameters of a refined vertex on the face of a sector, which is limit face 4 s
+    places = zip(fine.parent_face.tolist(), fine.parent_u, fine.parent_v, strict=True)
+    seen = {place: k for k, place in enumerate(places)}
+
+    def refined_row(sector, i, j, faces=faces, seen=seen, step=step):
+        u, v = Fraction(i, 2), Fraction(j, 2)
+        # a point on an edge is told of with one of its two faces
+        found = [seen.get((4 * sector, u, v))]
+        if j == 0:
+            found.append(seen.get((4 * ((sector - 1) % faces), v, u)))
+        if i == 0:
+            found += [seen.get((4 * s, 0, 0)) for s in range(faces)]
+        return step[next(k for k in found if k is not None)]
+
+    for control in own:
+        columns = [names[place] for place in control]
+        for row, place in enumerate(control):
+            weights = refined_row(*place)
+            assert [Rational(x) for x in weights[columns]] == list(corner.A[row, :])
+            assert not np.delete(weights, columns).any()
+
+# %% [markdown]
+# So an eigenvector of $B$ is on the control points of each face an eigenvector of $A$ of the same
+# eigenvalue, or zero; and vectors of all faces that agree where they meet are one of $B$.
+#
+# *Those of the ring.* A vector $r$ of the ring, of eigenvalue $\lambda$, continues to the outer
+# points of a face by $(\lambda - A_{oo})\, o = A_{or}\, r$, $A_{oo}$ being the block of the outer
+# points. Both faces at an edge see the same: by what is asserted below, the three points beyond an
+# edge, one on it and one on either side, hang on themselves and on six points of the ring, alike
+# for both. At $\lambda = 1/8$, for $N = 4 m$, the solution is that without a part of the outer
+# eigenvectors, of which those three points tell as well. On a ring turned by one face, the face
+# has what its neighbour had: outer points turn like cosines and sines of the ring.
+#
+# *Those that vanish on the ring.* The three points beyond an edge are refined without the other
+# outer ones, and the far corner of a face hangs on itself and on those beyond its two edges. By
+# part 4 the three have the functions $u^3, u^3 v, u^3 v^2$, with $u$ along the edge and $v$ across
+# it: functions on both sides, even, odd and even. And $u^3 v^3$ belongs to one face alone, as it
+# and its first two derivatives vanish on its edges. $N$ edges and $N$ faces have $3 N + N$ of
+# them, with $2 N + 1$ of the ring all $6 N + 1$.
+
+# %%
+for faces in (3, 4, 5, 8):
+    corner = Corner("interior", faces)
+    first = [corner.at[place] for place in ((3, 0), (3, 1), (3, 2))]
+    last = [corner.at[i, j] for j, i in ((3, 0), (3, 1), (3, 2))]
+    far, ring = corner.at[3, 3], range(2 * faces + 1)
+    for near, other in ((first, last), (last, first)):
+        assert corner.A.extract(near, [*other, far]).is_zero_matrix
+        # of the ring: the vertex, the edge's end, and what is on both sides of that edge
+        touched = {k for k in ring for row in near if corner.A[row, k]}
+        assert len(touched) == 6
+    # mirrored at the edge they are refined alike
+    assert corner.A.extract(first, first) == corner.A.extract(first[::-1], first[::-1])
+    for b_, sign in ((0, 1), (1, -1), (2, 1)):
+        C = monomial(corner, 3, b_)
+        assert C[first[0]] == sign * C[first[2]]
+        assert all(C[k] == 0 for k in last)
+    assert all(monomial(corner, 3, 3)[k] == 0 for k in [*first, *last])

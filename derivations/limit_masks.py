@@ -50,7 +50,7 @@ from sympy import (
 )
 
 from limitsurf.exact.matrices import subdivision_matrix
-from limitsurf.exact.ring import limit_mask
+from limitsurf.exact.ring import smooth_limit
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from limitsurf.scheme.sector import Sector
 
@@ -232,7 +232,7 @@ for n in (3, 4, 5, 7):
 
     weights = [n * n, *[4, 1] * n]
     assert close(ring[0, :], combined([mpmath.mpf(w) / (n * (n + 5)) for w in weights]), 1e-60)
-    assert limit_mask(matrix) == tuple(Fraction(w, n * (n + 5)) for w in (n * n, 4, 1))
+    assert smooth_limit(matrix) == tuple(Fraction(w, n * (n + 5)) for w in (n * n, 4, 1))
 
     spokes = [[ring[i, x] - ring[0, x] for x in range(3)] for i in (1, 3)]
     # the next eigenvalue is below 0.8 lambda for these N, and 0.8^300 < 1e-29

@@ -273,7 +273,7 @@ for k in (3, 5, 6):
 # %%
 def tangent(mesh, face, k):
     """Unit vector from the centre of a face towards the midpoint of its edge k."""
-    points, faces = mesh.points.astype(float), [list(f) for f in mesh.faces]
+    points, faces = mesh.points.astype(float), mesh.faces.tolist()
     moved = ls.refined(mesh).points[: mesh.n_vertices].astype(float)
     count = len(face)
     turn = [float(mpmath.cospi(mpmath.mpf(2 * (j - k)) / count)) for j in range(count)]

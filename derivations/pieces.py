@@ -22,10 +22,10 @@ Run this file: it says nothing unless an assertion fails.
 #
 # A limit face is a countable set of polynomial pieces: regular patches, strips, and around each
 # special corner three pieces to each ring $n = 0, 1, 2, \dots$, as
-# [eigenfunctions](eigenfunctions.py) has it. This document derives
+# [eigenfunctions](eigenfunctions.py) has it. For quads and for triangles this document derives
 #
 # 1. Bernstein coefficients from the control points of a spline, and from powers;
-# 2. those of a patch that is turned against its limit face;
+# 2. those of a patch that is turned against its limit face, and where its cells lie;
 # 3. that the limit beyond any ring lies in the convex hull of refined control points, reflections
 #    at sharp sides included;
 # 4. a bound for masks that are no convex combinations.
@@ -35,16 +35,17 @@ Run this file: it says nothing unless an assertion fails.
 # %%
 from fractions import Fraction
 from itertools import product
-from math import log
+from math import factorial, log
 
 import numpy as np
-from sympy import Matrix, Rational, binomial, expand, symbols
+from sympy import Matrix, Poly, Rational, binomial, expand, ff, symbols
 
 from limitsurf import tables
 from limitsurf._kernels.reference import spline_weights
 from limitsurf.numbers import RATIONAL
 from limitsurf.pieces import bernstein, weights
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.loop import LOOP
 
 s, t, u, v = symbols("s t u v")
 B = [binomial(3, i) * t**i * (1 - t) ** (3 - i) for i in range(4)]
@@ -76,10 +77,52 @@ for x in (Fraction(0), Fraction(2, 7), Fraction(1)):
 # control point or power $i$ along $u$ and $j$ along $v$.
 
 # %%
-matrices = bernstein.Bernstein.of(exact=True)
+matrices = bernstein.Bernstein.of(CATMULL_CLARK, exact=True)
 for i, j, k, m in product(range(4), repeat=4):
     assert matrices.from_controls[4 * i + j, 4 * m + k] == controls[i, k] * controls[j, m]
     assert matrices.from_powers[4 * i + j, 4 * m + k] == powers[i, k] * powers[j, m]
+
+# %% [markdown]
+# On triangles the Bernstein polynomials of degree $d$ are, with $r = 1 - s - t$,
+#
+# $$B_{ij} = \frac{d!}{i!\, j!\, (d - i - j)!} s^i t^j r^{d - i - j}, \qquad i + j \le d.$$
+#
+# With $x^{\underline k} = x (x - 1) \cdots (x - k + 1)$ the power $s^k t^m$ is $s^k t^m$ times
+# $(s + t + r)^{d - k - m}$, whose coefficient at $s^i t^j$ over that in $B_{ij}$ is
+# $i^{\underline k} j^{\underline m} / d^{\underline{k + m}}$. In squares the denominator is
+# $d^{\underline k} d^{\underline m}$, since there both are lines.
+
+# %%
+triangles, loop = bernstein.Bernstein.of(LOOP, exact=True), LOOP.spline
+places = [(int(i), int(j)) for i, j in triangles.exponents]
+assert places == [(i, j) for j in range(5) for i in range(5 - j)] == list(loop.exponents)
+b = {
+    (i, j): Rational(24, factorial(i) * factorial(j) * factorial(4 - i - j))
+    * s**i
+    * t**j
+    * (1 - s - t) ** (4 - i - j)
+    for i, j in places
+}
+for column, (k, m) in enumerate(places):
+    share = [ff(i, k) * ff(j, m) / Rational(ff(4, k + m)) for i, j in places]
+    assert share == [Rational(x.numerator, x.denominator) for x in triangles.from_powers[:, column]]
+    total = sum(x * b[place] for x, place in zip(share, places, strict=True))
+    assert Poly(total - s**k * t**m, s, t).is_zero
+
+# %% [markdown]
+# The quartic box spline has these from its polynomials; none is negative, and each row sums to one.
+# Corner 0 is the limit of a regular vertex, half of it and 1/12 of each neighbour.
+
+# %%
+for column in range(12):
+    monomials = sum(loop.pieces[n][column] * s**i * t**j for n, (i, j) in enumerate(places))
+    form = sum(x * b[p] for x, p in zip(triangles.from_controls[:, column], places, strict=True))
+    assert Poly(monomials - form, s, t).is_zero
+assert (triangles.from_controls >= 0).all()
+assert (triangles.from_controls.sum(axis=1) == 1).all()
+corner = dict(zip(loop.template, triangles.from_controls[0], strict=True))
+assert corner[1, 1] == Fraction(1, 2)
+assert sorted(corner.values()) == [0] * 5 + [Fraction(1, 12)] * 6 + [Fraction(1, 2)]
 
 # %% [markdown]
 # ## 2. Turns
@@ -91,20 +134,49 @@ for i, j, k, m in product(range(4), repeat=4):
 coefficients = Matrix(4, 4, symbols("c:16"))
 whole = sum(coefficients[i, j] * B[i].subs(t, s) * B[j] for i, j in product(range(4), repeat=2))
 for turn, (x, y) in enumerate([(u, v), (v, 1 - u), (1 - u, 1 - v), (1 - v, u)]):
-    order = bernstein.turned(np.array([turn]))[0]
+    order = matrices.turned[turn]
     same = sum(
         coefficients[int(order[4 * i + j])] * B[i].subs(t, u) * B[j].subs(t, v)
         for i, j in product(range(4), repeat=2)
     )
     assert expand(whole.subs({s: x, t: y}, simultaneous=True) - same) == 0
     # the rectangle at (1/2, 0) of size 1/2 by 1/4 in (s, t)
-    square = np.array([[0.5, 0.0]]), np.array([[0.5, 0.25]])
-    (origin,), (size,) = bernstein.turned_squares(*square, np.array([turn]))
+    square = np.array([[[0.5, 0.0]]]), np.array([[[0.5, 0.25]]])
+    placed = bernstein.turned_cells(CATMULL_CLARK.lattice, *square, np.array([turn]))
+    origin, size = (x[0, 0] for x in placed)
     least, most = (
         dict(zip((u, v), map(Rational, z), strict=True)) for z in (origin, origin + size)
     )
     assert {x.subs(least), x.subs(most)} == {Rational(1, 2), 1}
     assert {y.subs(least), y.subs(most)} == {0, Rational(1, 4)}
+
+# %% [markdown]
+# A triangle turned by one corner has $s = v$, $t = 1 - u - v$, by two $s = 1 - u - v$, $t = u$:
+# that permutes $s$, $t$, $r$, and so the exponents of $B_{ij}$. A cell of it, at
+# $(s, t) = o + h\, (S, T)$ with $(S, T)$ in the triangle too, has the same size $h$ in $(u, v)$ and
+# begins at another of its corners. The piece in the middle lies at
+# $(s, t) = \frac12 (1 - S, 1 - T)$: its size is negative, as half a turn is a factor of $-1$, and
+# its corners are turned by the same permutation. So is a patch in the middle of a split face, which
+# lies at $(u, v) = o - h\, (s, t)$: no coefficient moves.
+
+# %%
+letters = dict(zip(places, symbols("c:15"), strict=True))
+whole = sum(letters[place] * b[place] for place in places)
+for turn, (x, y) in enumerate([(u, v), (v, 1 - u - v), (1 - u - v, u)]):
+    order = [letters[places[n]] for n in triangles.turned[turn]]
+    same = sum(x * b[place] for x, place in zip(order, places, strict=True)).subs({s: u, t: v})
+    assert Poly(whole.subs({s: x, t: y}, simultaneous=True) - same, u, v).is_zero
+    for place, h in (((0.5, 0.0), 0.5), ((0.5, 0.5), -0.5), ((0.25, 0.125), 0.125)):
+        cell = np.array([[place]]), np.array([[[h, h]]])
+        found = bernstein.turned_cells(LOOP.lattice, *cell, np.array([turn]))
+        origin, size = (x[0, 0] for x in found)
+        assert (size == h).all()
+        # in (u, v) corner k of the cell is corner k - turn of that in (s, t)
+        corners = np.array(LOOP.lattice.corners)
+        before = np.roll(np.array(place) + h * corners, turn, axis=0)
+        after = [{u: p, v: q} for p, q in origin + size * corners]
+        found = [[float(x.subs(at)), float(y.subs(at))] for at in after]
+        assert np.array_equal(found, before)
 
 # %% [markdown]
 # ## 3. Convex hulls
@@ -128,17 +200,33 @@ wanted = [p1, (2 * p1 + p2) / 3, (p1 + 2 * p2) / 3, (p1 + 4 * p2 + p3) / 6]
 assert [expand(x) for x in reflected] == [expand(x) for x in wanted]
 
 # %% [markdown]
-# That is looked up in the matrices of every kind of corner: here for those of up to six faces.
+# Beyond a sharp side of triangles the control point is $a + b - c$ for the triangle $(a, b, c)$
+# with the side $(a, b)$. None of the coefficients is negative with these either.
 
 # %%
-for kind in tables.KINDS:
-    for faces in range(2, 7):
-        for position in range(1 if tables.Sector(kind, faces).alike else faces):
-            table = tables.rational_table(CATMULL_CLARK, tables.Sector(kind, faces, position))
-            rows = weights.hull_weights(table, 0, True)
-            assert rows is not None
-            assert (rows >= 0).all()
-            assert (rows.sum(axis=1) == 1).all()
+grid = {place: n for n, place in enumerate(loop.template)}
+reflected = np.array([[Fraction(int(m == n)) for n in grid.values()] for m in grid.values()])
+for i, j in grid:
+    if j == 0:
+        row = [LOOP.lattice.reflection[n][0] for n in range(3)]
+        near = [grid[i + x, j + y] for _, (x, y) in LOOP.lattice.reflection]
+        assert (row, near) == ([1, 1, -1], [grid[i, 1], grid[i - 1, 1], grid[i - 1, 2]])
+        reflected[grid[i, j]] = reflected[near[0]] + reflected[near[1]] - reflected[near[2]]
+assert (triangles.from_controls @ reflected >= 0).all()
+
+# %% [markdown]
+# That is looked up in the matrices of every kind of corner: here for those of up to six faces.
+# Around five faces the weights of Loop are not rational. Rounded ones do as well for a bound in
+# float64: what rounding them does is less than that of one more sum, which the bound allows for.
+
+# %%
+for scheme, kind, faces in product((CATMULL_CLARK, LOOP), tables.KINDS, range(2, 7)):
+    for position in range(1 if scheme.sector(kind, faces).alike else faces):
+        table = tables.rational_table(scheme, scheme.sector(kind, faces, position), rounded=True)
+        rows = weights.hull_weights(scheme, table, 0, False)
+        assert rows is not None  # none is negative, exactly
+        assert (rows >= 0).all()
+        assert (abs(rows.sum(axis=1) - 1) < 1e-14).all()
 
 # %% [markdown]
 # ## 4. Other masks
@@ -157,8 +245,11 @@ for rate, n in product((0.25, 0.5, 0.9), (0, 1, 3, 20)):
     m = max(n, -1 / log(rate))
     assert max(k * rate ** (k - 1) for k in range(n, 400)) <= m * rate ** (m - 1) * (1 + 1e-12)
 
-for sector in (tables.Sector("interior", 5), tables.Sector("corner", 2), tables.Sector("dart", 2)):
-    table = tables.eigen_table(CATMULL_CLARK, sector)
+rings = [(CATMULL_CLARK, *x) for x in (("interior", 5), ("corner", 2), ("dart", 2))]
+rings += [(LOOP, *x) for x in (("interior", 5), ("interior", 3), ("crease", 4))]
+for scheme, kind, faces in rings:
+    table = tables.eigen_table(scheme, scheme.sector(kind, faces))
+    found = np.abs(weights.ring_functions(table, 12).reshape(12, -1, table.size - 1))
     for n in (0, 2):
-        rings = np.abs(weights.ring_functions(table, 12)[48 * n :])
-        assert (rings.max(axis=0) <= weights.most_beyond(table, n) * (1 + 1e-12)).all()
+        most = found[n:].max(axis=(0, 1))
+        assert (most <= weights.most_beyond(table, n) * (1 + 1e-12)).all()

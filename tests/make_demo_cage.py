@@ -66,7 +66,7 @@ class Cage:
         return list(range(len(self.points) - len(points), len(self.points)))
 
     def centre(self, loop: Loop) -> Vector:
-        return np.mean([self.points[i] for i in loop], axis=0)
+        return np.asarray(np.mean([self.points[i] for i in loop], axis=0))
 
     def tube(self, loops: list[Loop]) -> None:
         """Quads from each loop to the next."""
@@ -90,7 +90,7 @@ def turned(frame: Frame, up: float, left: float) -> Frame:
     pitch = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     c, s = cos(radians(left)), sin(radians(left))
     yaw = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return yaw @ pitch @ frame
+    return np.asarray(yaw @ pitch @ frame)
 
 
 def section(centre: Vector, frame: Frame, radius: float, n: int = 4) -> list[Vector]:

@@ -678,13 +678,13 @@ class ExactSurface:
         vertices NaN means that this oracle knows no derivative.
         """
         net, *where = self._descend(limit_face, u, v)
-        stencil = self._stencil(net, *where, nu)
+        stencil = self._stencil(net, *where, nu=nu)
         return (math.nan,) * len(net.columns) if stencil is None else net.combined(stencil)
 
     def weights(self, limit_face, u, v, nu=(0, 0)):
         """The same as a linear form on the cage, {vertex: Fraction}, or None in place of NaN."""
         net, *where = self._descend(limit_face, u, v)
-        stencil = self._stencil(net, *where, nu)
+        stencil = self._stencil(net, *where, nu=nu)
         if stencil is None:
             return None
         _, vertices = self._neighbourhood(limit_face)

@@ -12,8 +12,8 @@ BENCH = Path(__file__).parent / "bench"
 
 def run(script: str, words: str) -> str:
     command = [sys.executable, BENCH / script, *words.split()]
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, timeout=600)
-    return done.stdout
+    said: str = subprocess.check_output(command, text=True, timeout=600)
+    return said
 
 
 @pytest.mark.long

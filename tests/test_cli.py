@@ -12,6 +12,7 @@ import subprocess
 import sys
 import warnings
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -1023,7 +1024,7 @@ def test_one_prim_of_many(tmp_path):
 
 
 def test_cages_come_from_the_standard_input(cage, tmp_path):
-    text = cage.read_bytes()
+    text, command = cage.read_bytes(), list[Any]()
     for command in [
         ["info", "-"],
         ["evaluate", "-", "--grid", 1],

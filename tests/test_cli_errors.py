@@ -17,6 +17,7 @@ import time
 import zipfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as arrow
@@ -671,7 +672,11 @@ def on_terminal(words, environment, **streams):
     """What the program writes to a terminal at some of its streams, and its exit code."""
     ours, theirs = pty.openpty()
     streams = dict.fromkeys(streams, theirs) | {}
-    everything = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    everything: dict[str, Any] = {
+        "stdin": subprocess.DEVNULL,
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.PIPE,
+    }
     with subprocess.Popen(
         [*PROGRAM, *words], **(everything | streams), env=os.environ | environment
     ) as process:

@@ -74,7 +74,7 @@ class Oracle(TaggedSurface):
         return kind, n, sharp[:: 1 - 2 * (r % 2)], level
 
     def evaluate(self, face, u, v, nu=(0, 0)):
-        value = super().evaluate(face, u, v, nu)
+        value = super().evaluate(face, u, v, nu=nu)
         hole = self.limit_faces[face][0] in self.cage.holes
         if not any(nu) or hole or not any(x != x for x in value):
             return value
@@ -126,9 +126,9 @@ class Oracle(TaggedSurface):
         total = 0
         for i in weights if du else [0]:
             for j in weights if dv else [0]:
-                near = super().evaluate(face, F(u) + i * du, F(v) + j * dv, nu)
+                near = super().evaluate(face, F(u) + i * du, F(v) + j * dv, nu=nu)
                 total = total + weights.get(i, 1) * weights.get(j, 1) * np.array(near)
-        return tuple(total.tolist())
+        return tuple(np.asarray(total).tolist())
 
 
 def both(points, faces, tags):
@@ -271,7 +271,7 @@ def parameters_of_corners(fine, faces, levels):
 
 def folded(surface, face, u, v):
     """Where d/du and d/dv are nearly parallel, or one is nearly 0: on pillows and the like."""
-    along, across = (surface.evaluate(face, u, v, nu) for nu in ((1, 0), (0, 1)))
+    along, across = (surface.evaluate(face, u, v, nu=nu) for nu in ((1, 0), (0, 1)))
     sizes = [np.abs(x).max(axis=1) for x in (along, across)]
     with np.errstate(invalid="ignore", divide="ignore"):
         area = np.cross(along / sizes[0][:, None], across / sizes[1][:, None])
@@ -306,7 +306,7 @@ def compare_normals(surface, oracle, queries):
         compared += 1
         assert distance(normals[k], exact) <= 1e-12, query
         for nu, along in zip(((1, 0), (0, 1)), directions, strict=True):
-            assert distance(along[k], unit(oracle.evaluate(*query, nu))) <= 1e-12, query
+            assert distance(along[k], unit(oracle.evaluate(*query, nu=nu))) <= 1e-12, query
     return compared
 
 
@@ -456,7 +456,7 @@ def test_weights(name):
         assert sum(weights.values()) == 1
     queries = columns(float_queries_near(surface, 8, rng))
     for nu in LOW_ORDERS[:6]:
-        W, values = surface.weights(*queries, nu), surface.evaluate(*queries, nu)
+        W, values = surface.weights(*queries, nu=nu), surface.evaluate(*queries, nu=nu)
         assert W.shape == (len(queries[0]), len(points))
         undefined = np.isnan((W @ points)[:, 0])
         assert (np.isnan(values[:, 0]) == undefined).all()
@@ -479,8 +479,8 @@ def test_with_points(name):
     before = surface.evaluate(*queries)
     assert surface.with_points(other).patches is surface.patches
     for nu in LOW_ORDERS[:3]:
-        values = surface.with_points(other).evaluate(*queries, nu)
-        assert np.array_equal(values, fresh.evaluate(*queries, nu), equal_nan=True)
+        values = surface.with_points(other).evaluate(*queries, nu=nu)
+        assert np.array_equal(values, fresh.evaluate(*queries, nu=nu), equal_nan=True)
     assert np.array_equal(surface.evaluate(*queries), before, equal_nan=True)
     third = [F(1, 3)] * 2
     exact = surface.with_points(other).evaluate(0, *third)
@@ -540,7 +540,9 @@ def check_curve(surface, faces, path, closed=False):
                 assert np.abs(value - expected).max() < 2e-14
                 for order in (1, 2):
                     nu = tuple(order * abs(x) for x in direction)
-                    derivative = surface.evaluate(*query, nu) * (sum(direction) * length) ** order
+                    derivative = (
+                        surface.evaluate(*query, nu=nu) * (sum(direction) * length) ** order
+                    )
                     # a second derivative is continuous, but at ends of a clamped curve
                     expected = spline(polygon, i + t, closed, order)
                     assert np.abs(derivative - expected).max() < 1e-12
@@ -664,7 +666,7 @@ def test_limits_of_normals_and_tangents(kind):
     reaches = [F(1, 2**n) for n in (60, 120, 240)]
     for i in random.Random(kind).sample(range(len(there)), min(2, len(there))):
         for nu, tangent in (((1, 0), along[i]), ((0, 1), across[i])):
-            near = [oracle.evaluate(there[i], nu[0] * h, nu[1] * h, nu) for h in reaches]
+            near = [oracle.evaluate(there[i], nu[0] * h, nu[1] * h, nu=nu) for h in reaches]
             assert converges([distance(tangent, unit(x)) for x in near])
         if HAS_NORMAL[kind]:
             near = [oracle.normal(there[i], h, h / 3) for h in reaches]
@@ -714,14 +716,14 @@ def assert_continuous(surface, oracle, faces, edges, fractions_of_the_edge):
     """Exactly the same position in all faces of an edge; unless it is sharp, one tangent plane."""
     for edge in edges:
         for t in fractions_of_the_edge:
-            found = list(along_edge(faces, *edge, t))
+            found = list(along_edge(faces, *edge, t=t))
             queries = columns([query for query, _, _ in found])
             values = [x for x in surface.evaluate(*queries).tolist() if x[0] == x[0]]
             assert all(x == values[0] for x in values)
             if oracle.cage.creases[edge] != INF and len(found) == 2:
                 along, across = (
-                    surface.evaluate(*queries, (1, 0)),
-                    surface.evaluate(*queries, (0, 1)),
+                    surface.evaluate(*queries, nu=(1, 0)),
+                    surface.evaluate(*queries, nu=(0, 1)),
                 )
                 normals = cross(along, across)
                 first, second = (
@@ -754,7 +756,7 @@ def test_continuity_of_normals(name):
         [query for query, _, _ in found]
         for edge in random.Random(name).sample(edges, min(len(edges), 12))
         for t in (0.0, 0.3, 1.0)
-        for found in [list(along_edge(faces, *edge, t))]
+        for found in [list(along_edge(faces, *edge, t=t))]
         if oracle.cage.creases[edge] != INF and len(found) == 2
     ]
     holes = oracle.cage.holes
@@ -850,7 +852,7 @@ def real_cage(name):
     }
     options = ("boundary", "creasing", "triangles")
     tags |= {name: getattr(mesh, name) for name in options if getattr(mesh, name)}
-    return mesh.points, [face.tolist() for face in mesh.faces], tags
+    return mesh.points, mesh.faces.tolist(), tags
 
 
 @if_real_cages

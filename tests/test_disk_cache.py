@@ -10,6 +10,7 @@ import sys
 import tempfile
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import platformdirs
@@ -285,7 +286,7 @@ def twice(values):
 def loaded(values=None):
     """Whether a kernel comes from the cache in what could be a new process; it must be right."""
     values = np.arange(4.0) if values is None else values
-    kernel = jit.lean(twice)
+    kernel: Any = jit.lean(twice)
     assert kernel(values) == 2 * values.sum()
     return sum(kernel.stats.cache_hits.values()) == 1
 

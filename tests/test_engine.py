@@ -15,7 +15,7 @@ from limitsurf import _kernels
 from limitsurf.engine.choice import VARIABLE
 from limitsurf.engine.places import Places
 from limitsurf.patches import STRIP
-from limitsurf.scheme import CATMULL_CLARK
+from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from limitsurf.scheme.loop import LOOP
 
 HOME = os.path.dirname(ls.__file__)
@@ -206,7 +206,7 @@ def test_places_are_queries(name):
             value = value * found.rate[:, None] ** ring
             if nu == (0, 0):
                 value = found.origin + value
-            wanted = np.ldexp(surface.evaluate(*query, nu), -ring * sum(nu))
+            wanted = np.ldexp(surface.evaluate(*query, nu=nu), -ring * sum(nu))
             assert np.abs(value - wanted).max(initial=0) < 2e-14
     if not special.all():
         with pytest.raises(ValueError, match="have rings"):
@@ -229,16 +229,16 @@ def test_characteristic_coordinates(name, faces):
     patch, face = patch[special], face[special]
     ids = patches.controls[patches.kind[patch[0]]][patches.row[patch[0]]]
     basis = ls.eigenbasis(surface.rules["scheme"], faces).float64
-    chart = np.zeros_like(surface.points)[:, :2]
-    chart[ids] = basis.V[:, basis.normal]
-    chart = surface.with_points(chart)
+    plane = np.zeros_like(surface.points)[:, :2]
+    plane[ids] = basis.V[:, basis.normal]
+    chart = surface.with_points(plane)
     (lam, other, mu) = reference.corner_rates(patch)
     assert np.allclose([lam, other, mu], np.abs(basis.rates[0, 1:4])[:, None])
     for ring in (0, 2, 9):
         places, query = at_rings(surface, patch, face, ring)
         found = reference.characteristic_jets(places)
         a, b, m = found.rates
-        f = {nu: np.ldexp(chart.evaluate(*query, nu), -ring * sum(nu)) for nu in ORDERS}
+        f = {nu: np.ldexp(chart.evaluate(*query, nu=nu), -ring * sum(nu)) for nu in ORDERS}
         assert np.allclose(found.coordinates * [a**ring, b**ring], f[0, 0].T, atol=1e-15, rtol=0)
         first = found.tangents + found.first * np.stack([m / a, m / b])[..., None] ** ring
         second = found.second * (m / np.stack([a * a, a * b, b * b]))[..., None] ** ring
@@ -253,7 +253,7 @@ def test_characteristic_coordinates(name, faces):
                     x[:, 1] * y[:, 1],
                 )
                 value = value + (np.stack(factors)[..., None] * second).sum(axis=0)
-            wanted = np.ldexp(surface.evaluate(*query, (i, j)), -ring * (i + j))
+            wanted = np.ldexp(surface.evaluate(*query, nu=(i, j)), -ring * (i + j))
             scale = np.abs(wanted).max()
             assert np.abs(value - wanted).max() < 1e-12 * scale, (ring, i, j)
     # at the corner itself d/dx and d/dy are the tangents, whatever the direction

@@ -21,7 +21,7 @@ from limitsurf import tables
 from limitsurf.exact import spectrum
 from limitsurf.exact.fixed import BITS, UnsupportedSpectrum
 from limitsurf.exact.matrices import subdivision_matrix
-from limitsurf.exact.ring import limit_mask, ring_generators
+from limitsurf.exact.ring import ring_generators, smooth_limit
 from limitsurf.exact.symbolic import SymbolicBasis
 from limitsurf.scheme.sector import Sector
 
@@ -420,7 +420,7 @@ def test_the_tie_at_one_eighth_is_not_defective(N):
 def test_limit_mask(N):
     vertex, edge, diagonal = oracles.limit_mask(N)
     matrix = interior_matrix(CATMULL_CLARK, N)
-    assert limit_mask(matrix) == (vertex, edge, diagonal)
+    assert smooth_limit(matrix) == (vertex, edge, diagonal)
     needed = [vertex, *[edge, diagonal] * N, *[0] * 7]
     for got, w in zip(derived(CATMULL_CLARK, N).Vinv[0], needed, strict=True):
         assert abs(F(int(got), ONE) - w) < F(1, 10**80)
@@ -538,7 +538,7 @@ def test_random_schemes(seed):
             for a, b in zip(sorted(s.eigenvalues), sorted(needed), strict=True):
                 assert abs(a - b) < mpmath.mpf(10) ** -80
         # the limit mask is a left eigenvector of eigenvalue 1
-        vertex, edge, diagonal = limit_mask(matrix)
+        vertex, edge, diagonal = smooth_limit(matrix)
         left = [vertex, *[edge, diagonal] * N, *[F(0)] * 7]
         assert sum(left) == 1
         product = [F(0)] * matrix.size
@@ -676,7 +676,7 @@ def test_symbolic_basis_is_the_fixed_point_one(scheme, N):
     above = exact.J - sympy.diag(*exact.eigenvalues)
     assert [k for k in range(1, size) if above[k - 1, k] == 1] == s.chains
     assert sum(x != 0 for x in above) == len(s.chains)
-    assert exact.limit_mask[:3] == limit_mask(s.matrix)
+    assert exact.limit_mask[:3] == smooth_limit(s.matrix)
 
 
 @cases

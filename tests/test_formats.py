@@ -707,7 +707,7 @@ def test_ways_to_write_ply(tmp_path, data):
     path.write_bytes(data)
     mesh = ls.read(path)
     assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5]]
-    assert [face.tolist() for face in mesh.faces] == [[0, 1, 2], [0, 1, 2, 3]]
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 1, 2, 3]]
 
 
 def test_ply_of_many_faces_of_all_sizes(tmp_path):
@@ -816,7 +816,7 @@ def test_ways_to_write_off(tmp_path, text):
     path.write_bytes(text.encode())
     mesh = ls.read(path)
     assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
-    assert [face.tolist() for face in mesh.faces] == [[0, 1, 2], [0, 1, 2, 3]]
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 1, 2, 3]]
 
 
 @pytest.mark.parametrize(
@@ -1166,7 +1166,7 @@ def test_scenes_of_3ds(tmp_path):
     path.write_bytes(data)
     mesh = ls.read(path)
     assert (mesh.n_vertices, mesh.n_edges, mesh.n_faces) == (4, 6, 4)
-    assert np.isclose(np.linalg.det(mesh.points[mesh.faces]).sum(), 1)
+    assert np.isclose(np.linalg.det(mesh.points[mesh.uniform]).sum(), 1)
     for part in (1, 50, len(data) - 20):
         path.write_bytes(data[:part])
         with pytest.raises(ls.MeshError, match=r"x\.3ds: truncated"):
@@ -1562,7 +1562,7 @@ def test_scenes_become_one_mesh(tmp_path):
         assert (mesh.n_vertices, mesh.n_faces) == (16, 24)
         assert not mesh.nonmanifold_edge.any()
         assert not mesh.boundary_edge.any()
-        triangles = mesh.points[mesh.faces]
+        triangles = mesh.points[mesh.uniform]
         volume = np.linalg.det(triangles).sum() / 6
         assert np.isclose(volume, 1 + 8)
         assert np.isclose(mesh.points.max(), 6)
@@ -1646,7 +1646,7 @@ def test_fans_of_gltf(tmp_path, place, kind, order):
         first = next(iter(tmp_path.glob("a.gl*")))
     mesh = ls.read(first, strict=True)
     faces = [[4, 1, 2], [4, 2, 0]] if kind == "H" else [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
-    assert mesh.points[mesh.faces].tolist() == np.array(corners, float)[faces].tolist()
+    assert mesh.points[mesh.uniform].tolist() == np.array(corners, float)[faces].tolist()
 
 
 def test_broken_fans_of_gltf(tmp_path):

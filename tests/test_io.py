@@ -8,6 +8,7 @@ import sys
 import warnings
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -110,7 +111,7 @@ def test_a_file_of_all_corner_forms(read):
     more = "v 2 0 0\nv 2 1 0\nvt 0 0\nvn 0 0 1\n"
     text = SQUARE + more + "f 1 2/1 3//1 4/1/1\nf 2// 5/-1 6//-1 3/1/1\nf 1/ 2/1/ 3\n"
     mesh = read(text)
-    assert [face.tolist() for face in mesh.faces] == [[0, 1, 2, 3], [1, 4, 5, 2], [0, 1, 2]]
+    assert mesh.faces.tolist() == [[0, 1, 2, 3], [1, 4, 5, 2], [0, 1, 2]]
     assert not mesh.channels
 
 
@@ -578,7 +579,7 @@ def test_non_manifold_cages_come_back(tmp_path, name):
 def test_odd_faces_are_read_as_they_are(read, tmp_path, faces, edges, vertices):
     lines = ["f " + " ".join(str(v + 1) for v in face) + "\n" for face in faces]
     mesh = read(SQUARE + "v 2 0 1\n" + "".join(lines))
-    assert [list(face) for face in mesh.faces] == faces
+    assert mesh.faces.tolist() == faces
     assert list(map(tuple, mesh.edges[mesh.nonmanifold_edge].tolist())) == edges
     assert np.flatnonzero(mesh.nonmanifold_vertex).tolist() == vertices
     same(tmp_path, mesh)
@@ -742,7 +743,7 @@ def test_pyvista_strips_and_pixels():
     assert ls.from_pyvista(strips).faces.tolist() == [[0, 1, 4], [0, 1, 2], [2, 1, 3]]
     cells, kinds = [4, 0, 1, 2, 3, 3, 1, 4, 3], [pyvista.CellType.PIXEL, pyvista.CellType.TRIANGLE]
     grid = pyvista.UnstructuredGrid(np.array(cells), kinds, np.eye(5)[:, :3])
-    assert [f.tolist() for f in ls.from_pyvista(grid).faces] == [[0, 1, 3, 2], [1, 4, 3]]
+    assert ls.from_pyvista(grid).faces.tolist() == [[0, 1, 3, 2], [1, 4, 3]]
 
 
 def test_pyvista_refuses():
@@ -786,7 +787,7 @@ NON_MANIFOLD = {"catmark_fan", "catmark_gregory_test4", "catmark_nonman_edges"}
 
 def tags_of(text):
     """Creases, corners, holes and options of a file whose tags are on lines of their own."""
-    found = {"crease": {}, "corner": {}, "hole": set(), "options": {}}
+    found: dict[str, Any] = {"crease": {}, "corner": {}, "hole": set(), "options": {}}
     for line in re.findall(r"^t\s+(.*)", text, re.M):
         name, counts, *words = line.split()
         integers, floats, _ = map(int, counts.split("/"))
@@ -813,7 +814,7 @@ def test_cages_of_others(tmp_path, path):
     rows = re.findall(r"^v\s+(\S+)\s+(\S+)\s+(\S+)", text, re.MULTILINE)
     assert mesh.points.tolist() == [list(map(float, row)) for row in rows]
     faces = [line.split()[1:] for line in text.splitlines() if line.startswith("f ")]
-    assert [list(face) for face in mesh.faces] == [
+    assert mesh.faces.tolist() == [
         [int(corner.split("/")[0]) - 1 for corner in face] for face in faces
     ]
     tags = tags_of(text)

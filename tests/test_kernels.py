@@ -135,7 +135,7 @@ def scales(surface, face, u, v):
     result = np.zeros((3, len(face)))
     with np.errstate(over="ignore", invalid="ignore"):
         for nu in TERMS:
-            found = row_sums(surface.weights(face, us, vs, nu)).reshape(us.shape)
+            found = row_sums(surface.weights(face, us, vs, nu=nu)).reshape(us.shape)
             result[sum(nu)] = np.maximum(result[sum(nu)], np.nan_to_num(found).max(axis=0))
     return result
 
@@ -167,12 +167,12 @@ def compare(surface, query, use, orders=TERMS):
     twin = surface.jet(*query)
     use(True)
     size, scale = sizes(surface, *query), scales(surface, *query)
-    jets = [surface.jet(*query, order) for order in range(3)]
+    jets = [surface.jet(*query, order=order) for order in range(3)]
     with np.errstate(over="ignore"):
         allowed = size * scale
     for nu in orders:
         order = sum(nu)
-        for found in (surface.evaluate(*query, nu), *(jet[nu] for jet in jets[order:])):
+        for found in (surface.evaluate(*query, nu=nu), *(jet[nu] for jet in jets[order:])):
             assert_close(found, twin[nu], allowed[order], 2 * (order == 0))
     return twin, size, scale
 
@@ -222,9 +222,9 @@ def test_weights(name, use):
     scale = scales(surface, *query)
     for nu in [(0, 0), TERMS[rng.integers(1, 3)], TERMS[rng.integers(3, 6)]]:
         use(False)
-        expected, values = surface.weights(*query, nu), surface.evaluate(*query, nu)
+        expected, values = surface.weights(*query, nu=nu), surface.evaluate(*query, nu=nu)
         use(True)
-        W = surface.weights(*query, nu)
+        W = surface.weights(*query, nu=nu)
         assert_sparse(W, expected.shape)
         allowed = 10 * scale[sum(nu)]
         assert_close(W.toarray(), expected.toarray(), allowed)
@@ -260,7 +260,7 @@ def test_grids(name, use, monkeypatch):
     size, scale = sizes(surface, *flat), scales(surface, *flat)
     jets, alone = surface.jet(*grid), surface.jet(*flat)
     for nu in TERMS:
-        for found in (jets[nu], surface.evaluate(*grid, nu)):
+        for found in (jets[nu], surface.evaluate(*grid, nu=nu)):
             assert found.shape == (len(face), 8, 5, 3)
             part = found.reshape(-1, 3)
             assert_close(part, alone[nu], size * scale[sum(nu)], 2 * (nu == (0, 0)))
@@ -287,8 +287,10 @@ def test_channels(name, shape, use):
     flat = [x.reshape(-1).copy() for x in np.broadcast_arrays(face, u, v)]
     size, scale = sizes(surface, *flat), scales(surface, *flat)
     for nu in TERMS[:3]:
-        found = surface.evaluate(face, u, v, nu).reshape(-1, *shape)
-        assert_close(found, surface.evaluate(*flat, nu), size * scale[sum(nu)], 2 * (nu == (0, 0)))
+        found = surface.evaluate(face, u, v, nu=nu).reshape(-1, *shape)
+        assert_close(
+            found, surface.evaluate(*flat, nu=nu), size * scale[sum(nu)], 2 * (nu == (0, 0))
+        )
 
 
 @pytest.mark.parametrize("interpolation", ["all", "none", "boundaries", "corners_only"])
@@ -305,8 +307,8 @@ def test_face_varying_channels(name, interpolation, use):
     own = surface.of_channel("uv")
     twin, *_ = compare(own, query, use)
     for nu in TERMS:
-        found = surface.evaluate(*query, nu, channel="uv")
-        assert np.array_equal(found, own.evaluate(*query, nu), equal_nan=True)
+        found = surface.evaluate(*query, nu=nu, channel="uv")
+        assert np.array_equal(found, own.evaluate(*query, nu=nu), equal_nan=True)
         assert (np.isnan(found) == np.isnan(twin[nu])).all()
         jet = surface.jet(*query, channel="uv", workers=2)[nu]
         assert np.array_equal(jet, own.jet(*query)[nu], equal_nan=True)
@@ -357,7 +359,7 @@ def test_degenerate_points(name, points, use):
     if np.ptp(surface.points) == 0:
         use(True)
         assert (surface.evaluate(*query)[defined] == 1.5).all()
-        assert (surface.evaluate(*query, (1, 0))[defined] == 0).all()
+        assert (surface.evaluate(*query, nu=(1, 0))[defined] == 0).all()
 
 
 @pytest.mark.parametrize(
@@ -408,7 +410,7 @@ def test_schemes_of_ones_own(own, N, use):
     masks = {name: getattr(true, name) for name in ls.Scheme.__dataclass_fields__}
     scheme = ls.Scheme(**masks | {"name": f"vertex weight {own}", "vertex": vertex})
     points, faces = oracles.local_cage(N, seed=2)
-    surface = ls.LimitSurface(ls.Mesh(np.array(points, dtype=float), faces), scheme)
+    surface = ls.LimitSurface(ls.Mesh(np.array(points, dtype=float), faces), scheme=scheme)
     query = with_gaps(*queries(surface, 80, np.random.default_rng(N), NEAR))
     query = np.zeros(80, dtype=int), *query[1:]
     compare(surface, query, use)
@@ -419,12 +421,14 @@ def test_higher_derivatives_are_left_to_numpy(use):
     query = with_gaps(*queries(surface, 60, np.random.default_rng(6), NEAR))
     for nu in [(3, 0), (2, 1), (1, 3)]:
         use(False)
-        expected, rows = surface.evaluate(*query, nu), surface.weights(*query, nu)
+        expected, rows = surface.evaluate(*query, nu=nu), surface.weights(*query, nu=nu)
         use(True)
-        assert np.array_equal(surface.evaluate(*query, nu), expected, equal_nan=True)
-        jet = surface.jet(*query, sum(nu))[nu]
+        assert np.array_equal(surface.evaluate(*query, nu=nu), expected, equal_nan=True)
+        jet = surface.jet(*query, order=sum(nu))[nu]
         assert np.allclose(jet, expected, rtol=1e-12, atol=1e-12, equal_nan=True)
-        assert np.array_equal(surface.weights(*query, nu).toarray(), rows.toarray(), equal_nan=True)
+        assert np.array_equal(
+            surface.weights(*query, nu=nu).toarray(), rows.toarray(), equal_nan=True
+        )
 
 
 # --- The oracles
@@ -480,7 +484,7 @@ def test_accuracy_next_to_corners(name, face, use):
     use(True)
     for query in [(face, 1e-288, 5.5e-291), (face, 1e-300, 5.5e-303), (face, 0.0, 4.8e-306)]:
         for nu in TERMS:
-            exact, found = oracle.evaluate(*query, nu), surface.evaluate(*query, nu).tolist()
+            exact, found = oracle.evaluate(*query, nu=nu), surface.evaluate(*query, nu=nu).tolist()
             largest = max(map(abs, exact))
             if largest > F(10) ** 307:
                 continue
@@ -499,7 +503,7 @@ def same_bits(one, other):
 
 CALLS = {
     "evaluate": lambda surface, query, workers: [surface.evaluate(*query, workers=workers)],
-    "slope": lambda surface, query, workers: [surface.evaluate(*query, (0, 1), workers=workers)],
+    "slope": lambda surface, query, workers: [surface.evaluate(*query, nu=(0, 1), workers=workers)],
     "jet": lambda surface, query, workers: list(surface.jet(*query, workers=workers).values()),
     "normal": lambda surface, query, workers: [surface.normal(*query, workers=workers)],
     "weights": lambda surface, query, workers: [
@@ -612,14 +616,14 @@ def test_weights_of_undefined_queries(use):
     gone = np.isin(surface.limit_faces.face, [1, 4])
     use(True)
     for nu in TERMS:
-        W = surface.weights(face, 0.3, 0.7, nu, workers=2)
+        W = surface.weights(face, 0.3, 0.7, nu=nu, workers=2)
         assert_sparse(W, (len(face), len(points)))
         rows = W.toarray()
         assert (np.isnan(rows).sum(axis=1) == gone).all()
         assert (np.diff(W.indptr)[gone] == 1).all()
         for k in np.flatnonzero(gone):
             assert W.indices[W.indptr[k]] in faces[surface.limit_faces.face[k]]
-        W = surface.weights(face, np.nan, 0.7, nu)
+        W = surface.weights(face, np.nan, 0.7, nu=nu)
         assert np.isnan(W.data).all()
         assert (np.diff(W.indptr) == 1).all()
 

@@ -175,7 +175,7 @@ def test_weights_of_the_spline():
     places = [(F(1, 3), F(1, 5)), (F(3, 7), F(2, 5)), (F(0), F(0)), (F(1), F(0)), (F(0), F(1, 2))]
     found, rounded = np.empty(72, dtype=object), np.empty(72)
     for s, t in places:
-        triangles.spline_weights.py_func(s, t, 2, found)
+        triangles.spline_weights.py_func(s, t, 2, found)  # type: ignore[attr-defined]
         triangles.spline_weights(float(s), float(t), 2, rounded)
         for k, (i, j) in enumerate(TERMS):
             powers = [

@@ -75,7 +75,7 @@ def assert_connectivity(mesh, faces):
     assert (mesh.n_faces, mesh.n_corners) == (len(faces), n)
     assert mesh.sizes.tolist() == [len(face) for face in faces]
     assert mesh.indices.tolist() == [v for face in faces for v in face]
-    assert [list(face) for face in mesh.faces] == faces
+    assert mesh.faces.tolist() == faces
     assert mesh.offsets.tolist() == [number[f, 0] for f in range(len(faces))] + [n]
     assert mesh.corner_face.tolist() == [f for f, _ in corners]
     following = [number[f, (k + 1) % len(faces[f])] for f, k in corners]
@@ -229,12 +229,44 @@ def test_regular_torus_of_many_faces():
 def test_faces_array_and_list_of_faces():
     points, faces = zoo.cube()
     mesh = Mesh(points, np.array(faces, dtype=np.int32))
-    assert mesh.faces.tolist() == faces
-    assert mesh.faces.shape == (6, 4)
+    assert mesh.faces.tolist() == mesh.uniform.tolist() == faces
+    assert mesh.points[mesh.faces].shape == mesh.points[mesh.uniform].shape == (6, 4, 3)
     points, faces = zoo.prism(5)
     mesh = Mesh(points, faces)
+    assert mesh.uniform is None
     assert [len(face) for face in mesh.faces] == [5, 5, 4, 4, 4, 4, 4]
-    assert [face.tolist() for face in mesh.faces] == faces
+    assert [face.tolist() for face in mesh.faces] == mesh.faces.tolist() == faces
+
+
+@pytest.mark.parametrize("name", ["cube", "prism_7"])
+def test_faces_are_one_sequence_whatever_their_sizes(name):
+    points, faces = zoo.ZOO[name]()
+    mesh = Mesh(points, faces)
+    found = mesh.faces
+    assert type(found) is ls.Faces
+    assert len(found) == len(faces)
+    for k in (0, -1, np.int32(3)):
+        assert found[k].tolist() == faces[k]
+    for key in (slice(1, 4), slice(None, None, -2), slice(5, 2)):
+        assert found[key].tolist() == faces[key]
+    assert found[[2, 0, 2]].tolist() == [faces[2], faces[0], faces[2]]
+    assert found[mesh.sizes == 4].tolist() == [face for face in faces if len(face) == 4]
+    assert list(map(list, found[[]])) == found[[]].tolist() == []
+    assert (found + 10).tolist() == [[v + 10 for v in face] for face in faces]
+    assert found == Mesh(points, faces).faces != found[::-1]
+    both = np.concatenate([mesh.points, mesh.points + 5])
+    joined = Mesh(both, [*found, *(found + mesh.n_vertices)])
+    assert joined.faces[len(faces) :] == found + mesh.n_vertices
+    for wrong in (len(faces), [0, len(faces)], np.array([[0]])):
+        with pytest.raises(IndexError):
+            found[wrong]
+
+
+def test_faces_of_different_sizes_are_no_array():
+    mesh = Mesh(*zoo.prism(5))
+    with pytest.raises(ValueError, match=r"Faces\(\{4: 5, 5: 2\}\), .* use sizes and ind"):
+        mesh.points[mesh.faces]
+    assert np.array(mesh.faces[2:]).shape == (5, 4)
 
 
 @pytest.mark.parametrize("name", ["cube", "prism_7"])
@@ -557,8 +589,7 @@ def tagged():
 def arrays(mesh):
     named = [mesh.points, mesh.sizes, mesh.indices, *mesh.creases, *mesh.corners, mesh.holes]
     channels = [array for channel in mesh.channels.values() for array in channel[:2]]
-    faces = mesh.faces if isinstance(mesh.faces, list) else [mesh.faces]
-    return [*named, *channels, *faces, *(getattr(mesh, name) for name in CONNECTIVITY)]
+    return [*named, *channels, *mesh.faces, *(getattr(mesh, name) for name in CONNECTIVITY)]
 
 
 def test_everything_is_read_only():
@@ -775,7 +806,7 @@ def test_units_and_up_are_carried():
     fine = ls.refined(mesh, 1)
     assert (fine.units, fine.up) == (1.0, "z")
     plain = ls.Mesh(mesh.points, mesh.faces)
-    assert plain.units is plain.up is None
+    assert (plain.units, plain.up) == (None, None)
 
 
 @pytest.mark.parametrize("units", [0, -1, math.nan, math.inf, "m", True, [1], 1j])

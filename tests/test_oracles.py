@@ -328,7 +328,7 @@ def test_queries_of_a_refined_mesh(faces, mode):
     """A child of the refined mesh holds the same surface, at any depth, derivatives included."""
     points = random_points(1 + max(map(max, faces)))
     coarse = ExactSurface(points, faces, mode)
-    fine = ExactSurface(*oracles.refine(points, faces, mode), mode)
+    fine = ExactSurface(*oracles.refine(points, faces, mode), mode=mode)
     deep = [(F(1, 3**40), F(2, 3**41)), (F(1, 3**30), F(0))]
     child = 0
     for face, (_, corner) in enumerate(oracles.limit_faces(faces)):

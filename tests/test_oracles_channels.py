@@ -329,7 +329,7 @@ def test_values_without_seams_follow_the_vertex_rule(faces, seed):
     for mode in ALL_BUT_ALL if closed or tags["boundary"] == "edge_and_corner" else ["none"]:
         if mode == "boundaries" and not closed:
             continue
-        state = start(faces, n, *tags.values(), values, reversed_indices, mode)
+        state = start(faces, n, *[*tags.values(), values, reversed_indices, mode])
         assert corner_points(refine_times(state, 2)) == expected
 
 

@@ -1,13 +1,19 @@
 """Bezier patches: equal to the surface, exactly in Fractions; cells, rows and what remains."""
 
 import random
+from collections import Counter
 from fractions import Fraction as F
-from math import comb
+from functools import cache
+from itertools import product
+from math import comb, factorial, lcm, prod
 
 import numpy as np
 import oracles
+import oracles_creases
+import oracles_loop
 import pytest
 import zoo
+import zoo_triangles
 from test_properties import same
 from test_rings import KINDS, around
 from test_wicked import altered
@@ -15,20 +21,35 @@ from test_wicked import altered
 import limitsurf as ls
 from limitsurf import numbers, tables
 from limitsurf.patches import REGULAR
-from limitsurf.pieces import bernstein
+from limitsurf.pieces import cells, cover
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.loop import LOOP
 
 CAGES = {name: (*make(), {}) for name, make in zoo.ZOO.items()}
 CAGES |= {f"tagged_{name}": make() for name, make in zoo.TAGGED.items()}
+TRIANGLES = {f"loop_{name}": (*make(), {}) for name, make in zoo_triangles.ZOO.items()}
+TRIANGLES |= {f"loop_{name}": make() for name, make in zoo_triangles.TAGGED.items()}
+# darts have no tangent plane
+pytestmark = pytest.mark.filterwarnings("ignore:scheme 'loop' converges:UserWarning")
 # of which there are exact rows over the cage too: long Fractions are slow
 ROWS = ("cube", "half_disk_5", "flower_3", "heptagon", "tagged_cone_4", "tagged_ring_2.5")
-# the corners of a square, by number
+# where all weights of Loop are rational
+RATIONAL = ("tetrahedron", "octahedron", "crowded", "torus_3x4", "triangle", "ringed_fan_4")
+RATIONAL += ("grid_3x2", "disc_3", "disc_4", "dart_3", "dart_4", "crease_2_of_6", "semi_2.5")
+# the corners of cells, by number
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+TRIANGLE = SQUARE[[0, 1, 3]]
 
 
 def mesh_of(name):
-    points, faces, tags = CAGES[name]
+    points, faces, tags = (CAGES | TRIANGLES)[name]
     return ls.Mesh(points, faces, **tags)
+
+
+def surface_of(name, exact=False):
+    mesh = mesh_of(name)
+    scheme = LOOP if name in TRIANGLES else None
+    return ls.LimitSurface(exactly(mesh) if exact else mesh, scheme=scheme)
 
 
 def exactly(mesh):
@@ -48,6 +69,10 @@ def places(patches, s, t):
 
 
 def polynomial(patches, s, t):
+    if patches.points.shape[1] == 15:
+        rest, places = 1 - s - t, [(i, j) for j in range(5) for i in range(5 - j)]
+        terms = [comb(4, i) * comb(4 - i, j) * s**i * t**j * rest ** (4 - i - j) for i, j in places]
+        return np.tensordot(np.array(terms), patches.points, (0, 1))
     along, across = bernstein_polynomials(s), bernstein_polynomials(t)
     points = patches.points.reshape(
         *patches.points.shape[:3], int(np.prod(patches.points.shape[3:]))
@@ -56,10 +81,19 @@ def polynomial(patches, s, t):
     return terms.sum(axis=(1, 2)).reshape(len(patches), *patches.points.shape[3:])
 
 
+def from_corner(corners, corner, s, t):
+    """(u, v) of s along the side after each corner, t along that before it."""
+    n = len(corners)
+    along, across = corners[(corner + 1) % n], corners[corner - 1]
+    return corners[corner] + s * (along - corners[corner]) + t * (across - corners[corner])
+
+
 def gap(surface, patches):
     """The largest distance from the surface, in units of the cage's size and of last digits."""
     largest = 0.0
     for s, t in ((0, 0), (0.3, 0.8), (1, 0.6)):
+        if patches.degree == 4:  # a triangle is half of the square
+            s, t = s / 2, t / 2
         found, wanted = (
             polynomial(patches, s, t),
             surface.evaluate(patches.face, *places(patches, s, t)),
@@ -72,38 +106,42 @@ def gap(surface, patches):
 # --- On all cages
 
 
-@pytest.mark.parametrize("name", CAGES)
+@pytest.mark.parametrize("name", [*CAGES, *list(TRIANGLES)[::3]])
 def test_floats_on_the_zoo(name):
-    surface = ls.LimitSurface(mesh_of(name))
+    surface = surface_of(name)
     patches = ls.bezier_patches(surface, depth=4, weights=True)
     rest, n = patches.rest, len(surface.limit_faces)
-    assert patches.degree == 3
+    corners = TRIANGLE if name in TRIANGLES else SQUARE
+    assert patches.degree == (4 if name in TRIANGLES else 3)
     assert gap(surface, patches) < 1
     # rows over the cage
     W = patches.weights
-    assert W.shape == (16 * len(patches), len(surface.points))
+    assert W.shape == (len(patches.exponents) * len(patches), len(surface.points))
     assert np.abs(W @ surface.points - patches.points.reshape(-1, 3)).max(initial=0) < 1e-13
     assert np.abs(W.sum(axis=1) - 1).max(initial=0) < 1e-14
     # cells and rest tile each limit face that has one, and any place is in one of them
     area = np.zeros(n)
     for x in (patches, rest):
-        assert (x.origin >= 0).all()
-        assert (x.origin + x.size <= 1).all()
+        ends = x.origin[:, None] + x.size[:, None] * corners
+        assert (ends >= 0).all()
+        assert (ends <= 1).all()
+        assert len(corners) == 4 or (ends.sum(axis=2) <= 1).all()
         np.add.at(area, x.face, x.size.prod(axis=1))
     limit = ~np.isnan(surface.evaluate(np.arange(n), 0.5, 0.5)[:, 0])
     assert (area == limit).all()
     u, v = np.random.default_rng(0).random((2, n)) ** 3
+    if len(corners) == 3:
+        u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
     times = np.zeros(n)
     for x in (patches, rest):
-        place = np.stack([u, v], axis=1)[x.face]
-        inside = ((place > x.origin) & (place < x.origin + x.size)).all(axis=1)
-        np.add.at(times, x.face, inside)
+        place = (np.stack([u, v], axis=1)[x.face] - x.origin) / x.size
+        inside = ((place > 0) & (place < 1)).all(axis=1)
+        np.add.at(times, x.face, inside & ((place.sum(axis=1) < 1) | (len(corners) == 4)))
     assert (times == limit).all()
     # the rest is where it says, and within its bounds, which are close
-    corner = rest.origin + rest.size * SQUARE[rest.corner]
-    values = [surface.evaluate(rest.face, *corner.T)]
-    for s, t in ((0.5, 0.25), (1e-3, 1e-2), (1, 1), (1, 0), (0, 1)):
-        away = np.abs(SQUARE[rest.corner] - np.array([s, t]))
+    values = []
+    for s, t in ((0, 0), (0.5, 0.25), (1e-3, 1e-2), (1, 0), (0, 1), (1, 1))[: len(corners) + 2]:
+        away = from_corner(corners, rest.corner, s, t)
         values.append(surface.evaluate(rest.face, *(rest.origin + rest.size * away).T))
     allowed = 1e-14 * np.abs(surface.points).max()
     assert (np.min(values, axis=0, initial=np.inf) >= rest.lower - allowed).all()
@@ -112,32 +150,36 @@ def test_floats_on_the_zoo(name):
     assert ((rest.upper - rest.lower).max(axis=1, initial=0) <= 4 * extent + 1e-12).all()
 
 
-@pytest.mark.parametrize("name", [*list(CAGES)[::3], *ROWS])
+@pytest.mark.parametrize("name", [*list(CAGES)[::3], *ROWS, *(f"loop_{x}" for x in RATIONAL)])
 def test_fractions_on_the_zoo(name):
     """Equality without a tolerance, of a few faces; corners that cells share are the same."""
-    mesh = mesh_of(name)
-    surface = ls.LimitSurface(exactly(mesh))
+    mesh, surface = mesh_of(name), surface_of(name, exact=True)
+    corners = TRIANGLE if name in TRIANGLES else SQUARE
     rng = random.Random(name)
     face = rng.sample(range(len(surface.limit_faces)), min(3, len(surface.limit_faces)))
     patches = ls.bezier_patches(surface, face=face, depth=2, weights=name in ROWS)
     s, t = F(rng.randint(1, 9), 10), F(rng.randint(1, 9), 10)
+    if len(corners) == 3 and s + t > 1:
+        s, t = 1 - s, 1 - t
+    assert same(patches.evaluate(s, t), polynomial(patches, s, t))
     assert same(polynomial(patches, s, t), surface.evaluate(patches.face, *places(patches, s, t)))
     if patches.weights is not None:
         assert same(patches.weights @ surface.points, patches.points.reshape(-1, 3))
     ends = {}
-    for k, (i, j) in enumerate(SQUARE):
+    degree = patches.degree
+    points = patches.points.reshape(len(patches), -1, 3)
+    for i, j in corners:
         u, v = places(patches, int(i), int(j))
+        (at,) = np.flatnonzero((patches.exponents == (degree * i, degree * j)).all(axis=1))
         for place, point in zip(
-            zip(patches.face.tolist(), u, v, strict=True),
-            patches.points[:, 3 * i, 3 * j],
-            strict=True,
+            zip(patches.face.tolist(), u, v, strict=True), points[:, at], strict=True
         ):
-            assert tuple(ends.setdefault(place, point)) == tuple(point), k
+            assert tuple(ends.setdefault(place, point)) == tuple(point), (i, j)
     rest = patches.rest
     values = surface.evaluate(rest.face, *places(rest, s, t))
     assert ((rest.lower <= values) & (values <= rest.upper)).all()
     # float64 is near, and its bounds are wider
-    floats = ls.bezier_patches(ls.LimitSurface(mesh), face=face, depth=2)
+    floats = ls.bezier_patches(surface_of(name), face=face, depth=2)
     wanted = patches.points.astype(float)
     size = np.ptp(mesh.points, axis=0).max()
     assert (np.abs(floats.points - wanted) <= 1e-14 * size + 2 * np.spacing(np.abs(wanted))).all()
@@ -158,6 +200,84 @@ def test_against_the_oracle(name):
     s, t = F(1, 3), F(5, 7)
     wanted = [oracle.evaluate(0, u, v) for u, v in zip(*places(patches, s, t), strict=True)]
     assert same(polynomial(patches, s, t), wanted)
+
+
+@pytest.mark.parametrize("name", ["crowded", "disc_4", "grid_3x2", "dart_3", "semi_2.5", "disc_5"])
+def test_triangles_against_the_oracle(name):
+    """Exactly; where weights of Loop are no rational numbers, to rounding."""
+    points, faces, tags = TRIANGLES[f"loop_{name}"]
+    cage = oracles_creases.Cage(points.tolist(), faces, **tags)
+    oracle, exact = oracles_loop.LoopSurface(cage), name != "disc_5"
+    patches = ls.bezier_patches(surface_of(f"loop_{name}", exact), face=[0, 1], depth=3)
+    s, t = F(1, 3), F(3, 7)
+    u, v = places(patches, s, t)
+    wanted = [oracle.evaluate(*x) for x in zip(patches.face.tolist(), u, v, strict=True)]
+    if exact:
+        assert same(polynomial(patches, s, t), wanted)
+    else:
+        gaps = np.abs(patches.evaluate(s, t) - np.array(wanted)).astype(float)
+        assert gaps.max() <= 1e-14 * np.ptp(points, axis=0).max()
+
+
+def test_the_volume_of_a_tetrahedron():
+    """The known one, all rings of all corners summed: to the last digit of its 17."""
+    mesh = ls.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], zoo.tetrahedron()[1])
+    middle = mesh.with_points(numbers.RATIONAL.array(mesh.points) - F(1, 4))
+    patches = ls.bezier_patches(ls.LimitSurface(middle, scheme=LOOP), face=0, depth=18)
+    # corners are alike, as seen from the middle: one of them, and the piece between them
+    at_corner = (patches.origin + patches.size / 3).sum(axis=1) < 0.5
+    volumes = Counter()
+    for k in np.flatnonzero(at_corner | (patches.size[:, 0] == -0.5)):
+        volumes[float(abs(patches.size[k, 0]))] += cone(patches.points[k])
+    between, *rings = (volumes[0.5**n] for n in range(1, 19))
+    # ring n is a sum of products of three eigenvalues to the power of n, of which one may be 1: of
+    # 1/4, 1/8, and 1/16 in a Jordan block: 2^-4n, 2^-5n, then with factors of 1 and n to 2^-12n
+    series = [F(1)]
+    for k in (4, 5, *range(6, 13), *range(6, 13)):
+        series = [a - b / 2**k for a, b in zip([*series, F(0)], [F(0), *series], strict=True)]
+    terms = [
+        sum(series[i] * rings[n - i] for i in range(min(n + 1, len(series))))
+        for n in range(len(rings))
+    ]
+    assert terms[16] == 0
+    volume = 4 * (between + 3 * sum(terms) / sum(series))
+    # by the edge 1 it is larger by the root of 2 less
+    assert abs(volume) == oracles_loop.TETRAHEDRON_VOLUME
+
+
+def triangular(degree):
+    """Exponents, and multinomial coefficients, of Bernstein polynomials on a triangle."""
+    places = [(i, j, degree - i - j) for j in range(degree + 1) for i in range(degree + 1 - j)]
+    return places, [factorial(degree) // prod(map(factorial, place)) for place in places]
+
+
+@cache
+def integrals():
+    """12! times those of a Bernstein polynomial of degree 4 and two of degree 3, (15, 10, 10)."""
+    quartics, cubics = (list(zip(*triangular(degree), strict=True)) for degree in (4, 3))
+    terms = [
+        c * prod(map(factorial, map(sum, zip(*places, strict=True))))
+        for three in product(quartics, cubics, cubics)
+        for places, c in [([x for x, _ in three], prod(x for _, x in three))]
+    ]
+    return np.array(terms, dtype=object).reshape(15, 10, 10)
+
+
+def cone(points):
+    """Volume between a patch of degree 4 (15, 3) and the origin, with its sign."""
+    unit = lcm(*(x.denominator for x in points.ravel()))
+    whole = np.array([[int(unit * x) for x in point] for point in points], dtype=object)
+    at = dict(zip(triangular(4)[0], whole, strict=True))
+    ds, dt = (
+        np.array([4 * (at[i + x, j + 1 - x, k] - at[i, j, k + 1]) for i, j, k in triangular(3)[0]])
+        for x in (1, 0)
+    )
+    total = sum(
+        sign * (((integrals() @ dt[:, z]) @ ds[:, y]) @ whole[:, x])
+        for sign, axes in ((1, (0, 1, 2)), (-1, (2, 1, 0)))
+        for x, y, z in (axes, axes[1:] + axes[:1], axes[2:] + axes[:2])
+    )
+    return F(total, 3 * factorial(12) * unit**3)
 
 
 # --- What coefficients are
@@ -216,8 +336,9 @@ def test_depth_counts_from_the_edges_of_the_cage():
     assert (ls.bezier_patches(cube).rest.size == 0.5**8).all()
 
 
-def test_some_faces_in_any_order():
-    surface = ls.LimitSurface(mesh_of("tagged_mixed_carved_grid_uniform"))
+@pytest.mark.parametrize("name", ["tagged_mixed_carved_grid_uniform", "loop_tagged_sphere_0"])
+def test_some_faces_in_any_order(name):
+    surface = surface_of(name)
     whole = ls.bezier_patches(surface, depth=4, weights=True)
     face = np.random.default_rng(0).permutation(len(surface.limit_faces))[:7]
     some = ls.bezier_patches(surface, face=face, depth=4, weights=True)
@@ -226,47 +347,57 @@ def test_some_faces_in_any_order():
         assert np.array_equal(x.face, y.face[place])
         for field in ("origin", "size", *(["points"] if x is some else ["lower", "corner"])):
             assert np.array_equal(getattr(x, field), getattr(y, field)[place])
-    rows = (16 * np.concatenate([np.flatnonzero(whole.face == f) for f in face]))[:, None]
-    assert (some.weights != whole.weights[(rows + np.arange(16)).ravel()]).nnz == 0
+    each = len(whole.exponents)
+    rows = (each * np.concatenate([np.flatnonzero(whole.face == f) for f in face]))[:, None]
+    assert (some.weights != whole.weights[(rows + np.arange(each)).ravel()]).nnz == 0
     single = ls.bezier_patches(surface, face=int(face[0]), depth=4)
     assert np.array_equal(single.points, some.points[: len(single)])
     empty = ls.bezier_patches(surface, face=[], weights=True)
     assert (len(empty), len(empty.rest), empty.weights.shape[0]) == (0, 0, 0)
-    assert empty.points.shape == (0, 4, 4, 3)
+    assert empty.points.shape == (0, *whole.points.shape[1:])
+    assert empty.evaluate([0, 1], 0).shape == (0, 2, 3)
 
 
-def test_columns_and_channels():
-    points, faces = zoo.cube()
+@pytest.mark.parametrize("scheme", [None, LOOP])
+def test_columns_and_channels(scheme):
+    points, faces = zoo.tetrahedron() if scheme else zoo.cube()
     values = np.random.default_rng(0).random((14, 2))
-    index = np.arange(24) % 14
+    index = np.arange(sum(map(len, faces))) % 14
     mesh = ls.Mesh(points, faces, channels={"uv": (values, index, "corners_only")})
-    surface = ls.LimitSurface(mesh)
+    surface = ls.LimitSurface(mesh, scheme=scheme)
     patches = ls.bezier_patches(surface, channel="uv", depth=3, weights=True)
-    assert patches.points.shape[1:] == (4, 4, 2)
+    shape = (15,) if scheme else (4, 4)
+    assert patches.points.shape[1:] == (*shape, 2)
     value = surface.evaluate(patches.face, *places(patches, 0.2, 0.7), channel="uv")
     assert np.allclose(polynomial(patches, 0.2, 0.7), value, atol=1e-14, rtol=0)
-    wide = np.random.default_rng(0).random((8, 2, 5))
+    wide = np.random.default_rng(0).random((len(points), 2, 5))
     surface = surface.with_points(wide)
     patches = ls.bezier_patches(surface, depth=3)
-    assert patches.points.shape[1:] == (4, 4, 2, 5)
+    assert patches.points.shape[1:] == (*shape, 2, 5)
     value = surface.evaluate(patches.face, *places(patches, 0.2, 0.7))
     assert np.allclose(polynomial(patches, 0.2, 0.7), value, atol=1e-14, rtol=0)
+    found = patches.evaluate([[0.2], [0.1]], 0.7)
+    assert found.shape == (len(patches), 2, 1, 2, 5)
+    assert np.allclose(found[:, 0, 0], value, atol=1e-14, rtol=0)
     line = ls.bezier_patches(surface.with_points(wide[:, 0, 0]))
-    assert line.points.shape[1:] == (4, 4)
+    assert line.points.shape[1:] == shape
     assert line.rest.lower.shape == (len(line.rest),)
 
 
 # --- Accuracy and bounds
 
 
-@pytest.mark.parametrize("name", ["local_cage_7", "tagged_crease_3_3"])
+@pytest.mark.parametrize("name", ["local_cage_7", "tagged_crease_3_3", "loop_disc_4", "loop_fan_3"])
 def test_deep_and_far(name):
     """Far from the origin, 52 rings deep, and at coordinates whose sums overflow."""
-    mesh = mesh_of(name)
+    mesh, scheme = mesh_of(name), LOOP if name in TRIANGLES else None
+    corners = SQUARE if scheme is None else TRIANGLE
     for change in (lambda x: x + 1e6, lambda x: x * 2.0**1020, lambda x: x * 2.0**-1020):
         moved = mesh.with_points(change(mesh.points))
-        found = ls.bezier_patches(ls.LimitSurface(moved), face=0, depth=52)
-        wanted = ls.bezier_patches(ls.LimitSurface(exactly(moved)), face=0, depth=52)
+        found, wanted = (
+            ls.bezier_patches(ls.LimitSurface(x, scheme=scheme), face=0, depth=52)
+            for x in (moved, exactly(moved))
+        )
         value = wanted.points.astype(float)
         size = np.ptp(moved.points, axis=0).max()
         allowed = 1e-14 * size + 2 * np.spacing(np.abs(value))
@@ -274,7 +405,7 @@ def test_deep_and_far(name):
         assert (errors <= allowed).all()
         assert (found.rest.lower <= wanted.rest.lower).all()
         assert (found.rest.upper >= wanted.rest.upper).all()
-        corner = found.rest.origin + found.rest.size * SQUARE[found.rest.corner]
+        corner = found.rest.origin + found.rest.size * corners[found.rest.corner]
         assert np.array_equal(corner, np.rint(corner))
 
 
@@ -326,18 +457,21 @@ def test_bounds_for_negative_masks():
 # --- Mistakes
 
 
+@pytest.mark.parametrize("name", ["carved_torus", "loop_sphere_1"])
 @pytest.mark.parametrize("mistake", ["control", "turn", "piece"])
-def test_a_wrong_index_shows(mistake, monkeypatch):
-    true = ls.LimitSurface(mesh_of("carved_torus"))
-    surface = ls.LimitSurface(true.mesh)
+def test_a_wrong_index_shows(mistake, name, monkeypatch):
+    true, surface = surface_of(name), surface_of(name)
     assert gap(true, ls.bezier_patches(surface, depth=3)) < 1
     if mistake == "control":
         control = surface.patches.controls[REGULAR]
         control[:, [0, 1]] = control[:, [1, 0]]
     elif mistake == "turn":
-        monkeypatch.setattr(bernstein, "_TURNED", bernstein._TURNED[[0, 3, 2, 1]])
+        turned = cells._turned
+        sides = 3 if name in TRIANGLES else 4
+        monkeypatch.setattr(cells, "_turned", lambda form, x, turn: turned(form, x, -turn % sides))
     else:
-        monkeypatch.setattr(bernstein, "PIECES", bernstein.PIECES[::-1])
+        pieces = cover._cells
+        monkeypatch.setattr(cover, "_cells", lambda *args: [x[::-1] for x in pieces(*args)])
     assert gap(true, ls.bezier_patches(surface, depth=3)) > 1e6
 
 

@@ -18,10 +18,11 @@ import zoo
 from PIL import Image
 
 import limitsurf as ls
+from limitsurf.scheme.loop import LOOP
 from limitsurf.shell.plot import picture as pictures
 from limitsurf.shell.plot import render
 from limitsurf.shell.plot import scene as scenes
-from limitsurf.spectra.fan import Fan, predicted_order
+from limitsurf.spectra.fan import Fan, order_at, predicted_order
 
 SIZE = (160, 120)
 PAINTED = "painted by Matplotlib"
@@ -745,17 +746,13 @@ def test_vertices_without_a_characteristic_map():
             ls.plot_characteristic_map(kind=kind, faces=faces, off_screen=True)
 
 
-def test_schemes_without_eigenfunctions():
-    """No built-in scheme has such matrices; one of a user's can."""
-    fan = Fan("catmull-clark", "interior", 5)
-    with pytest.raises(ValueError, match="catmull-clark has complex eigenvalues at interior val"):
-        fan._eigenvectors(np.array([[0.5, -0.1], [0.1, 0.5]]))
-    with pytest.raises(ValueError, match=r"no basis of eigenvectors .*: in one block 1 of 2"):
-        fan._eigenvectors(np.array([[0.5, 1.0], [0.0, 0.5]]))
-    with pytest.raises(ValueError, match=r"fewer than 2 eigenfunctions of eigenvalue 0\.9 at"):
-        fan._kernel(fan.operator(), 0.9, 2)
+def test_vertices_without_eigenfunctions():
+    with pytest.raises(ValueError, match=r"no basis of eigenvectors at interior valence 2: 1 of 1"):
+        Fan("catmull-clark", "interior", 2).modes()
     with pytest.raises(ValueError, match="modes are those of a smooth vertex, not of a crease of"):
         Fan("catmull-clark", "crease", 3).modes()
+    with pytest.raises(ValueError, match="of quads, but scheme 'loop' is of triangles"):
+        Fan(LOOP, "interior", 5)
 
 
 def test_bad_calls_of_the_spectrum():
@@ -813,23 +810,49 @@ def test_predicted_orders():
         assert predicted_order(surface_of(*make)) == pytest.approx(expected, abs=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["interior", "cone"])
-def test_orders_by_waves_are_those_of_the_whole_matrix(kind):
-    for faces in (3, 4, 6, 7):
-        fan = Fan("catmull-clark", kind, faces)
-        eigenvalues, vectors = np.linalg.eig(fan.operator())
-        parts = np.concatenate([vectors.real, vectors.imag], axis=1)
-        face, ends = np.arange(faces)[:, None, None], np.array([0.0, 1.0])
-        limits = fan.surface(parts).evaluate(face, ends[:, None], ends)
-        gaps = np.abs(parts[fan.number[:, :2, :2]] - limits).max(axis=(0, 1, 2))
-        slowest = np.abs(eigenvalues[gaps.reshape(2, -1).max(axis=0) > 1e-6]).max()
-        assert fan.order() == pytest.approx(-np.log2(slowest), abs=1e-9)
+def refined_two_ring(fan):
+    """One refinement of the points of a fan to those of half its size, (M, M)."""
+    cage = fan.surface(np.zeros((fan.size, 1))).mesh
+    fine, rows = ls.refined(cage, scheme="catmull-clark", operator=True)
+    child = fine.indices.reshape(-1, 4, 4)[: fan.faces]  # of the inner faces, from each corner on
+    at = np.empty_like(fan.number)
+    corners = [[(0, 0), (1, 0), (1, 1), (0, 1)], [(2, 0), (2, 1), (1, 1), (1, 0)]]
+    corners += [[(2, 2), (1, 2), (1, 1), (2, 1)], [(0, 2), (0, 1), (1, 1), (1, 2)]]
+    for k, places in enumerate(corners):
+        for corner, (i, j) in enumerate(places):
+            at[:, i, j] = child[:, k, corner]
+    origin = np.empty(fan.size, dtype=int)
+    origin[fan.number] = at
+    return rows.toarray()[origin]
+
+
+@pytest.mark.parametrize(
+    ("kind", "faces"),
+    [("interior", 3), ("interior", 4), ("interior", 7), ("cone", 6), ("crease", 3), ("dart", 5)],
+)
+def test_orders_are_those_of_the_refiner(kind, faces):
+    fan = Fan("catmull-clark", kind, faces)
+    eigenvalues, vectors = np.linalg.eig(refined_two_ring(fan))
+    parts = np.concatenate([vectors.real, vectors.imag], axis=1)
+    face, ends = np.arange(faces)[:, None, None], np.array([0.0, 1.0])
+    limits = fan.surface(parts).evaluate(face, ends[:, None], ends)
+    gaps = np.abs(parts[fan.number[:, :2, :2]] - limits).max(axis=(0, 1, 2))
+    slowest = np.abs(eigenvalues[gaps.reshape(2, -1).max(axis=0) > 1e-6]).max()
+    assert order_at("catmull-clark", kind, faces) == pytest.approx(-np.log2(slowest), abs=1e-9)
+
+
+def test_the_order_of_a_jordan_chain():
+    """At a sharp corner of two faces, 1/2: what heads the chain moves, what ends it does not."""
+    fan = Fan("catmull-clark", "corner", 2)
+    surface = fan.surface(np.random.default_rng(1).normal(size=(fan.size, 3)))
+    assert predicted_order(surface) == pytest.approx(1, abs=1e-12)
+    assert ls.validate(surface, 7)["order"][-1] == pytest.approx(1, abs=0.01)
 
 
 def test_the_order_at_a_pole_of_many_faces():
-    fan = Fan("catmull-clark", "interior", 200)
-    first = fan.basis.float64.eigenvalues[fan.basis.float64.normal[0]]
-    assert fan.order() == pytest.approx(-np.log2(first), abs=1e-9)
+    table = ls.eigenbasis("catmull-clark", valence=200).float64
+    first = table.eigenvalues[table.normal[0]]
+    assert order_at("catmull-clark", "interior", 200) == pytest.approx(-np.log2(first), abs=1e-9)
 
 
 @pytest.mark.parametrize("valence", [3, 5, 9])

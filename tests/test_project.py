@@ -1,6 +1,7 @@
 """The project keeps its own rules: style, types, rooms, documents, packaging."""
 
 import ast
+import inspect
 import os
 import subprocess
 import sys
@@ -17,6 +18,13 @@ SOURCE = ROOT / "src" / "limitsurf"
 MODULES = sorted(SOURCE.rglob("*.py"))
 DERIVATIONS = sorted((ROOT / "derivations").glob("*.py"))
 LINT_IMPORTS = Path(sysconfig.get_path("scripts")) / "lint-imports"
+
+# what users get wrong, and mypy says
+WRONG = {
+    "surface.evaluate(0, 0.5, 0.5, (1, 0))": 'No overload variant of "evaluate"',
+    "ls.LimitSurface(mesh, boundary='corner')": "incompatible type \"Literal['corner']\"",
+    "ls.refined(mesh, operator=True).points": 'has no attribute "points"',
+}
 
 
 def by_name(path: Path) -> str:
@@ -51,6 +59,24 @@ def test_style_types_and_rooms(command: list[str | Path]) -> None:
 
 
 @pytest.mark.long
+def test_types_are_what_a_user_is_told(tmp_path: Path) -> None:
+    """The installed package, as `py.typed` has it, seen by a script that knows no more."""
+    script = ROOT / "tests" / "users_script.py"
+    run(sys.executable, "-W", "error", script)
+    (tmp_path / "mypy.ini").write_text("[mypy]\n")
+    wrong = tmp_path / "wrong.py"
+    wrong.write_text("\n".join([script.read_text(encoding="utf-8"), *WRONG]), encoding="utf-8")
+    options = ["--config-file", tmp_path / "mypy.ini", "--cache-dir", ROOT / ".mypy_cache" / "user"]
+    command = [sys.executable, "-m", "mypy", "--strict", "--hide-error-context", *options]
+    said = subprocess.run([*command, script, wrong], cwd=tmp_path, text=True, capture_output=True)
+    errors = [line for line in said.stdout.splitlines() if ": error: " in line]
+    assert len(errors) == len(WRONG), said.stdout
+    for error, expected in zip(errors, WRONG.values(), strict=True):
+        assert error.startswith("wrong.py:")
+        assert expected in error
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("path", DERIVATIONS, ids=by_name)
 def test_derivation_holds(path: Path) -> None:
     run(sys.executable, "-W", "error", ROOT / "tests" / "run_derivation.py", path)
@@ -78,6 +104,14 @@ def test_export_is_documented_with_an_example(name: str) -> None:
     documentation = getattr(limitsurf, name).__doc__
     assert documentation
     assert ">>>" in documentation  # the doctests of src run it
+
+
+@pytest.mark.parametrize("name", ["evaluate", "jet", "tangents", "normal", "curvature", "weights"])
+def test_queries_are_called_alike(name: str) -> None:
+    parameters = inspect.signature(getattr(limitsurf.LimitSurface, name)).parameters
+    named = {x.name for x in parameters.values() if x.kind is x.KEYWORD_ONLY}
+    assert [*parameters][:4] == ["self", "face", "u", "v"]
+    assert named == {*parameters} - {"self", "face", "u", "v"} >= {"channel", "workers"}
 
 
 def test_unknown_export_is_an_attribute_error() -> None:

@@ -22,9 +22,9 @@ def around(kind, faces, scale=1):
     columns = sides + open_ring
     angle = (np.pi if open_ring else 2 * np.pi) * np.arange(columns) / sides
     waves = np.cos(5 * angle) / 4
-    points = [np.array([[0, 0, 0.5]])]
-    points += [np.stack([r * np.cos(angle), r * np.sin(angle), waves], axis=1) for r in (1, 2, 3)]
-    points = np.concatenate(points)
+    rings = [np.array([[0, 0, 0.5]])]
+    rings += [np.stack([r * np.cos(angle), r * np.sin(angle), waves], axis=1) for r in (1, 2, 3)]
+    points = np.concatenate(rings)
     points += np.random.default_rng(faces).normal(size=points.shape) / faces / 4
 
     def at(r, j):

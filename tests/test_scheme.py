@@ -465,10 +465,58 @@ def test_symbolic_basis_of_sectors(kind, k):
     assert SectorBasis(LOOP, LOOP.sector(kind, k)).residual.is_zero_matrix
 
 
-@pytest.mark.parametrize("row", [1, 3, 7, 10])
-def test_the_proof_around_an_irrational_weight_proves(row):
+@pytest.mark.parametrize(("k", "p"), [(5, 1), (8, 0)])
+def test_symbolic_basis_of_darts_of_irrational_weights(k, p):
+    exact = ls.eigenbasis(LOOP, kind="dart", faces=k, position=p).exact
+    s, V, Vinv, *_ = derived("dart", k, p)
+    found = np.array([complex(x.evalf(20)) for x in exact.eigenvalues])
+    np.testing.assert_allclose(found, np.array(s.eigenvalues, dtype=complex), rtol=0, atol=1e-15)
+    assert np.any(found.imag) == (k == 8)  # two of them are complex
+    if k == 5:
+        with mpmath.workdps(50):
+            for symbols, numbers in ((exact.V, V), (exact.Vinv, Vinv)):
+                for x, y in zip(symbols, numbers.ravel(), strict=True):
+                    assert abs(mpmath.mpf(str(sympy.N(x, 45))) - y) < 1e-38
+    assert exact.residual.is_zero_matrix
+
+
+@SCHEMES
+@pytest.mark.parametrize(
+    ("kind", "k"),
+    [("interior", 3), ("interior", 5), ("crease", 5), ("flap", 2), ("dart", 5), ("dart", 8)],
+)
+def test_any_number_of_digits(scheme, kind, k):
+    basis = ls.eigenbasis(scheme, kind=kind, faces=k)
+    few, many = basis.in_digits(10), basis.in_digits(300)
+    assert many is basis.in_digits(300)
+    with mpmath.workdps(320):
+        assert abs(many.residual).max() < mpmath.mpf(10) ** -300
+        whole = many.V @ many.Vinv - np.eye(len(many.V), dtype=int)
+        assert abs(whole).max() < mpmath.mpf(10) ** -300
+        assert abs(many.V - few.V).max() < mpmath.mpf(10) ** -80
+        assert abs(many.limit_mask.sum() - 1) < mpmath.mpf(10) ** -300
+        if scheme is CATMULL_CLARK and kind == "interior":
+            c, s = mpmath.cospi(mpmath.mpf(2) / k), mpmath.cospi(mpmath.mpf(1) / k)
+            known = (5 + c + s * mpmath.sqrt(18 + 2 * c)) / 16
+            assert abs(many.eigenvalues[1] - known) < mpmath.mpf(10) ** -300
+    table = basis.float64
+    for name in ("A", "V", "J", "Vinv", "eigenvalues", "limit_mask", "tangent_masks"):
+        exact, rounded = getattr(many, name), getattr(table, name)
+        assert exact.shape == rounded.shape
+        number = complex if name == "eigenvalues" else float
+        # the modulus and argument of complex pairs are rounded, not their parts
+        np.testing.assert_allclose(exact.astype(number), rounded, rtol=1e-15, atol=1e-16)
+    for digits in (0, 2.5, "3"):
+        with pytest.raises(ValueError, match="digits must be an integer >= 1"):
+            basis.in_digits(digits)
+
+
+@pytest.mark.parametrize(("kind", "row"), [*(("interior", r) for r in (1, 3, 7, 10)), ("dart", 3)])
+def test_the_proof_around_an_irrational_weight_proves(kind, row):
     """It fails when one weight of another row moves to another point."""
     exact = SymbolicBasis(LOOP, 5)
+    if kind == "dart":
+        exact = SectorBasis(LOOP, LOOP.sector("dart", 5))
     assert exact.residual.is_zero_matrix
     rows = [dict(r) for r in exact._matrix.rows]
     first, second = list(rows[row])[:2]

@@ -27,7 +27,7 @@ from sympy.polys.matrices import DomainMatrix
 
 import limitsurf as ls
 from limitsurf import tables
-from limitsurf.exact.fixed import BITS, UnsupportedSpectrum
+from limitsurf.exact.fixed import BITS, STANDARD, UnsupportedSpectrum
 from limitsurf.exact.matrices import subdivision_matrix
 from limitsurf.exact.sectors import limit_weights
 from limitsurf.exact.spectrum import dense_basis, spectrum
@@ -686,7 +686,7 @@ def test_eigenexpansion_is_the_limit_by_refinement(sector):
             # on a line between pieces the oracle takes the piece nearer the corner
             slopes = np.array([i * S ** max(i - 1, 0) * T**j for j in range(4) for i in range(4)])
             got = coefficients.dot(slopes.dot(s.pieces[piece])) / ONE**2 * 2 ** (level + 1)
-            needed = surface.evaluate(p, u / 2**level, v / 2**level, (1, 0))
+            needed = surface.evaluate(p, u / 2**level, v / 2**level, nu=(1, 0))
             assert abs(got - np.array(needed)).max() < F(1, 10**75)
 
 
@@ -1026,7 +1026,7 @@ def test_even_vectors_do_not_depend_on_where_the_iteration_begins(monkeypatch):
     import limitsurf.exact.sectors as module
 
     matrix = subdivision_matrix(CATMULL_CLARK, Sector("dart", 9))
-    before = module.dart_ring(CATMULL_CLARK, matrix)
+    before = module.dart_ring(CATMULL_CLARK, matrix, STANDARD)
     true_eig = np.linalg.eig
 
     def eig(matrix):
@@ -1041,7 +1041,7 @@ def test_even_vectors_do_not_depend_on_where_the_iteration_begins(monkeypatch):
         return values, vectors * turn
 
     monkeypatch.setattr(np.linalg, "eig", eig)
-    after = module.dart_ring(CATMULL_CLARK, matrix)
+    after = module.dart_ring(CATMULL_CLARK, matrix, STANDARD)
     assert abs(before.right - after.right).max() < TINY
     assert abs(before.inverse - after.inverse).max() < TINY
 

@@ -50,10 +50,10 @@ def same(one, other):
 
 def answers(surface, query, workers=1):
     """Of all kinds, as a list of arrays."""
-    W = surface.weights(*query, (0, 1), workers=workers)
+    W = surface.weights(*query, nu=(0, 1), workers=workers)
     return [
         surface.evaluate(*query, workers=workers),
-        surface.evaluate(*query, (1, 1), workers=workers),
+        surface.evaluate(*query, nu=(1, 1), workers=workers),
         surface.evaluate(*query, channel="uv", workers=workers),
         *surface.jet(*query, workers=workers).values(),
         surface.normal(*query, workers=workers),
@@ -361,7 +361,7 @@ def test_no_queries(shape, kernels):
     empty = np.zeros(shape)
     for workers in (1, 2, -1):
         assert surface.evaluate(0, empty, 0.5, workers=workers).shape == (*shape, 3)
-        assert surface.evaluate(empty.astype(int), 0.5, 0.5, (1, 0)).shape == (*shape, 3)
+        assert surface.evaluate(empty.astype(int), 0.5, 0.5, nu=(1, 0)).shape == (*shape, 3)
         assert surface.evaluate(0, empty, 0.5, channel="uv", workers=workers).shape == (*shape, 2)
         assert surface.normal(0, empty, 0.5, workers=workers).shape == (*shape, 3)
         assert surface.jet(0, empty, 0.5, workers=workers)[1, 1].shape == (*shape, 3)
@@ -399,14 +399,14 @@ def test_broadcasting(face, u, v, kernels):
     shape = full[0].shape
     size = np.ptp(surface.points, axis=0).max()
     for nu in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        scale = np.maximum(1, np.abs(surface.weights(*flat, nu)).sum(axis=1)) * size
+        scale = np.maximum(1, np.abs(surface.weights(*flat, nu=nu)).sum(axis=1)) * size
         for workers in (1, 2):
-            found = surface.evaluate(face, u, v, nu, workers=workers)
+            found = surface.evaluate(face, u, v, nu=nu, workers=workers)
             assert found.shape == (*shape, 3)
-            error = np.abs(found.reshape(-1, 3) - surface.evaluate(*flat, nu))
+            error = np.abs(found.reshape(-1, 3) - surface.evaluate(*flat, nu=nu))
             assert np.nan_to_num(error.max(axis=1) / scale).max() <= 1e-13
             found = surface.jet(face, u, v, workers=workers)[nu].reshape(-1, 3)
-            error = np.abs(found - surface.evaluate(*flat, nu)).max(axis=1)
+            error = np.abs(found - surface.evaluate(*flat, nu=nu)).max(axis=1)
             assert np.nan_to_num(error / scale).max() <= 1e-13
     normals = surface.normal(face, u, v)
     assert normals.shape == (*shape, 3)

@@ -97,7 +97,7 @@ def exact_queries(surface, n, rng):
 
 def expected(oracle, query, nu):
     """The oracle's exact value; past cubic every piece has derivative 0, at its ends too."""
-    value = oracle.evaluate(*query, nu)
+    value = oracle.evaluate(*query, nu=nu)
     return (0,) * len(value) if max(nu) > 3 else value
 
 
@@ -110,7 +110,7 @@ def same(values, exact):
 def assert_exact(surface, oracle, queries, orders):
     face, u, v = columns(queries)
     for nu in orders:
-        values = surface.evaluate(face, u, v, nu)
+        values = surface.evaluate(face, u, v, nu=nu)
         assert values.dtype == object
         assert all(isinstance(x, F) or x != x for x in values.ravel())
         exact = [expected(oracle, query, nu) for query in queries]
@@ -164,7 +164,7 @@ def test_regular_quads_beside_an_ngon():
 def test_exact_on_the_zoo(name, mode):
     """Fractions give the oracle's very numbers, at any parameter, in any derivative."""
     rng = random.Random(f"{name} {mode}")
-    surface, oracle = both(*shaken(name, 3), mode)
+    surface, oracle = both(*shaken(name, 3), mode=mode)
     orders = [(0, 0), (1, 0), (0, 1), *rng.sample(ORDERS, 3)]
     assert_exact(surface, oracle, exact_queries(surface, 12, rng), orders)
 
@@ -243,12 +243,12 @@ def test_derivatives_at_extraordinary_vertices():
         floats = ls.LimitSurface(ls.Mesh(np.array(points, dtype=float), faces))
         for nu in ORDERS[1:]:
             vanishes = (sum(nu) == 1 and N < 4) or max(nu) > 3
-            for values in (exact.evaluate(0, 0, 0, nu), floats.evaluate(0, 0, 0, nu)):
+            for values in (exact.evaluate(0, 0, 0, nu=nu), floats.evaluate(0, 0, 0, nu=nu)):
                 if vanishes:
                     assert (values == 0).all()
                 else:
                     assert all(math.isnan(x) for x in values)
-            for W in (exact.weights(0, 0, 0, nu), floats.weights(0, 0, 0, nu)):
+            for W in (exact.weights(0, 0, 0, nu=nu), floats.weights(0, 0, 0, nu=nu)):
                 assert np.isnan(W.toarray().astype(float)).any() != vanishes
 
 
@@ -279,7 +279,7 @@ def largest_on_ring(oracle, face, u, v, order):
         _, there, _, _, irregular = oracle._descend(face, s, t)
         if irregular is None and there == level:
             for i in range(order + 1):
-                derivative = oracle.evaluate(face, s, t, (i, order - i))
+                derivative = oracle.evaluate(face, s, t, nu=(i, order - i))
                 largest = max(largest, *map(abs, derivative))
     return largest
 
@@ -290,7 +290,7 @@ def accuracy(surface, oracle, queries, orders=LOW_ORDERS, floor=F(1, 1000)):
     A derivative may differ by 1e-12 of its size, or of `floor` times the largest on the ring.
     """
     face, u, v = columns(queries)
-    jets = {nu: surface.evaluate(face, u, v, nu).reshape(len(queries), -1) for nu in orders}
+    jets = {nu: surface.evaluate(face, u, v, nu=nu).reshape(len(queries), -1) for nu in orders}
     for (nu, values), (k, query) in itertools.product(jets.items(), enumerate(queries)):
         exact = expected(oracle, query, nu)
         if any(x != x for x in exact):
@@ -306,7 +306,7 @@ def accuracy(surface, oracle, queries, orders=LOW_ORDERS, floor=F(1, 1000)):
         else:
             size = max(map(abs, exact))
             if max(errors) > size / 10**12:
-                size = max(size, floor * largest_on_ring(oracle, *query, sum(nu)))
+                size = max(size, floor * largest_on_ring(oracle, *query, order=sum(nu)))
             yield float(max(errors) / size * 10**12) if size else float(max(errors))
 
 
@@ -354,7 +354,7 @@ def test_accuracy_on_the_zoo(name, mode):
     Second derivatives vanish across every boundary, and in places on cages as small as these.
     There, the rounding of a few additions is measured by 1e-2 of the largest on the ring.
     """
-    surface, oracle = both(*shaken(name), mode)
+    surface, oracle = both(*shaken(name), mode=mode)
     queries = float_queries(range(len(surface.limit_faces)), 8, random.Random(name))
     assert max(accuracy(surface, oracle, queries, LOW_ORDERS[:6], floor=F(1, 100))) <= 1
 
@@ -427,7 +427,7 @@ def test_beyond_the_range_of_floats(N):
     limit = F(np.finfo(float).max)
     for query in ((0, 1e-300, 3e-301), (1, 5e-324, 0.0), (2, 2e-308, 1e-312)):
         for nu in LOW_ORDERS:
-            values, exact = surface.evaluate(*query, nu).tolist(), oracle.evaluate(*query, nu)
+            values, exact = surface.evaluate(*query, nu=nu).tolist(), oracle.evaluate(*query, nu=nu)
             size = max(map(abs, exact))
             for x, y in zip(values, exact, strict=True):
                 if abs(y) > limit:
@@ -468,7 +468,7 @@ def test_reference_cases(N):
     allowed = 1e-14 * np.ptp(cage, axis=0).max() + 2 * np.spacing(np.abs(case.P))
     assert (np.abs(surface.evaluate(case.face, u, v) - case.P) <= allowed).all()
     for nu, derivative in (((1, 0), case.Pu), ((0, 1), case.Pv)):
-        error = np.abs(surface.evaluate(case.face, u, v, nu) - derivative).max(axis=1)
+        error = np.abs(surface.evaluate(case.face, u, v, nu=nu) - derivative).max(axis=1)
         assert (error <= 1e-12 * np.abs(derivative).max(axis=1)).all()
     queries = [(case.face, *uv) for uv in case.uv[::7]]
     assert max(accuracy(surface, oracle, queries)) <= 1
@@ -487,7 +487,7 @@ def test_regular_faces_are_scipy_splines(periodic):
     u, v = inner[query].T
     for nu in ORDERS:
         spline = oracles.bspline_oracle(grid, *np.divmod(face, rows), u, v, nu, periodic)
-        error = np.abs(surface.evaluate(face, u, v, nu) - spline).max()
+        error = np.abs(surface.evaluate(face, u, v, nu=nu) - spline).max()
         assert error <= 1e-14 * 6 ** sum(nu)
 
 
@@ -499,8 +499,8 @@ def test_an_open_grid_is_linear():
     for f, (i, j) in enumerate(itertools.product(range(3), range(4))):
         for u, v in ((F(0), F(0)), (F(1), F(1)), (F(1, 3), F(7, 9))):
             assert surface.evaluate(f, u, v).tolist() == [i + u, j + v]
-            assert surface.evaluate(f, u, v, (1, 0)).tolist() == [1, 0]
-            assert surface.evaluate(f, u, v, (1, 1)).tolist() == [0, 0]
+            assert surface.evaluate(f, u, v, nu=(1, 0)).tolist() == [1, 0]
+            assert surface.evaluate(f, u, v, nu=(1, 1)).tolist() == [0, 0]
 
 
 @pytest.mark.skipif(not SHARED_CAGES.is_dir(), reason="these cages are not part of the package")
@@ -513,7 +513,7 @@ def test_real_cages(name):
     mesh = ls.read(SHARED_CAGES / f"{name}.obj")
     surface = ls.LimitSurface(mesh)
     size = np.ptp(mesh.points, axis=0).max()
-    faces = [list(map(int, face)) for face in mesh.faces]
+    faces = mesh.faces.tolist()
     levels = 1 if mesh.n_faces > 1000 else 2
     points, children = oracles.refine_times(mesh.points.tolist(), faces, levels)
     limits = np.array(oracles.limit_positions(points, children))
@@ -608,7 +608,7 @@ def test_normals_at_a_pole_by_published_masks(N):
 
 @on_the_zoo
 def test_normals_on_the_zoo(name, mode):
-    surface, oracle = both(*shaken(name), mode)
+    surface, oracle = both(*shaken(name), mode=mode)
     rng = random.Random(name)
     faces = rng.choices(range(len(surface.limit_faces)), k=8)
     near = [(0.0, 0.0), (0.3, 0.7), (1e-12, 1e-13), (0.0, 1e-9)]
@@ -617,7 +617,7 @@ def test_normals_on_the_zoo(name, mode):
     normals, tangents = surface.normal(*columns(queries)), surface.tangents(*columns(queries))
     for k, query in enumerate(queries):
         exact = [oracle.normal(*query), *oracle.tangents(*query)]
-        sizes = [max(map(abs, oracle.evaluate(*query, nu))) for nu in ((1, 0), (0, 1))]
+        sizes = [max(map(abs, oracle.evaluate(*query, nu=nu))) for nu in ((1, 0), (0, 1))]
         if query[1:] not in oracles.CORNERS and min(sizes) * 10**6 <= max(sizes):
             assert "pillow" in name  # its sheets meet at a fold, where one derivative vanishes
             continue
@@ -684,20 +684,20 @@ def test_exact_weights_on_the_zoo(name, mode):
     surface = ls.LimitSurface(ls.Mesh(points, faces), boundary=mode)
     queries = exact_queries(surface, 6, rng)
     for nu in [(0, 0), *rng.sample(ORDERS[1:-2], 2)]:
-        W = surface.weights(*columns(queries), nu)
+        W = surface.weights(*columns(queries), nu=nu)
         assert isinstance(W, ls.ExactOperator)
         assert W.shape == (len(queries), len(points))
         oracle = ORACLES["catmull-clark"](None, faces, mode)
         for k, query in enumerate(queries):
             row = slice(W.indptr[k], W.indptr[k + 1])
             weights = dict(zip(W.columns[row].tolist(), W.values[row], strict=True))
-            exact = oracle.weights(*query, nu)
+            exact = oracle.weights(*query, nu=nu)
             if exact is None:
                 assert any(w != w for w in weights.values())
                 continue
             assert {i: w for i, w in weights.items() if w} == {i: w for i, w in exact.items() if w}
             assert sum(weights.values()) == (nu == (0, 0))
-        value = surface.evaluate(*columns(queries), nu)
+        value = surface.evaluate(*columns(queries), nu=nu)
         assert same(W @ points, value)
 
 
@@ -708,10 +708,10 @@ def test_weights_on_the_zoo(name, mode):
     surface = ls.LimitSurface(ls.Mesh(points, faces), boundary=mode)
     face, u, v = columns(float_queries(range(len(surface.limit_faces)), 12, random.Random(name)))
     for nu in LOW_ORDERS:
-        W = surface.weights(face, u, v, nu)
+        W = surface.weights(face, u, v, nu=nu)
         assert W.shape == (12, len(points))
         assert W.has_sorted_indices
-        values, undefined = surface.evaluate(face, u, v, nu), np.isnan((W @ points)[:, 0])
+        values, undefined = surface.evaluate(face, u, v, nu=nu), np.isnan((W @ points)[:, 0])
         assert (np.isnan(values[:, 0]) == undefined).all()
         scale = np.maximum(1, np.abs(W).sum(axis=1))  # some derivatives vanish for all points
         error = np.abs(W @ points - values).max(axis=1)
@@ -852,14 +852,14 @@ def test_jets_are_derivatives(name, exact):
     if exact:
         u = fractions(u)
     for order in (0, 1, 2, 4):
-        jet = surface.jet(face, u, v, order)
+        jet = surface.jet(face, u, v, order=order)
         assert sorted(jet) == [(i, j) for i in range(order + 1) for j in range(order + 1 - i)]
         for nu, values in jet.items():
-            alone = surface.evaluate(face, u, v, nu)
+            alone = surface.evaluate(face, u, v, nu=nu)
             if exact:
                 assert same(values, alone)
             else:
-                scale = np.abs(surface.weights(face, u, v, nu)).sum(axis=1)[:, None]
+                scale = np.abs(surface.weights(face, u, v, nu=nu)).sum(axis=1)[:, None]
                 assert (np.isnan(values) == np.isnan(alone)).all()
                 assert not (np.abs(values - alone) > 1e-14 * scale).any()
     assert sorted(surface.jet(0, 0.5, 0.5)) == sorted(LOW_ORDERS[:6])
@@ -1065,7 +1065,7 @@ def test_options():
         ls.LimitSurface(ls.Mesh(points, faces), scheme="odd")
     scheme = tables.SCHEMES["catmull-clark"]
     for mesh in (ls.Mesh(points, faces, scheme="catmull-clark"), ls.Mesh(points, faces)):
-        assert (ls.LimitSurface(mesh, scheme).evaluate(last, 1, 1) == points[-1]).all()
+        assert (ls.LimitSurface(mesh, scheme=scheme).evaluate(last, 1, 1) == points[-1]).all()
 
 
 @pytest.mark.filterwarnings("ignore:.* has no tangent plane")
@@ -1083,7 +1083,7 @@ def test_a_scheme_of_ones_own(own, N):
     scheme = ls.Scheme(**masks | {"name": f"vertex weight {own}", "vertex": vertex})
     points, faces = oracles.local_cage(N, seed=2)
     mesh = ls.Mesh(fractions(points), faces)
-    exact = ls.LimitSurface(mesh, scheme)
+    exact = ls.LimitSurface(mesh, scheme=scheme)
     surface = exact.with_points(np.array(points, dtype=float))
     fine = ls.refined(mesh, 2, scheme=scheme)
     around = np.unique(fine.faces[: 16 * N : 16])
@@ -1091,11 +1091,11 @@ def test_a_scheme_of_ones_own(own, N):
     assert same(exact.evaluate(*parents), fine.limit_points[around])
     face, u, v = np.zeros(8, dtype=int), 0.3 ** np.arange(1, 9), 0.4 ** np.arange(1, 9)
     for nu in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        values = exact.evaluate(face, u, v, nu).astype(float)
-        error = np.abs(surface.evaluate(face, u, v, nu) - values).max(axis=1)
+        values = exact.evaluate(face, u, v, nu=nu).astype(float)
+        error = np.abs(surface.evaluate(face, u, v, nu=nu) - values).max(axis=1)
         assert (error <= 1e-12 * np.abs(values).max(axis=1)).all()
     for nu, tangent in zip(((1, 0), (0, 1)), surface.tangents(face, u, v), strict=True):
-        direction = exact.evaluate(face, u, v, nu).astype(float)
+        direction = exact.evaluate(face, u, v, nu=nu).astype(float)
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         assert np.abs(tangent - direction).max() <= 1e-12
 
@@ -1327,10 +1327,10 @@ def test_derivatives_of_any_order(nu, engine):
     surface = ls.LimitSurface(cube_with(creases={(0, 1): 2.5}, corners={7: math.inf}))
     u, v = np.array([[0, 0, 0.5, 1, np.nan], [0, 0.3, 0.5, 1, 0]])
     for face in range(6):
-        assert not surface.evaluate(face, u[:4], v[:4], nu).any()
-        assert np.isnan(surface.evaluate(face, u[4], v[4], nu)).all()
-        assert not surface.weights(face, u[:4], v[:4], nu).count_nonzero()
-        assert not surface.evaluate(face, F(0), F(1, 3), nu).any()
+        assert not surface.evaluate(face, u[:4], v[:4], nu=nu).any()
+        assert np.isnan(surface.evaluate(face, u[4], v[4], nu=nu)).all()
+        assert not surface.weights(face, u[:4], v[:4], nu=nu).count_nonzero()
+        assert not surface.evaluate(face, F(0), F(1, 3), nu=nu).any()
 
 
 def test_orders_of_jets():

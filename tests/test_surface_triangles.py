@@ -285,14 +285,16 @@ def test_regular_weights(nu):
     """Those of Stam's table; in floats to rounding, with no negative weight of a position."""
     spline, template = LOOP.spline, [(i - 1, j - 1) for i, j in LOOP.lattice.template]
     exact = [(F(1, 3), F(1, 5)), (F(0), F(1)), (F(1, 2), F(1, 2))]
-    rows = regular_weights(spline, RATIONAL)(*(RATIONAL.array(x) for x in columns(exact)), nu)
+    s, t = map(RATIONAL.array, columns(exact))
+    rows = regular_weights(spline, RATIONAL)(s, t, nu)
     for row, place in zip(rows, exact, strict=True):
         wanted = oracles_loop.box_spline_weights(*place, nu)
         assert list(row) == [wanted[k] for k in template]
     near = [(0.3, 0.6999), (1e-9, 1e-3), (0.7, 0.3), (0.25, 0.5)]
-    rows = regular_weights(spline, FLOAT64)(*columns(near), nu)
-    for row, (s, t) in zip(rows, near, strict=True):
-        wanted = oracles_loop.box_spline_weights(F(s), F(t), nu)
+    s, t = columns(near)
+    rows = regular_weights(spline, FLOAT64)(s, t, nu)
+    for row, (x, y) in zip(rows, near, strict=True):
+        wanted = oracles_loop.box_spline_weights(F(x), F(y), nu)
         wanted = floats(wanted[k] for k in template)
         assert np.abs(row - wanted).max() <= 1e-15 * max(1, np.abs(wanted).max())
         assert any(nu) or (row >= 0).all()

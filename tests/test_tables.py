@@ -16,6 +16,7 @@ from pathlib import Path
 import mpmath
 import numpy as np
 import oracles
+import oracles_loop
 import platformdirs
 import pytest
 
@@ -23,6 +24,8 @@ import limitsurf as ls
 from limitsurf import disk_cache, tables
 from limitsurf.exact.fixed import BITS
 from limitsurf.exact.spectrum import dense_basis, spectrum
+from limitsurf.numbers import FLOAT64
+from limitsurf.scheme.loop import LOOP
 from limitsurf.scheme.sector import Sector
 
 CATMULL_CLARK = tables.SCHEMES["catmull-clark"]
@@ -736,11 +739,13 @@ def test_any_wrong_file_of_a_sector_is_replaced(cache, monkeypatch, sector):
 
 
 def counted(function):
+    calls = []
+
     def call(*arguments):
-        call.calls.append(arguments)
+        calls.append(arguments)
         return function(*arguments)
 
-    call.calls = []
+    vars(call)["calls"] = calls
     return call
 
 
@@ -930,3 +935,60 @@ def test_eigenbasis_refuses_unknown_schemes(scheme):
     with pytest.raises(ValueError, match=r"unknown scheme .* known: catmull-clark") as caught:
         ls.eigenbasis(scheme, valence=5)
     assert repr(scheme) in str(caught.value)
+
+
+# ------------------------------------------------------------------ triangles around a vertex
+
+
+def loop_ring(kind, n):
+    """One step of Loop's rules on a vertex and its neighbours, as Hoppe and others have them."""
+    v, *e = np.eye(n + 1 + (kind in ("crease", "corner")))
+    sharp = {"dart": [0], "crease": [0, n], "corner": [0, n]}.get(kind, [])
+    own, each = 1.0, 0.0
+    if kind in ("interior", "dart"):
+        each = float(oracles_loop.loop_weight(n, bits=100))
+        own = 1 - n * each
+    new = [own * v + each * np.sum(e, axis=0)]
+    if kind == "crease":
+        new = [(6 * v + e[0] + e[n]) / 8]
+    for j in range(len(e)):
+        beside = e[j - 1] + e[(j + 1) % len(e)]
+        new.append((v + e[j]) / 2 if j in sharp else (3 * v + 3 * e[j] + beside) / 8)
+    return np.array(new)
+
+
+@pytest.mark.parametrize("kind", ["interior", "cone", "crease", "corner", "dart"])
+def test_masks_of_rings_of_many_triangles(kind):
+    n = 70
+    step, masks = loop_ring(kind, n), tables.ring_masks(LOOP, kind, n)
+    assert [x.shape[-1] for x in (*masks.limit, *masks.waves)] == [len(step) - 1, 0] * 2
+    limit = tables.limit_mask(LOOP, kind, n, FLOAT64)
+    np.testing.assert_allclose(limit @ step, limit, rtol=0, atol=1e-15)
+    assert limit.sum() == pytest.approx(1, abs=1e-15)
+    assert np.array_equal(limit[1:], masks.limit[0])
+    values = np.sort(np.abs(np.linalg.eigvals(step)))[::-1][1:]
+    for left in masks.waves[0]:
+        left = np.concatenate([[-left.sum()], left])
+        after = left @ step
+        value = after @ left / (left @ left)
+        np.testing.assert_allclose(after, value * left, rtol=0, atol=1e-13 * np.abs(left).max())
+        assert np.abs(values[: len(masks.waves[0])] - value).min() < 1e-12
+    assert masks.has_normal == (kind in ("interior", "dart"))
+    pairs = tables.normal_masks(LOOP, kind, n)
+    assert pairs.shape == (2 * masks.has_normal, 2, len(step))
+    if masks.has_normal:  # of a flat ring, counter-clockwise
+        turn = 2 * np.pi * np.arange(n) / n
+        ring = np.concatenate([[[0, 0]], np.stack([np.cos(turn), np.sin(turn)], axis=1)])
+        assert (np.linalg.det(pairs @ ring) > 0).all()
+
+
+def test_limits_at_many_triangles_are_the_known_ones():
+    n, number = 70, FLOAT64
+    own, each = map(float, oracles_loop.limit_mask(n, bits=100))
+    smooth = tables.limit_mask(LOOP, "interior", n, number)
+    np.testing.assert_allclose(smooth, [own] + [each] * n, rtol=1e-14)
+    dart = [float(x) for x in oracles_loop.dart_mask(n, bits=100)]
+    np.testing.assert_allclose(tables.limit_mask(LOOP, "dart", n, number), dart, rtol=0, atol=1e-15)
+    first, second = tables.ring_masks(LOOP, "interior", n).waves[0]
+    cosines, sines = (np.array(x, dtype=float) for x in oracles_loop.tangent_masks(n))
+    np.testing.assert_allclose([first, second], [cosines, sines], rtol=0, atol=1e-15)

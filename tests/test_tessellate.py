@@ -283,6 +283,16 @@ def test_quads_are_cut_along_the_shorter_diagonal():
 # --- One value for each point
 
 
+def test_polygons_are_faces():
+    """One type whatever their sizes: quads, or up to eight corners beside an n-gon."""
+    quads = ls.tessellate(ls.LimitSurface(ls.Mesh(*zoo.cube())), 2)
+    assert quads.uniform.tolist() == quads.faces.tolist()
+    mixed = ls.tessellate(ls.LimitSurface(ls.Mesh(*zoo.prism(5))), 2)
+    assert mixed.uniform is None
+    assert list(map(len, mixed.faces)) == mixed.sizes.tolist()
+    assert ls.Mesh(mixed.points, mixed.faces).indices.tolist() == mixed.indices.tolist()
+
+
 def test_split():
     rim = {(4, 5): np.inf, (5, 7): np.inf, (6, 7): np.inf, (4, 6): np.inf}
     mesh = with_uv(ls.Mesh(*zoo.cube(), creases=rim))

@@ -300,7 +300,7 @@ def test_left_handed_faces_of_many_sizes(tmp_path):
     UsdGeom.Gprim(stage.GetPrimAtPath("/mesh")).CreateOrientationAttr("leftHanded")
     stage.Save()
     faces = [[face[0], *face[:0:-1]] for face in zoo.ZOO["carved_prism"]()[1]]
-    assert list(map(list, ls.read(tmp_path / "cage.usda").faces)) == faces
+    assert ls.read(tmp_path / "cage.usda").faces.tolist() == faces
 
 
 # --- Where meshes stand
@@ -328,7 +328,7 @@ def test_mirrored_meshes_keep_their_outside(read, orientation, times):
     body = f"uniform token orientation = '{orientation}'" + MIRRORED
     mesh = read(group(prim(body), body=MIRRORED if times == 2 else ""))
     assert mesh.points[:, 0].tolist() == [(-1) ** times * x for x, _, _ in POINTS]
-    x, y, _ = mesh.points[mesh.faces].T  # each (4, 2)
+    x, y, _ = mesh.points[mesh.uniform].T  # each (4, 2)
     area = np.sum(x * np.roll(y, -1, axis=0) - y * np.roll(x, -1, axis=0), axis=0)
     # As seen from above, unless the left hand rules.
     assert (np.sign(area) == (1 if orientation == "rightHanded" else -1)).all()
@@ -604,10 +604,10 @@ def test_point_instancers(read, tmp_path, hidden):
     assert len(expected) == (3 if hidden else 5)
     found = mesh.points.reshape(-1, 6, 3)
     assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
-    first = np.array(mesh.faces).reshape(-1, 2, 4)[0]
+    first = mesh.indices.reshape(-1, 2, 4)[0]
     assert first.tolist() == FACES
     # mirrored copies are turned around
-    corners = np.array(mesh.faces).reshape(-1, 8) - 6 * np.arange(len(found))[:, None]
+    corners = mesh.indices.reshape(-1, 8) - 6 * np.arange(len(found))[:, None]
     turned = (corners[:, 1] != 1).tolist()
     assert turned == ([False, False, True] if hidden else [False, False, True, False, True])
 
@@ -642,7 +642,7 @@ def test_instances_of_instancers(read, tmp_path):
     move = [[x, y, 0] for y in (0, 2) for x in (0, 3, 6)]
     assert (mesh.points.reshape(6, 6, 3) == np.array(POINTS) + np.array(move)[:, None]).all()
     shift = 6 * np.arange(6)[:, None, None]
-    assert (np.reshape(mesh.faces, (6, 2, 4)) == np.array(FACES) + shift).all()
+    assert (mesh.indices.reshape(6, 2, 4) == np.array(FACES) + shift).all()
     assert mesh.creases[0].tolist() == [[1 + 6 * i, 2 + 6 * i] for i in range(6)]
     assert mesh.holes.tolist() == [1, 3, 5, 7, 9, 11]
     values, rows, _ = mesh.channels["st"]

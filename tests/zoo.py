@@ -155,8 +155,8 @@ def ball(n, rings, repeat=False, seed=None):
     """A cage of quads with a pole: a boundary row of coinciding points, or one point n times."""
     angle, height = np.meshgrid(np.arange(n) / n, np.arange(rings) / rings)
     angle, height = 2 * np.pi * angle, np.pi * height
-    points = [np.sin(height) * np.cos(angle), np.sin(height) * np.sin(angle), np.cos(height)]
-    points = np.stack(points, axis=-1)
+    sphere = [np.sin(height) * np.cos(angle), np.sin(height) * np.sin(angle), np.cos(height)]
+    points = np.stack(sphere, axis=-1)
     if seed is not None:
         points[1:] += np.random.default_rng(seed).normal(size=points[1:].shape) / 10
     points[0] = points[0, 0]

@@ -21,10 +21,17 @@ if TYPE_CHECKING:
     from limitsurf.bezier import (
         bezier_patches as bezier_patches,
     )
+    from limitsurf.cage.faces import Faces as Faces
     from limitsurf.mesh import Mesh as Mesh
     from limitsurf.mesh import MeshError as MeshError
     from limitsurf.query import (
         Tessellation as Tessellation,
+    )
+    from limitsurf.query import (
+        agrees as agrees,
+    )
+    from limitsurf.query import (
+        refinement_gap as refinement_gap,
     )
     from limitsurf.query import (
         tessellate as tessellate,
@@ -87,7 +94,7 @@ if TYPE_CHECKING:
         precompile as precompile,
     )
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # what is public, and the module that defines it; imported on first use
 _HOME = {
@@ -96,6 +103,7 @@ _HOME = {
     "Curvature": "surface",
     "Eigenbasis": "spectra",
     "ExactOperator": "refine",
+    "Faces": "cage.faces",
     "LimitSurface": "surface",
     "Mesh": "mesh",
     "MeshError": "mesh",
@@ -103,6 +111,7 @@ _HOME = {
     "RefinedMesh": "refine",
     "Scheme": "scheme.scheme",
     "Tessellation": "query",
+    "agrees": "query",
     "bezier_patches": "bezier",
     "eigenbasis": "spectra",
     "from_pyvista": "shell.io.vtk",
@@ -114,6 +123,7 @@ _HOME = {
     "precompile": "surface",
     "read": "shell.io.by_suffix",
     "refined": "refine",
+    "refinement_gap": "query",
     "tessellate": "query",
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",

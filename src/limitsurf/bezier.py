@@ -29,10 +29,12 @@ def bezier_patches(
 ) -> BezierPatches:
     """Limit faces as Bezier patches: polynomial pieces that are the surface itself.
 
-    A limit face amid regular vertices is one patch. Others are cut where pieces meet: into the
-    squares of n-gons and of crowded extraordinary vertices, into strips along semi-sharp creases,
-    and towards each special corner into rings of three squares, each half the size of the one
-    before. There the pieces go on for ever: what is beyond the last ring is named, with bounds.
+    A limit face amid regular vertices is one patch: a square of degree 3 in each direction in
+    schemes of quads, a triangle of degree 4 in those of triangles. Others are cut where pieces
+    meet: into the faces of refined n-gons and around crowded extraordinary vertices, of quads into
+    strips along semi-sharp creases, and towards each special corner into rings of three squares or
+    triangles, each half the size of the one before. There the pieces go on for ever: what is beyond
+    the last ring is named, with bounds.
 
     Parameters
     ----------
@@ -41,7 +43,7 @@ def bezier_patches(
         Limit faces, any number of them in any order; all by default. Those without a limit (holes)
         have no patches.
     depth : int, optional
-        How many rings there are around each special corner of a quad, 0 to 52; 8 by default. They
+        How many rings there are around each special corner of a face, 0 to 52; 8 by default. They
         are counted from the edges of the cage: on a limit face of an n-gon, whose sides are half
         edges, there is one less, and as many less as a face is split, so that what remains at a
         vertex is of one size on all of its faces.
@@ -74,8 +76,9 @@ def bezier_patches(
     neighbours meet, and what is inside the convex hull of a patch's points holds the patch.
 
     Around a special corner the pieces are those of Stam, "Exact evaluation of Catmull-Clark
-    subdivision surfaces at arbitrary parameter values", SIGGRAPH 1998. The change of basis, and
-    the bound of what remains, are derived in ``derivations/pieces.py``.
+    subdivision surfaces at arbitrary parameter values", SIGGRAPH 1998, and "Evaluation of Loop
+    subdivision surfaces", SIGGRAPH course notes 1999. The change of basis, and the bound of what
+    remains, are derived in ``derivations/pieces.py``.
 
     Examples
     --------
@@ -87,7 +90,7 @@ def bezier_patches(
     >>> len(patches), patches.points.shape  # the face is split, and each corner is special
     (48, (48, 4, 4, 3))
     >>> patches.rest
-    BezierRest(4 squares)
+    BezierRest(4 cells)
     >>> float(patches.rest.size.max())
     0.03125
     """

@@ -83,7 +83,7 @@ class ChannelMesh(Mesh):
     def refined(
         self, mesh: Mesh, values: Array, sharpness: Sharpness, coarser: bool, holes: Array
     ) -> ChannelMesh:
-        """The same channel on a refinement of the mesh, which has these holes.
+        """A channel on a refinement of the mesh, which has these holes.
 
         The sharpness may be that of the next `coarser` mesh.
         """

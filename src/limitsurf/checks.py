@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import masked
+from limitsurf.cage.faces import Faces, IntArray
+from limitsurf.numbers import Numbers
 
-IntArray: TypeAlias = NDArray[np.int64]
-Faces: TypeAlias = ArrayLike | Sequence[ArrayLike] | tuple[ArrayLike, ArrayLike]
+FacesLike: TypeAlias = Faces | ArrayLike | Sequence[ArrayLike] | tuple[ArrayLike, ArrayLike]
 
 T = TypeVar("T")
 
@@ -87,7 +88,7 @@ def units(value: Any) -> float | None:
     return float(value)
 
 
-def numbers(values: ArrayLike, row: str, prefix: str = "", gaps: bool = False) -> NDArray[Any]:
+def numbers(values: Numbers, row: str, prefix: str = "", gaps: bool = False) -> NDArray[Any]:
     """A copy of coordinates as float64 or objects; messages call an entry a ``row``.
 
     All are finite, or NaN if there may be gaps.
@@ -157,8 +158,10 @@ def integers(values: Any, what: str) -> IntArray:
     return array.astype(np.int64, copy=False)
 
 
-def face_arrays(faces: Faces) -> tuple[IntArray, IntArray]:
-    """``sizes`` and ``indices`` from any of the three ways to give faces."""
+def face_arrays(faces: FacesLike) -> tuple[IntArray, IntArray]:
+    """``sizes`` and ``indices`` from any of the ways to give faces."""
+    if isinstance(faces, Faces):
+        faces = faces.sizes, faces.indices
     if isinstance(faces, np.ndarray) and faces.dtype != object:
         if faces.ndim != 2:
             raise MeshError(f"faces: got an array of shape {faces.shape}, need (n_faces, k)")

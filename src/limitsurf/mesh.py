@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Generic, Self, TypeAlias, TypeVar, overload
+from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import _kernels, checks
-from limitsurf.checks import Faces
-from limitsurf.checks import IntArray as IntArray
+from limitsurf.cage.faces import Faces, histogram
+from limitsurf.cage.faces import IntArray as IntArray
+from limitsurf.checks import FacesLike
 from limitsurf.checks import MeshError as MeshError
+from limitsurf.numbers import Numbers
 
 __all__ = ["Mesh", "MeshError"]
 
@@ -22,10 +24,15 @@ Channel: TypeAlias = tuple[NDArray[Any], IntArray, str]
 
 T = TypeVar("T")
 
-BOUNDARY = (None, "none", "edge_only", "edge_and_corner")
-CREASING = (None, "uniform", "chaikin")
-TRIANGLES = (None, "catmull-clark", "smooth")
-UP = (None, "y", "z")
+Boundary: TypeAlias = Literal["none", "edge_only", "edge_and_corner"]
+Creasing: TypeAlias = Literal["uniform", "chaikin"]
+Triangles: TypeAlias = Literal["catmull-clark", "smooth"]
+Up: TypeAlias = Literal["y", "z"]
+
+BOUNDARY: tuple[Boundary | None, ...] = (None, *get_args(Boundary))
+CREASING: tuple[Creasing | None, ...] = (None, *get_args(Creasing))
+TRIANGLES: tuple[Triangles | None, ...] = (None, *get_args(Triangles))
+UP: tuple[Up | None, ...] = (None, *get_args(Up))
 INTERPOLATION = ("none", "corners_only", "corners_plus1", "corners_plus2", "boundaries", "all")
 # what a mesh has besides points, faces, tags and channels, as it is given
 CHOICES = ("scheme", "boundary", "creasing", "triangles", "units", "up")
@@ -132,10 +139,10 @@ class Mesh:
     points : array_like, shape (n_vertices, ...)
         Control points with any number of channels. Integers and floats are stored as float64;
         arrays of objects (Fractions, mpf, sympy numbers) are kept as they are.
-    faces : (m, k) integer array, or list of index sequences, or pair (sizes, indices)
+    faces : (m, k) integer array, list of index sequences, pair (sizes, indices), or Faces
         Vertex indices of each face, counter-clockwise. The pair is a tuple of two 1-d integer
         arrays: the number of corners of each face, and the vertices of all faces in turn. Two
-        faces are a list, or a tuple of tuples.
+        faces are a list, or a tuple of tuples. `Faces` are those of another mesh.
     creases : mapping {(a, b): sharpness} or pair (edges (c, 2), sharpness (c,)), optional
         Edges, in either order of their vertices, with a sharpness in [0, inf]; from 10 on an edge
         is infinitely sharp.
@@ -164,6 +171,10 @@ class Mesh:
         Number of corners of each face.
     indices : ndarray of int64, shape (n_corners,)
         Vertex of each corner.
+    faces : Faces
+        The faces by themselves: ``len(faces)`` arrays of vertices, whatever their sizes.
+    uniform : ndarray of int64, shape (n_faces, k), or None
+        The vertices of all faces if each has k corners; None where their sizes differ.
     creases : (edges (c, 2), sharpness (c,))
         Rows ascending, in the order of ``edges``. Sharpness is float64, or object where Fractions
         were given.
@@ -205,27 +216,27 @@ class Mesh:
     corners: tuple[IntArray, NDArray[Any]]
     holes: IntArray
     scheme: Any
-    boundary: str | None
-    creasing: str | None
-    triangles: str | None
+    boundary: Boundary | None
+    creasing: Creasing | None
+    triangles: Triangles | None
     units: float | None
-    up: str | None
+    up: Up | None
 
     def __init__(
         self,
-        points: ArrayLike,
-        faces: Faces,
+        points: Numbers,
+        faces: FacesLike,
         *,
         creases: Mapping[tuple[int, int], Any] | tuple[ArrayLike, ArrayLike] | None = None,
         corners: Mapping[int, Any] | tuple[ArrayLike, ArrayLike] | None = None,
         holes: ArrayLike | None = None,
         scheme: Any = None,
-        boundary: str | None = None,
-        creasing: str | None = None,
-        triangles: str | None = None,
-        channels: Mapping[str, tuple[ArrayLike, ArrayLike, str]] | None = None,
+        boundary: Boundary | None = None,
+        creasing: Creasing | None = None,
+        triangles: Triangles | None = None,
+        channels: Mapping[str, tuple[Numbers, ArrayLike, str]] | None = None,
         units: float | None = None,
-        up: str | None = None,
+        up: Up | None = None,
     ) -> None:
         self._connectivity: dict[str, Any] = {}
         self.points = read_only(checks.numbers(points, "vertex"))
@@ -271,12 +282,12 @@ class Mesh:
         corners: Any = None,
         holes: Any = None,
         scheme: Any = None,
-        boundary: str | None = None,
-        creasing: str | None = None,
-        triangles: str | None = None,
+        boundary: Boundary | None = None,
+        creasing: Creasing | None = None,
+        triangles: Triangles | None = None,
         channels: Any = None,
         units: float | None = None,
-        up: str | None = None,
+        up: Up | None = None,
     ) -> None:
         self.scheme = scheme
         self.boundary = checks.choice(boundary, "boundary", BOUNDARY)
@@ -292,7 +303,7 @@ class Mesh:
             {name: _channel(self, name, given) for name, given in (channels or {}).items()}
         )
 
-    def with_points(self, points: ArrayLike) -> Self:
+    def with_points(self, points: Numbers) -> Self:
         """A copy with other points, (n_vertices, ...); faces, tags and connectivity are shared.
 
         Raises
@@ -335,11 +346,14 @@ class Mesh:
         return len(self.indices)
 
     @_shared
-    def faces(self) -> IntArray | list[IntArray]:
-        """Vertices of each face: an (m, k) array if all have k corners, else a list of m arrays."""
-        if (self.sizes == self.sizes[0]).all():
-            return self.indices.reshape(self.n_faces, -1)
-        return np.split(self.indices, self.offsets[1:-1])
+    def faces(self) -> Faces:
+        """The faces, a sequence of arrays of vertices, whatever their sizes."""
+        return Faces(self.sizes, self.indices)
+
+    @property
+    def uniform(self) -> IntArray | None:
+        """The vertices of all faces, (m, k), if each has k corners; None where they differ."""
+        return self.faces.uniform
 
     @_shared
     def offsets(self) -> IntArray:
@@ -623,10 +637,10 @@ class Mesh:
         parts = [
             checks.count(self.n_vertices, "vertex"),
             checks.count(self.n_edges, "edge"),
-            f"{checks.count(self.n_faces, 'face')} {_histogram(self.sizes)}",
+            f"{checks.count(self.n_faces, 'face')} {histogram(self.sizes)}",
         ]
         if len(interior):
-            parts.append(f"interior valences {_histogram(interior)}")
+            parts.append(f"interior valences {histogram(interior)}")
         tagged = {
             "boundary vertex": self.boundary_vertex.sum(),
             "non-manifold vertex": self.nonmanifold_vertex.sum(),
@@ -679,7 +693,7 @@ def valid_mesh(
 
 
 def read_only(value: T) -> T:
-    """The same with every array in it, also in tuples, lists and dicts, as a read-only view."""
+    """A value with every array in it, also in tuples, lists and dicts, as a read-only view."""
     found: Any = value
     if isinstance(value, np.ndarray):
         found = value.view()
@@ -717,14 +731,6 @@ def _same(one: Any, other: Any) -> bool:
 
 def _offsets(counts: IntArray) -> IntArray:
     return np.concatenate([[0], np.cumsum(counts)])
-
-
-def _histogram(values: IntArray) -> str:
-    found, counts = np.unique(values, return_counts=True)
-    text = ", ".join(
-        f"{k}: {n}" for k, n in zip(found[:8].tolist(), counts[:8].tolist(), strict=True)
-    )
-    return f"{{{text}{', ...' if len(found) > 8 else ''}}}"
 
 
 def _check_faces(mesh: Mesh) -> None:

@@ -13,14 +13,22 @@ more instance. Sums, products and quotients of exact numbers are exact, and they
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from fractions import Fraction
 from numbers import Rational
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 Array = NDArray[Any]
+# what a call takes for numbers, of which lists may be nested and mixed: numbers as they are, those
+# that are exact, any
+Real: TypeAlias = np.floating[Any] | np.integer[Any]
+Plain: TypeAlias = "float | Real | NDArray[Real] | Sequence[Plain]"
+Exact: TypeAlias = "Fraction | NDArray[np.object_] | Sequence[Exact]"
+Numbers: TypeAlias = "ArrayLike | Fraction | Sequence[Numbers]"
+
 
 FAR = np.int64(1 << 40)  # more halvings than any number that is not 0 has
 

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from limitsurf import memory, numbers
 from limitsurf.caching import cached_property
+from limitsurf.cage.faces import Faces
 from limitsurf.checks import checked_integer
-from limitsurf.mesh import Mesh
+from limitsurf.mesh import Mesh, Up
 from limitsurf.patches import NO_LIMIT
-from limitsurf.refine import refined, refuse_levels
+from limitsurf.refine import RefinedMesh, refined, refuse_levels
 from limitsurf.surface import LimitSurface
 
 Array: TypeAlias = NDArray[Any]
@@ -24,7 +25,7 @@ Array: TypeAlias = NDArray[Any]
 POLYGON = 200  # bytes that one of a tessellation takes, at least
 
 
-def validate(surface: LimitSurface, levels: int = 4) -> NDArray[Any]:
+def validate(surface: LimitSurface, levels: int = 4, *, workers: int = 1) -> NDArray[np.void]:
     """Compare the closed form with recursive refinement, level by level.
 
     Every refined vertex has a parent (limit face, u, v). The refined points themselves approach
@@ -36,6 +37,8 @@ def validate(surface: LimitSurface, levels: int = 4) -> NDArray[Any]:
         Of float64 points. Memory and time grow by four with every level.
     levels : int
         How many levels to refine, at least 1.
+    workers : int
+        Threads, as for `LimitSurface.evaluate`.
 
     Returns
     -------
@@ -80,12 +83,12 @@ def validate(surface: LimitSurface, levels: int = 4) -> NDArray[Any]:
     used = surface.mesh.indices[0]
     surface = surface.with_points(surface.points - surface.points[used])
     mesh = refined(surface.mesh, 0, **surface.rules)
-    errors = [_distance(mesh.points, surface, mesh)]
+    errors = [_distance(mesh.points, surface, mesh, workers)]
     # one level at a time; parameters are those of the cage's limit faces all along
     for level in range(1, levels + 1):
         mesh = refined(surface.mesh, level, **surface.rules)
-        errors.append(_distance(mesh.points, surface, mesh))
-        table["limit_error"][level - 1] = _distance(mesh.limit_points, surface, mesh)
+        errors.append(_distance(mesh.points, surface, mesh, workers))
+        table["limit_error"][level - 1] = _distance(mesh.limit_points, surface, mesh, workers)
     table["level"] = np.arange(1, levels + 1)
     table["error"] = errors[1:]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -104,9 +107,8 @@ def agrees(surface: LimitSurface, table: NDArray[Any]) -> bool:
     Examples
     --------
     >>> import limitsurf as ls
-    >>> from limitsurf.query import agrees
     >>> surface = ls.LimitSurface(ls.Mesh([[0, 0], [1, 0], [1, 1], [0, 2]], [[0, 1, 2, 3]]))
-    >>> agrees(surface, ls.validate(surface, 2))
+    >>> ls.agrees(surface, ls.validate(surface, 2))
     True
     """
     points = surface.mesh.points[surface.mesh.indices]
@@ -116,7 +118,7 @@ def agrees(surface: LimitSurface, table: NDArray[Any]) -> bool:
 def on_refined(
     surface: LimitSurface, face: NDArray[Any], u: NDArray[Any], v: NDArray[Any]
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """The same points as queries of the surface of ``refined(surface.mesh)``, once refined.
+    """Queries of the once refined surface, that of ``refined(surface.mesh)``, for the same points.
 
     There they lie in other patches with other control points: that both surfaces agree checks
     evaluation against refinement at any (face, u, v), not at refined vertices alone.
@@ -171,10 +173,9 @@ def refinement_gap(
     --------
     >>> import numpy as np
     >>> import limitsurf as ls
-    >>> from limitsurf.query import refinement_gap
     >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 1]], [[0, 1, 2, 3]])
-    >>> gaps = refinement_gap(ls.LimitSurface(square), np.array([0]), np.array([0.7]), np.ones(1))
-    >>> max(gaps) < 1e-15
+    >>> query = np.array([0]), np.array([0.7]), np.ones(1)
+    >>> max(ls.refinement_gap(ls.LimitSurface(square), *query)) < 1e-15
     True
     """
     fine = LimitSurface(refined(surface.mesh, **surface.rules))
@@ -193,11 +194,15 @@ def refinement_gap(
     return float(largest[0]), float(largest[1])
 
 
-def _distance(points: NDArray[Any], surface: LimitSurface, mesh: Any) -> float:
+def _distance(
+    points: NDArray[Any], surface: LimitSurface, mesh: RefinedMesh, workers: int
+) -> float:
     """Largest distance of points (n_vertices, ...) from the surface at the parents of `mesh`."""
     place = mesh.parent_face >= 0
     parents = mesh.parent_face[place], mesh.parent_u[place], mesh.parent_v[place]
-    gap = (points[place] - surface.evaluate(*parents)).reshape(int(place.sum()), -1)
+    gap = (points[place] - surface.evaluate(*parents, workers=workers)).reshape(
+        int(place.sum()), -1
+    )
     gap = gap[~np.isnan(gap).any(axis=1)]
     size = float(np.abs(gap).max(initial=0))  # squares of large gaps would overflow
     if not len(gap) or size == 0:
@@ -242,6 +247,16 @@ class Polygons:
         return np.concatenate([[0], np.cumsum(self.sizes)])
 
     @cached_property
+    def faces(self) -> Faces:
+        """The polygons, a sequence of arrays of rows of `points`, whatever their sizes."""
+        return Faces(self.sizes, self.indices)
+
+    @property
+    def uniform(self) -> NDArray[np.int64] | None:
+        """The points of all polygons, (F, k), if each has k corners; None where they differ."""
+        return self.faces.uniform
+
+    @cached_property
     def triangles(self) -> NDArray[np.int64]:
         """The polygons cut into triangles, as positions among the C corners: shape (T, 3).
 
@@ -266,7 +281,7 @@ class Polygons:
         return triangles
 
     def split(self) -> Self:
-        """The same polygons with one normal and one value of each channel per point.
+        """These polygons with one normal and one value of each channel per point.
 
         Points are repeated where they have several, at creases and seams, behind the others, with
         the same face, u and v. The indices of points, normals and channels are then all the same,
@@ -325,6 +340,10 @@ class Tessellation(Polygons):
         Corners of each polygon, 4 to 8.
     indices : (C,) int64
         Rows of `points` of all corners.
+    faces : Faces
+        The polygons by themselves: ``len(faces)`` arrays of rows of `points`.
+    uniform : (F, k) int64, or None
+        The rows of all polygons, if each has k corners; None where a quad beside an n-gon has more.
     face, u, v : (V,)
         One place of each point: ``surface.evaluate(face, u, v)`` equals `points`.
     normals : (K, 3) float64
@@ -348,7 +367,7 @@ class Tessellation(Polygons):
     u: NDArray[np.float64]
     v: NDArray[np.float64]
     units: float | None = None
-    up: str | None = None
+    up: Up | None = None
 
     _by_point: ClassVar[tuple[str, ...]] = ("points", "face", "u", "v")
 

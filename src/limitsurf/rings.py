@@ -95,7 +95,7 @@ class Ring:
         return Ring(edges, around, step, self.exponent, self.shift, self.size)._scaled()
 
     def _scaled(self) -> Ring:
-        """The same in units in which the largest coordinate is in [1/2, 1); 0 stays."""
+        """A ring in units in which the largest coordinate is in [1/2, 1); 0 stays."""
         parts = self.edges, self.faces
         largest = np.max([np.abs(x).max(axis=(1, 2), initial=0) for x in parts], axis=0)
         shift = np.frexp(largest)[1].astype(np.int64)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +14,8 @@ from limitsurf.checks import checked_integer
 from limitsurf.engine.choice import Answers, Choice, chosen
 from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.topology import Topology
-from limitsurf.mesh import Mesh
+from limitsurf.mesh import Boundary, Creasing, Mesh, Triangles
+from limitsurf.numbers import Exact, Numbers, Plain
 from limitsurf.patches import PatchTable
 from limitsurf.refine import ExactOperator, refined, sparse_operator
 from limitsurf.rules import Rules
@@ -29,8 +28,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 Floats: TypeAlias = NDArray[np.float64]
-Exact: TypeAlias = Fraction | Sequence[Fraction]
-Numbers: TypeAlias = ArrayLike | Exact
+Fractions: TypeAlias = NDArray[np.object_]
 
 _MOST = 10_000  # derivatives in a jet
 _ZERO = 5  # order of derivatives that are 0 in all pieces
@@ -48,12 +46,12 @@ class Curvature(NamedTuple):
     ('k1', 'k2', 'd1', 'd2', 'mean', 'gaussian')
     """
 
-    k1: Any
-    k2: Any
-    d1: Any
-    d2: Any
-    mean: Any
-    gaussian: Any
+    k1: Floats
+    k2: Floats
+    d1: Floats
+    d2: Floats
+    mean: Floats
+    gaussian: Floats
 
 
 class LimitSurface:
@@ -185,10 +183,11 @@ class LimitSurface:
     def __init__(
         self,
         mesh: Mesh,
+        *,
         scheme: str | Scheme | None = None,
-        boundary: Literal["edge_and_corner", "edge_only", "none"] | None = None,
-        creasing: Literal["uniform", "chaikin"] | None = None,
-        triangles: Literal["catmull-clark", "smooth"] | None = None,
+        boundary: Boundary | None = None,
+        creasing: Creasing | None = None,
+        triangles: Triangles | None = None,
         engine: Choice | None = None,
     ) -> None:
         if not isinstance(mesh, Mesh):
@@ -206,7 +205,7 @@ class LimitSurface:
         self._answers = Answers(topology, mesh, choice)
         self._exact = numbers.type_of(mesh.points).exact
 
-    def with_points(self, points: ArrayLike) -> LimitSurface:
+    def with_points(self, points: Numbers) -> LimitSurface:
         """The surface of the same cage with other points, (n_vertices, ...); nothing is rebuilt.
 
         Examples
@@ -299,25 +298,31 @@ class LimitSurface:
     # ------------------------------------------------------------------ public evaluation
 
     @overload
-    def evaluate(
-        self, face: ArrayLike, u: Exact, v: Numbers, nu: Order = ..., channel: str | None = ...,
-        workers: int = ...,
-    ) -> NDArray[np.object_]: ...  # fmt: skip
-    @overload
-    def evaluate(
-        self, face: ArrayLike, u: Numbers, v: Exact, nu: Order = ..., channel: str | None = ...,
-        workers: int = ...,
-    ) -> NDArray[np.object_]: ...  # fmt: skip
-    @overload
-    def evaluate(
-        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, nu: Order = ...,
+    def evaluate(  # type: ignore[overload-overlap]  # an empty list is of either: floats
+        self, face: ArrayLike, u: Plain, v: Plain, *, nu: Order = ...,
         channel: str | None = ..., workers: int = ...,
     ) -> Floats: ...  # fmt: skip
+    @overload
+    def evaluate(
+        self, face: ArrayLike, u: Exact, v: Numbers, *, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> Fractions: ...  # fmt: skip
+    @overload
+    def evaluate(
+        self, face: ArrayLike, u: Numbers, v: Exact, *, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> Fractions: ...  # fmt: skip
+    @overload
+    def evaluate(
+        self, face: ArrayLike, u: Numbers, v: Numbers, *, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> Array: ...  # fmt: skip
     def evaluate(
         self,
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         nu: Order = _POSITION[0],
         channel: str | None = None,
         workers: int = 1,
@@ -343,8 +348,9 @@ class LimitSurface:
         -------
         ndarray
             Shape ``broadcast(face, u, v).shape + points.shape[1:]``; with `channel`, of its values
-            instead of the points. See the class for the scaling of derivatives, and for NaN and
-            infinity.
+            instead of the points. float64, or Fractions if u, v or the points are exact, which of
+            points a type checker cannot know. See the class for the scaling of derivatives, and
+            for NaN and infinity.
 
         Raises
         ------
@@ -374,15 +380,36 @@ class LimitSurface:
         (found,) = surface._answers.engine(request, orders).derivatives(request, orders)
         return found.reshape(request.face.shape + surface._mesh.points.shape[1:])[()]
 
+    @overload
+    def jet(  # type: ignore[overload-overlap]
+        self, face: ArrayLike, u: Plain, v: Plain, *, order: int = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> dict[Order, Floats]: ...  # fmt: skip
+    @overload
+    def jet(
+        self, face: ArrayLike, u: Exact, v: Numbers, *, order: int = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> dict[Order, Fractions]: ...  # fmt: skip
+    @overload
+    def jet(
+        self, face: ArrayLike, u: Numbers, v: Exact, *, order: int = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> dict[Order, Fractions]: ...  # fmt: skip
+    @overload
+    def jet(
+        self, face: ArrayLike, u: Numbers, v: Numbers, *, order: int = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> dict[Order, Array]: ...  # fmt: skip
     def jet(
         self,
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         order: int = 2,
         channel: str | None = None,
         workers: int = 1,
-    ) -> dict[Order, Floats]:
+    ) -> Any:
         """All derivatives up to a total order in one pass, as {(i, j): array}.
 
         Arguments, shapes and errors are those of `evaluate`; (0, 0) is the position. Derivatives
@@ -407,8 +434,7 @@ class LimitSurface:
             )
         if lazy.is_lazy(face, u, v):
             options = {"order": order, "channel": channel, "workers": workers}
-            lazily: dict[Order, Any] = lazy.mapped(self, "jet", face, u, v, **options)
-            return lazily
+            return lazy.mapped(self, "jet", face, u, v, **options)
         surface = self.of_channel(channel)
         orders = [(m - j, j) for m in range(order + 1) for j in range(m + 1)]
         within = [_order(nu) for nu in orders]
@@ -422,6 +448,7 @@ class LimitSurface:
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         channel: str | None = None,
         workers: int = 1,
     ) -> tuple[Floats, Floats]:
@@ -471,6 +498,7 @@ class LimitSurface:
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         workers: int = 1,
         channel: str | None = None,
     ) -> Floats:
@@ -520,6 +548,7 @@ class LimitSurface:
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         workers: int = 1,
         channel: str | None = None,
     ) -> Curvature:
@@ -575,24 +604,30 @@ class LimitSurface:
 
     @overload
     def weights(
-        self, face: ArrayLike, u: Exact, v: Numbers, nu: Order = ..., workers: int = ...,
-        channel: str | None = ...,
-    ) -> ExactOperator: ...  # fmt: skip
-    @overload
-    def weights(
-        self, face: ArrayLike, u: Numbers, v: Exact, nu: Order = ..., workers: int = ...,
-        channel: str | None = ...,
-    ) -> ExactOperator: ...  # fmt: skip
-    @overload
-    def weights(
-        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, nu: Order = ..., workers: int = ...,
-        channel: str | None = ...,
+        self, face: ArrayLike, u: Plain, v: Plain, *, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
     ) -> csr_array[Any]: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Exact, v: Numbers, *, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> ExactOperator: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Numbers, v: Exact, *, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> ExactOperator: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Numbers, v: Numbers, *, nu: Order = ...,
+        channel: str | None = ..., workers: int = ...,
+    ) -> csr_array[Any] | ExactOperator: ...  # fmt: skip
     def weights(
         self,
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
+        *,
         nu: Order = (0, 0),
         workers: int = 1,
         channel: str | None = None,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import _kernels
-from limitsurf.mesh import Mesh, read_only
+from limitsurf.mesh import IntArray, Mesh, read_only
 from limitsurf.scheme.lattice import Lattice
 
 Array = NDArray[Any]
@@ -127,6 +127,12 @@ def without_points(mesh: Mesh) -> Mesh:
     """The faces of a mesh alone, which keep no points alive."""
     nowhere = np.broadcast_to(0.0, mesh.n_vertices)
     return Mesh._from_valid(nowhere, mesh.sizes, mesh.indices, mesh._connectivity)
+
+
+def vertex_numbers(mesh: Mesh) -> Array:
+    """What the vertices are called in messages: of a part, as in the whole."""
+    named = mesh.points.dtype == np.int64  # the points of a cage are no integers
+    return mesh.points if named else np.arange(mesh.n_vertices)
 
 
 def quad_offsets(mesh: Mesh) -> Array:
@@ -312,7 +318,7 @@ class MeshPart:
     Attributes
     ----------
     mesh : Mesh
-        Its points are `vertices`.
+        Its points are the `vertex_numbers` of its vertices.
     wanted : (n_corners of the whole,) bool
         The corners whose faces they are.
     faces, corners, vertices : int arrays, ascending
@@ -351,7 +357,7 @@ class MeshPart:
             known |= _part_edges(mesh, corners, indices)
         if mesh._of_quads:
             known["_steps"] = mesh._steps
-        part = Mesh._from_valid(vertices, mesh.sizes[faces], indices, known)
+        part = Mesh._from_valid(vertex_numbers(mesh)[vertices], mesh.sizes[faces], indices, known)
         return cls(part, wanted, faces, corners, vertices)
 
 
@@ -374,7 +380,7 @@ def _part_edges(mesh: Mesh, corners: Array, indices: Array) -> dict[str, Any]:
     return {"twin": twin, "_parallel": True, "_edge_table": table}
 
 
-def first_limit_face(mesh: Mesh, lattice: Lattice) -> Array:
+def first_limit_face(mesh: Mesh, lattice: Lattice) -> IntArray:
     """First limit face of each face and, last, their number, (n_faces + 1,)."""
     if all_regular(mesh, lattice):
         return np.arange(mesh.n_faces + 1)
@@ -398,9 +404,9 @@ class LimitFaces:
         First limit face of each face.
     """
 
-    face: Array
-    corner: Array
-    first: Array
+    face: IntArray
+    corner: IntArray
+    first: IntArray
 
     @classmethod
     def of(cls, mesh: Mesh, lattice: Lattice) -> LimitFaces:

@@ -60,7 +60,7 @@ def largest_errors(valence: int, halvings: int, samples: int) -> dict[str, float
         far, near = 0.5 + rng.random() / 2, rng.random()
         u, v = (far, near) if rng.random() < 0.5 else (near, far)
         u, v = u * 2.0**-halvings, v * 2.0**-halvings
-        truth = {nu: exact.evaluate(face, Fraction(u), Fraction(v), nu) for nu in ORDERS}
+        truth = {nu: exact.evaluate(face, Fraction(u), Fraction(v), nu=nu) for nu in ORDERS}
         found = surface.jet(face, u, v, order=2)
         error = {
             nu: max(abs(float(Fraction(a) - b)) for a, b in zip(found[nu], truth[nu], strict=True))

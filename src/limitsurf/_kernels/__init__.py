@@ -44,7 +44,7 @@ def compiled(items: int) -> bool:
 
 
 def pays(items: int) -> bool:
-    """The same, without loading them."""
+    """Whether a call of this size is large enough for kernels, without loading them."""
     return _always or items >= _PAYS
 
 

@@ -49,7 +49,7 @@ def kernel(function: F) -> F:
 
 
 def lean(function: F) -> F:
-    """The same for a kernel that allocates nothing: callers bring room to work in."""
+    """Compile, as `kernel` does, what allocates nothing: callers bring room to work in."""
     return _cached(function, _LEAN)
 
 

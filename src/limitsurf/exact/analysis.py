@@ -18,35 +18,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import lru_cache
-from math import comb
+from itertools import pairwise
+from math import comb, lcm
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.caching import cached_property
 from limitsurf.exact.fixed import EQUAL, diverging, mp, to_mpf
 from limitsurf.exact.matrices import subdivision_matrix
 from limitsurf.exact.ring import centre_mask
 from limitsurf.exact.sectors import folded, mirrored
-from limitsurf.exact.wide import Weights, dart_factor, wide_dart_values
+from limitsurf.exact.wide import MOST_FACES, Weights, dart_factor, wide_dart_values
+from limitsurf.scheme.lattice import Lattice, Place
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 
 Array = NDArray[Any]
 
 _FLOAT = 1e-6  # eigenvalues in float64 are right to this, if there are no worse than double ones
-_MOST_DENSE = 64  # faces of darts whose matrix is solved as it is
 _STEPS = 30  # of a secant, which converges in ten but at double zeros
 _HALVINGS = 12  # of a piece on which the sign of a minor is sought
-# of a polynomial of degree 5: ten times the Bernstein coefficients from those of powers
-_BERNSTEIN = np.array(
-    [[10 * comb(i, k) // comb(5, k) for k in range(6)] for i in range(6)], dtype=object
-)
-# 32 times the Bernstein coefficients on either half
-_HALVES = [
-    np.array([[comb(i, k) << (5 - i) if k <= i else 0 for k in range(6)] for i in range(6)], object)
-]
-_HALVES.append(_HALVES[0][::-1, ::-1])
 
 
 # --- limits ---------------------------------------------------------------------------------------
@@ -54,8 +47,6 @@ _HALVES.append(_HALVES[0][::-1, ::-1])
 
 def check_convergence(scheme: Scheme, kind: str, faces: int) -> None:
     """Raise `UnsupportedSpectrum` where the masks around a special corner have no limit."""
-    if not scheme.lattice.face_points:  # their whole spectrum is looked at
-        return
     if kind == "interior":
         centre_mask(faces, Weights.of(scheme, faces, exact=True).centre(faces))
     elif kind == "dart":
@@ -78,7 +69,7 @@ def slow_dart_values(
 
     Found in float64, refined, and each with a bound of its error.
     """
-    if faces > _MOST_DENSE:
+    if faces > MOST_FACES:
         values = wide_dart_values(weights, faces)
     else:
         matrix = subdivision_matrix(scheme, scheme.sector("dart", faces))
@@ -146,78 +137,155 @@ def leading_pair(
     return ((first, second) if alone and positive else ()), without
 
 
-def orientation(functions: Array, closed: bool, turns: int) -> int:
+def orientation(scheme: Scheme, functions: Array, closed: bool, turns: int) -> int:
     """The sign of the minor of two eigenfunctions that are regular around a vertex, else 0.
 
     Parameters
     ----------
-    functions : (F, 3, 16, 2 or 4) of int
-        Power coefficients ``4 j + i`` on the pieces of faces; if there are four, the last
+    scheme : whose pieces these are
+    functions : (F, pieces, monomials, 2 or 4) of int
+        Coefficients on the pieces of faces, as in `Spline.exponents`; if there are four, the last
         two are those of the modes themselves, of which the first two have the ends of chains.
     closed : whether the faces surround the vertex
     turns : how many faces are like each of these
     """
-    net = minor(functions[..., 0], functions[..., 1])
+    form = _minors(scheme.lattice, scheme.spline.exponents)
+    net = form.minor(functions[..., 0], functions[..., 1])
     middle = net[0, 1].sum()
     sign = (middle > 0) - (middle < 0)
     net = sign * net
     noise = int(mp.mpf(int(np.abs(net).max())) * EQUAL)
     net[np.abs(net) <= noise] = 0
-    second = sign * minor(functions[..., 2], functions[..., 3]) if functions.shape[-1] > 2 else None
+    second = None
+    if functions.shape[-1] > 2:
+        second = sign * form.minor(functions[..., 2], functions[..., 3])
     for face, piece in np.ndindex(net.shape[:2]):
         here = net[face, piece]
-        beside = second is not None and _beside_zero(here, second[face, piece], noise)
-        if not beside and not _positive(here, noise, _HALVINGS):
+        beside = second is not None and form.is_beside_zero(here, second[face, piece], noise)
+        if not beside and not form.is_positive(here, noise, _HALVINGS):
             return 0
-    return sign if not closed or abs(_angle(functions) * turns - sign) < 0.25 else 0
+    return sign if not closed or abs(form.angle(functions) * turns - sign) < 0.25 else 0
 
 
-def minor(f: Array, g: Array) -> Array:
-    """Bernstein coefficients of ``f_S g_T - f_T g_S``, times 100: (..., 6, 6) from (..., 16)."""
-    f, g = (x.reshape(*x.shape[:-1], 4, 4) for x in (f, g))
-    power = np.zeros((*f.shape[:-2], 6, 6), dtype=f.dtype)
-    for a in range(4):
-        for b in range(4):
-            for c in range(4):
-                for d in range(4):
-                    # S^b T^a and S^d T^c
-                    weight = b * c - a * d
-                    if weight:
-                        power[..., a + c - 1, b + d - 1] += weight * f[..., a, b] * g[..., c, d]
-    change = _BERNSTEIN.astype(f.dtype)
-    return np.asarray(change @ power @ change.T)
+@lru_cache(maxsize=8)
+def _minors(lattice: Lattice, exponents: tuple[Place, ...]) -> Minors:
+    return Minors(lattice, exponents)
 
 
-def _positive(net: Array, noise: int, halvings: int) -> bool:
-    """Whether a polynomial is positive on a piece, from its Bernstein coefficients (6, 6)."""
-    if (net > noise).all():
-        return True
-    if halvings == 0 or (net[[0, 0, -1, -1], [0, -1, 0, -1]] <= noise).any():
-        return False
-    return all(
-        _positive(across @ net @ along.T, noise << 10, halvings - 1)
-        for across in _HALVES
-        for along in _HALVES
-    )
+class Minors:
+    """Minors ``f_S g_T - f_T g_S`` of functions on a domain, by their Bernstein coefficients.
 
+    These are integers (..., places). A place (i, j) counts steps along the edges, from (0, 0) on;
+    as exponents, places are those of the monomials of the minors too.
+    """
 
-def _beside_zero(net: Array, head: Array, noise: int) -> bool:
-    """Whether a minor is positive but on sides, where it is zero and the lesser one positive."""
-    inside = np.ones((6, 6), dtype=bool)
-    for side in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]):
-        if not net[side].any():
-            inside[side] = False
-    return bool((net[inside] > noise).all() and (inside.all() or (head > noise).all()))
+    def __init__(self, lattice: Lattice, exponents: tuple[Place, ...]) -> None:
+        self._lattice, self._exponents = lattice, exponents
+        # tensor products have a degree in each direction, others one in both
+        self._tensor = lattice.face_size == 4
+        degrees = [max(p) if self._tensor else sum(p) for p in exponents]
+        self.degree = 2 * max(degrees) - (1 if self._tensor else 2)
+        grid = range(self.degree + 1)
+        self.places = [(i, j) for i in grid for j in grid if self._tensor or i + j <= self.degree]
+        self._change = np.array([[self._share(p, q) for q in self.places] for p in self.places])
+        self._change = self._change.astype(object)
+        # of the corners, and of all places on each side
+        i, j = self.degree * np.array(lattice.corners).T
+        self._corners = [self.places.index(corner) for corner in zip(i, j, strict=True)]
+        i, j = np.array(self.places).T
+        self._sides = [a * self.degree + b * i + c * j == 0 for a, b, c in lattice.edges]
 
+    def _whole(self, powers: Place) -> int:
+        """The factor of a monomial in the Bernstein polynomial of the same exponents."""
+        i, j = powers
+        return comb(self.degree, i) * comb(self.degree - (0 if self._tensor else i), j)
 
-def _angle(functions: Array) -> float:
-    """The angle that two functions sweep on faces from side to side, in whole turns."""
-    powers = [(1, 0), (1, 1), (0, 1)]  # S and T at the far corners of the three pieces
-    weights = np.array([[S**i * T**j for j in range(4) for i in range(4)] for S, T in powers])
-    size = int(np.abs(functions).max())
-    parts = (functions[..., :2] / size).astype(float)
-    x, y = np.einsum("pc,fpcd->dfp", weights, parts)
-    place = x + 1j * y  # (F, 3)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turn = np.angle(place[:, 1:] / place[:, :-1])
-    return float(turn.sum() / (2 * np.pi))  # NaN where both are 0
+    def _share(self, place: Place, powers: Place) -> int:
+        """The Bernstein coefficient at a place of a monomial, times `_unit`."""
+        (a, b), (i, j) = place, powers
+        return comb(a, i) * comb(b, j) * (self._unit // self._whole(powers))
+
+    @cached_property
+    def _unit(self) -> int:
+        return lcm(*map(self._whole, self.places))
+
+    @cached_property
+    def _halves(self) -> list[Array]:
+        """Coefficients on each child from those on the domain, times `_scale`."""
+        # monomials from Bernstein coefficients, by differences
+        inverse = [
+            [
+                self._whole((i, j)) * (-1) ** (i + j + a + b) * comb(i, a) * comb(j, b)
+                for a, b in self.places
+            ]
+            for i, j in self.places
+        ]
+        top = 2 * self.degree
+        halves = []
+        for child in self._lattice.children:
+            # S = (x + side s) / 2, T = (y + side t) / 2, times 2^top
+            (x, y), side = child.origin, -1 if child.turned else 1
+            moved = [
+                [
+                    comb(i, a) * x ** max(i - a, 0) * comb(j, b) * y ** max(j - b, 0)
+                    * side ** (a + b) << (top - i - j)
+                    for i, j in self.places
+                ]
+                for a, b in self.places
+            ]  # fmt: skip
+            whole = self._change @ np.array(moved, object) @ np.array(inverse, object)
+            halves.append(whole * self._scale // (self._unit << top))
+        return halves
+
+    @property
+    def _scale(self) -> int:
+        # means of two in each step of de Casteljau's scheme
+        return 1 << self.degree * (2 if self._tensor else 1)
+
+    def minor(self, f: Array, g: Array) -> Array:
+        """Coefficients, times a number, of the minor of functions (..., monomials)."""
+        power = np.zeros((*f.shape[:-1], len(self.places)), dtype=f.dtype)
+        at = {place: k for k, place in enumerate(self.places)}
+        for p, (a, b) in enumerate(self._exponents):
+            for q, (c, d) in enumerate(self._exponents):
+                if weight := a * d - b * c:
+                    power[..., at[a + c - 1, b + d - 1]] += weight * f[..., p] * g[..., q]
+        return np.asarray(power @ self._change.astype(f.dtype).T)
+
+    def is_positive(self, net: Array, noise: int, halvings: int) -> bool:
+        """Whether a polynomial is positive on a piece, of coefficients (places,)."""
+        if (net > noise).all():
+            return True
+        if halvings == 0 or (net[self._corners] <= noise).any():
+            return False
+        return all(
+            self.is_positive(half @ net, noise * self._scale, halvings - 1) for half in self._halves
+        )
+
+    def is_beside_zero(self, net: Array, head: Array, noise: int) -> bool:
+        """Whether a minor is positive but on sides where it is 0, and there the lesser one is."""
+        inside = np.ones(len(net), dtype=bool)
+        for side in self._sides:
+            if not net[side].any():
+                inside[side] = False
+        return bool((net[inside] > noise).all() and (inside.all() or (head > noise).all()))
+
+    def angle(self, functions: Array) -> float:
+        """The angle that two functions sweep on faces from side to side, in whole turns."""
+        origins = [piece.origin for piece in self._lattice.pieces]
+        # along the far sides: corners of the face, and the middles between them
+        ends = self._lattice.corners[1:]
+        path = [(corner, at) for corner, after in pairwise(ends) for at in (corner, after)]
+        path.append((ends[-1], ends[-1]))
+        exponents = np.array(self._exponents)
+        size = int(np.abs(functions).max())
+        parts = (functions[..., :2] / size).astype(float)  # (F, pieces, monomials, 2)
+        places = []
+        for corner, at in path:
+            powers = np.prod(np.power(at, exponents), axis=1)
+            x, y = np.einsum("c,fcd->df", powers, parts[:, origins.index(corner)])
+            places.append(x + 1j * y)
+        place = np.array(places)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turn = np.angle(place[1:] / place[:-1])
+        return float(turn.sum() / (2 * np.pi))  # NaN where both are 0

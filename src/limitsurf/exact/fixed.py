@@ -1,11 +1,13 @@
-"""Numbers for spectra: integers in units of 2**-BITS, and exact rational elimination.
+"""Numbers for spectra: integers in units of 2**-bits, and exact rational elimination.
 
-About 96 digits: deterministic on every machine, and fast enough that valence 360 takes seconds.
+By default of 320 bits, about 96 digits: deterministic on every machine, and fast enough that
+valence 360 takes seconds.
 """
 
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import lru_cache
 from math import lcm
 from typing import Any
 
@@ -13,12 +15,7 @@ import mpmath
 import numpy as np
 from mpmath.libmp import to_fixed as fixed_point
 
-BITS = 320
-# a context of our own: the precision of mpmath.mp belongs to the user, in all threads at once
-mp = mpmath.MPContext()
-mp.prec = BITS + 64
-# Two computed eigenvalues, or a numerator and zero, that agree to this are equal: 60 of 96 digits
-EQUAL = mp.mpf(10) ** -60
+BITS = 320  # of numbers of which nothing else is said
 
 Fixed = np.ndarray[Any, np.dtype[np.object_]]
 
@@ -70,44 +67,78 @@ def reduced(matrix: list[list[Fraction]]) -> list[list[Fraction]]:
     return rows
 
 
-def to_mpf(x: Any) -> Any:
-    """A Fraction, or an algebraic number of sympy, to all digits of `mp`."""
-    if isinstance(x, Fraction):
-        return mp.mpf(x.numerator) / x.denominator
-    return mp.mpf(x.evalf(mp.dps + 10)._mpf_)
+class Precision:
+    """How exact numbers are that are not rational, and what is computed with them.
 
+    Attributes
+    ----------
+    bits : int
+        Fixed numbers are integers in units of ``2**-bits``.
+    mp : MPContext
+        For numbers with an exponent, of 64 more bits. One of our own: the precision of `mpmath.mp`
+        belongs to the user, in all threads at once.
+    equal : mpf
+        Two computed eigenvalues, or a numerator and zero, that agree to this are equal: to 60
+        digits of 96. Derived in ``derivations/analysis.py``, section 5.
+    """
 
-def to_fixed(values: Any) -> Fixed:
-    """Integers nearest below the values, in units of 2**-BITS, in an object array."""
+    def __init__(self, bits: int) -> None:
+        self.bits = bits
+        self.mp = mpmath.MPContext()
+        self.mp.prec = bits + 64
+        self.equal = self.mp.mpf(10) ** -(bits * 3 // 16)
 
-    def one(x: Any) -> int:
+    @staticmethod
+    @lru_cache(maxsize=16)
+    def of(bits: int) -> Precision:
+        """The one of so many bits."""
+        return Precision(bits)
+
+    def to_mpf(self, x: Any) -> Any:
+        """A Fraction, or an algebraic number of sympy, to all digits of `mp`."""
         if isinstance(x, Fraction):
-            return (x.numerator << BITS) // x.denominator
-        x = to_mpf(x) if hasattr(x, "evalf") else mp.mpf(x)
-        return int(fixed_point(x._mpf_, BITS))
+            return self.mp.mpf(x.numerator) / x.denominator
+        return self.mp.mpf(x.evalf(self.mp.dps + 10)._mpf_)
 
-    array = np.array(values, dtype=object)
-    flat = [one(x) for x in array.ravel()]
-    result = np.empty(len(flat), dtype=object)
-    result[:] = flat
-    return np.asarray(result.reshape(array.shape))
+    def to_fixed(self, values: Any) -> Fixed:
+        """Integers nearest below the values, in an object array."""
+        bits = self.bits
+
+        def one(x: Any) -> int:
+            if isinstance(x, Fraction):
+                return (x.numerator << bits) // x.denominator
+            x = self.to_mpf(x) if hasattr(x, "evalf") else self.mp.mpf(x)
+            return int(fixed_point(x._mpf_, bits))
+
+        array = np.array(values, dtype=object)
+        flat = [one(x) for x in array.ravel()]
+        result = np.empty(len(flat), dtype=object)
+        result[:] = flat
+        return np.asarray(result.reshape(array.shape))
+
+    def product(self, left: Fixed, right: Fixed) -> Fixed:
+        """The product of two matrices."""
+        return np.asarray(left.dot(right) >> self.bits)
+
+    def combine(self, row: dict[int, Any], vectors: dict[int, Fixed], length: int) -> Fixed:
+        """Sparse row times those vectors that there are, (length,); rational terms exactly."""
+        items = [(k, w) for k, w in row.items() if k in vectors]
+        known = [(k, w) for k, w in items if isinstance(w, Fraction)]
+        scale = lcm(*(w.denominator for _, w in known))
+        total = np.zeros(length, dtype=object)
+        for k, w in known:
+            total += int(w * scale) * vectors[k]
+        total = total // scale
+        for k, w in items if len(known) < len(items) else ():
+            if not isinstance(w, Fraction):
+                total += vectors[k] * self.to_fixed([w])[0] >> self.bits
+        return np.asarray(total)
+
+    def is_noise(self, x: int) -> bool:
+        """Whether nothing but rounding can be left of a number: less than half of its digits."""
+        return abs(x) >> (self.bits // 2) == 0
 
 
-def product(left: Fixed, right: Fixed) -> Fixed:
-    """The product of two matrices."""
-    return np.asarray(left.dot(right) >> BITS)
-
-
-def combine(row: dict[int, Any], vectors: dict[int, Fixed], length: int) -> Fixed:
-    """Sparse row times those vectors that there are, (length,); sums of rational terms exactly."""
-    items = [(k, w) for k, w in row.items() if k in vectors]
-    known = [(k, w) for k, w in items if isinstance(w, Fraction)]
-    scale = lcm(*(w.denominator for _, w in known))
-    total = np.zeros(length, dtype=object)
-    for k, w in known:
-        total += int(w * scale) * vectors[k]
-    total = total // scale
-    for k, w in items if len(known) < len(items) else ():
-        if not isinstance(w, Fraction):
-            total += vectors[k] * to_fixed([w])[0] >> BITS
-    return np.asarray(total)
+STANDARD = Precision.of(BITS)
+mp, EQUAL, to_mpf, to_fixed = STANDARD.mp, STANDARD.equal, STANDARD.to_mpf, STANDARD.to_fixed
+product = STANDARD.product

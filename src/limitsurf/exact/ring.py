@@ -18,14 +18,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from limitsurf.exact.fixed import (
-    BITS,
-    EQUAL,
+    STANDARD,
     Fixed,
+    Precision,
     UnsupportedSpectrum,
     diverging,
     mp,
     null_space,
-    to_fixed,
     to_mpf,
 )
 from limitsurf.exact.matrices import SubdivisionMatrix
@@ -100,7 +99,7 @@ def _check_convergence(valence: int, block: Block) -> None:
         raise diverging(f"interior valence {valence}", valence, max(roots, key=abs))
 
 
-def limit_mask(matrix: SubdivisionMatrix) -> tuple[Any, ...]:
+def smooth_limit(matrix: SubdivisionMatrix) -> tuple[Any, ...]:
     """Weights of the vertex, of each edge neighbour and face corner in the limit position.
 
     The left eigenvector of eigenvalue 1, as exact as the masks (Halstead, Kass and DeRose 1993,
@@ -110,7 +109,10 @@ def limit_mask(matrix: SubdivisionMatrix) -> tuple[Any, ...]:
 
 
 def centre_mask(faces: int, block: Block) -> tuple[Any, ...]:
-    """The same from the block of frequency 0 of so many faces."""
+    """Weights of a vertex, each edge neighbour and face corner in its limit: `smooth_limit`.
+
+    From the block of frequency 0 of so many faces.
+    """
     _check_convergence(faces, block)
     size = len(block)
     shifted = [[x - int(i == j) for j, x in enumerate(row)] for i, row in enumerate(block)]
@@ -121,31 +123,33 @@ def centre_mask(faces: int, block: Block) -> tuple[Any, ...]:
     return tuple(x if isinstance(x, Fraction) else x.radsimp() for x in weights)
 
 
-def ring_modes(matrix: SubdivisionMatrix) -> list[Mode]:
+def ring_modes(matrix: SubdivisionMatrix, at: Precision = STANDARD) -> list[Mode]:
     """All eigenvectors of the ring."""
     sector = matrix.sector
-    return _centre_modes(matrix) + wave_modes(
-        ring_generators(matrix), sector.faces, sector.lattice.orbits
+    return _centre_modes(matrix, at) + wave_modes(
+        ring_generators(matrix), sector.faces, sector.lattice.orbits, at
     )
 
 
-def wave_modes(generators: Generators, n: int, orbits: tuple[int, ...]) -> list[Mode]:
+def wave_modes(
+    generators: Generators, n: int, orbits: tuple[int, ...], at: Precision = STANDARD
+) -> list[Mode]:
     """The eigenvectors of positive frequency of a ring of n faces, by frequency."""
     modes = []
     for frequency in range(1, n // 2 + 1):
-        angle = mp.mpf(2 * frequency) / n  # in units of pi
+        angle = at.mp.mpf(2 * frequency) / n  # in units of pi
 
         def entry(a: int, b: int, angle: Any = angle) -> Any:
             offset = Fraction(orbits[b] - orbits[a], 2)
-            return mp.fsum(
-                to_mpf(w) * mp.cospi(angle * to_mpf(shift + offset))
+            return at.mp.fsum(
+                at.to_mpf(w) * at.mp.cospi(angle * at.to_mpf(shift + offset))
                 for shift, w in generators[a, b].items()
             )
 
         block = [[entry(a, b) for b in range(len(orbits))] for a in range(len(orbits))]
         if 2 * frequency == n:
             # every face corner lies on a node of the sine, every edge neighbour of the cosine
-            norm = mp.mpf(1) / n
+            norm = at.mp.mpf(1) / n
             for parity, orbit in ((0, 1), (1, 0)):
                 if orbit < len(orbits):
                     profile = [int(k == 1 + orbit) for k in range(1 + len(orbits))]
@@ -153,20 +157,22 @@ def wave_modes(generators: Generators, n: int, orbits: tuple[int, ...]) -> list[
                     mode = Mode(frequency, parity, block[orbit][orbit], tuple(profile), left)
                     modes.append(mode)
             continue
-        for eigenvalue, right, left in _block_basis(block, mp.mpf(2) / n):
+        for eigenvalue, right, left in _block_basis(block, at.mp.mpf(2) / n, at):
             modes += [Mode(frequency, parity, eigenvalue, right, left) for parity in (0, 1)]
     return modes
 
 
-def _block_basis(block: Block, norm: Any) -> list[tuple[Any, tuple[Any, ...], tuple[Any, ...]]]:
+def _block_basis(
+    block: Block, norm: Any, at: Precision
+) -> list[tuple[Any, tuple[Any, ...], tuple[Any, ...]]]:
     """Eigenvalues of a block of positive frequency, right and left profiles."""
     if len(block) == 1:
-        return [(block[0][0], (0, mp.mpf(1)), (0, norm))]
+        return [(block[0][0], (0, at.mp.mpf(1)), (0, norm))]
     (ee, ef), (fe, ff) = block
     square = (ee - ff) ** 2 + 4 * ef * fe
-    root = mp.sqrt(square)
+    root = at.mp.sqrt(square)
     high, low = (ee + ff + root) / 2, (ee + ff - root) / 2
-    right = [((x - ff) / fe, mp.mpf(1)) for x in (high, low)]
+    right = [((x - ff) / fe, at.mp.mpf(1)) for x in (high, low)]
     determinant = right[0][0] * right[1][1] - right[1][0] * right[0][1]
     norm = norm / determinant
     left = (
@@ -179,7 +185,7 @@ def _block_basis(block: Block, norm: Any) -> list[tuple[Any, tuple[Any, ...], tu
     ]
 
 
-def _centre_modes(matrix: SubdivisionMatrix) -> list[Mode]:
+def _centre_modes(matrix: SubdivisionMatrix, at: Precision) -> list[Mode]:
     """The eigenvectors of frequency 0: eigenvalue 1 and the roots of an exact polynomial."""
     block, n = centre_block(matrix), matrix.sector.faces
     _check_convergence(n, block)
@@ -188,18 +194,18 @@ def _centre_modes(matrix: SubdivisionMatrix) -> list[Mode]:
     square = trace * trace - 4 * determinant
     if size == 3 and square <= 0:
         raise UnsupportedSpectrum(f"frequency 0 of valence {n} has no real eigenbasis")
-    root = mp.sqrt(to_mpf(square))
+    root = at.mp.sqrt(at.to_mpf(square))
     # the larger root first, the other through the product: exactly zero where it is zero
-    large = (to_mpf(trace) + (root if trace >= 0 else -root)) / 2
-    values = [large] if size == 2 else [large, to_mpf(determinant) / large]
-    values = [mp.mpf(1), *sorted(values, reverse=True)]
-    rounded = [[to_mpf(x) for x in row] for row in block]
+    large = (at.to_mpf(trace) + (root if trace >= 0 else -root)) / 2
+    values = [large] if size == 2 else [large, at.to_mpf(determinant) / large]
+    values = [at.mp.mpf(1), *sorted(values, reverse=True)]
+    rounded = [[at.to_mpf(x) for x in row] for row in block]
     columns = []
     for value in values:
         # the row of the vertex depends on the others
         rows = [[x - value * (i == j) for j, x in enumerate(r)] for i, r in enumerate(rounded)]
         vector = [cofactor(rows, 0, j) for j in range(size)]
-        scale = vector[-1] if abs(vector[-1]) > EQUAL else max(vector, key=abs)
+        scale = vector[-1] if abs(vector[-1]) > at.equal else max(vector, key=abs)
         columns.append([x / scale for x in vector])
     right = [list(row) for row in zip(*columns, strict=True)]
     whole = sum(right[0][j] * cofactor(right, 0, j) for j in range(size))
@@ -241,31 +247,37 @@ def centre_quadratic(block: Block) -> tuple[Any, Any]:
 
 
 def ring_rows(
-    modes: list[Mode], n: int, orbits: tuple[int, ...], profile: str, rows: Sequence[int]
+    modes: list[Mode],
+    n: int,
+    orbits: tuple[int, ...],
+    profile: str,
+    rows: Sequence[int],
+    at: Precision = STANDARD,
 ) -> dict[int, Fixed]:
     """Values of all modes at some points of the ring: {point: (modes,)}."""
     frequency = np.array([mode.frequency for mode in modes])
     parity = np.array([mode.parity for mode in modes], dtype=bool)
-    turn = [mp.mpf(k) / n for k in range(2 * n)]
-    cosine, sine = to_fixed([*map(mp.cospi, turn)]), to_fixed([*map(mp.sinpi, turn)])
-    profiles = to_fixed([getattr(mode, profile) for mode in modes])
+    turn = [at.mp.mpf(k) / n for k in range(2 * n)]
+    cosine, sine = at.to_fixed([*map(at.mp.cospi, turn)]), at.to_fixed([*map(at.mp.sinpi, turn)])
+    profiles = at.to_fixed([getattr(mode, profile) for mode in modes])
     result = {}
     for row in rows:
         # angle in units of pi / N per frequency
         face, orbit = divmod(row - 1, len(orbits)) if row else (0, -1)
         turns = (2 * face + orbits[orbit] if row else 0) * frequency % (2 * n)
         wave = np.where(parity, sine[turns], cosine[turns])
-        result[row] = wave * profiles[:, 1 + orbit] >> BITS
+        result[row] = wave * profiles[:, 1 + orbit] >> at.bits
     return result
 
 
 @dataclass(frozen=True, eq=False)
-class FourierRing:
+class FourierModes:
     """The eigenbasis of the ring of a smooth or conical vertex."""
 
     modes: list[Mode]
     faces: int
     orbits: tuple[int, ...]
+    at: Precision = STANDARD
 
     @property
     def values(self) -> list[Any]:
@@ -281,15 +293,16 @@ class FourierRing:
 
     def right_rows(self, points: Sequence[int]) -> dict[int, Fixed]:
         """Values of all eigenvectors at some points of the ring: {point: (modes,)}."""
-        return ring_rows(self.modes, self.faces, self.orbits, "right", points)
+        return ring_rows(self.modes, self.faces, self.orbits, "right", points, self.at)
 
     def left(self) -> Fixed:
         """Left eigenvectors as rows, (ring, ring)."""
         every = range(len(self.orbits) * self.faces + 1)
-        rows = ring_rows(self.modes, self.faces, self.orbits, "left", every)
+        rows = ring_rows(self.modes, self.faces, self.orbits, "left", every, self.at)
         return np.stack([rows[k] for k in every], axis=1)
 
 
-def fourier_ring(matrix: SubdivisionMatrix) -> FourierRing:
+def fourier_ring(matrix: SubdivisionMatrix, at: Precision = STANDARD) -> FourierModes:
     """The ring of a matrix of kind "interior" or "cone"."""
-    return FourierRing(ring_modes(matrix), matrix.sector.faces, matrix.sector.lattice.orbits)
+    sector = matrix.sector
+    return FourierModes(ring_modes(matrix, at), sector.faces, sector.lattice.orbits, at)

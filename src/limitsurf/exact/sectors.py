@@ -27,17 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from limitsurf.exact.fixed import (
-    BITS,
-    EQUAL,
-    Fixed,
-    UnsupportedSpectrum,
-    mp,
-    product,
-    reduced,
-    to_fixed,
-    to_mpf,
-)
+from limitsurf.exact.fixed import Fixed, Precision, UnsupportedSpectrum, reduced
 from limitsurf.exact.matrices import SubdivisionMatrix, subdivision_matrix
 from limitsurf.exact.ring import (
     boundary_limit_mask,
@@ -52,7 +42,7 @@ from limitsurf.scheme.sector import Sector
 
 
 @dataclass(frozen=True, eq=False)
-class DenseRing:
+class DenseModes:
     """The eigenbasis of a ring as matrices.
 
     Attributes
@@ -83,10 +73,10 @@ class DenseRing:
         return self.inverse
 
 
-def open_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseRing:
+def open_ring(scheme: Scheme, matrix: SubdivisionMatrix, at: Precision) -> DenseModes:
     """The ring of a crease or corner sector."""
     size, faces = matrix.sector.ring, matrix.sector.faces
-    frequencies, waves, right, left = _sines(scheme, 2 * faces, size)
+    frequencies, waves, right, left = _sines(scheme, 2 * faces, size, at)
     left = 2 * left  # sums over the sector are half of those over a ring of twice its faces
     rows = matrix.rows
     curve, inner = [0, 1, size - 1], list(range(2, size - 1))
@@ -96,55 +86,55 @@ def open_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseRing:
     one, zero = Fraction(1), Fraction(0)
     vectors = [[one, one, one], [zero, one, -one], [slope, one, one]]
     values = [Fraction(1), half, own + half - 1]
-    basis = to_fixed([[Fraction(vector[i]) for vector in vectors] for i in range(3)])
+    basis = at.to_fixed([[Fraction(vector[i]) for vector in vectors] for i in range(3)])
     dual = [[Fraction(vector[i]) for vector in vectors] + _unit(i) for i in range(3)]
-    inverse = to_fixed([row[3:] for row in reduced(dual)])
+    inverse = at.to_fixed([row[3:] for row in reduced(dual)])
     # what the curve's eigenvectors bring to the other points, in sine modes
-    brought = to_fixed(
+    brought = at.to_fixed(
         [[sum(rows[p].get(c, 0) * v for c, v in zip(curve, y, strict=True)) for y in vectors]
          for p in inner]
     ).reshape(len(inner), 3)  # fmt: skip
-    coupling = product(left[:, inner], brought)
+    coupling = at.product(left[:, inner], brought)
     heads: dict[int, int] = {}
-    gaps = [[to_mpf(value) - wave for value in values] for wave in waves]
+    gaps = [[at.to_mpf(value) - wave for value in values] for wave in waves]
     for m, row in enumerate(gaps):
-        met = [y for y in (1, 2) if abs(row[y]) < EQUAL and not _is_noise(coupling[m, y])]
+        met = [y for y in (1, 2) if abs(row[y]) < at.equal and not at.is_noise(coupling[m, y])]
         if len(met) > 1:
             raise UnsupportedSpectrum("a Jordan block with two heads")
         for y in met:
             heads[3 + m] = y
             scale = coupling[m, y]
-            right[:, m] = right[:, m] * scale >> BITS
-            left[m] = (left[m] << BITS) // scale
-            coupling[m] = (coupling[m] << BITS) // scale
+            right[:, m] = right[:, m] * scale >> at.bits
+            left[m] = (left[m] << at.bits) // scale
+            coupling[m] = (coupling[m] << at.bits) // scale
     extent = np.zeros_like(coupling)
     extent[:, 0] = left[:, inner].sum(axis=1)
     for m, row in enumerate(gaps):
         for y in (1, 2):
-            if abs(row[y]) > EQUAL:
-                extent[m, y] = (int(coupling[m, y]) << BITS) // int(to_fixed([row[y]])[0])
+            if abs(row[y]) > at.equal:
+                extent[m, y] = (int(coupling[m, y]) << at.bits) // int(at.to_fixed([row[y]])[0])
     full = np.zeros((size, size), dtype=object)
     full[:, 3:] = right
-    full[:, :3] = product(right, extent)
+    full[:, :3] = at.product(right, extent)
     full[curve, :3] = basis
-    full[:, 0] = 1 << BITS
+    full[:, 0] = 1 << at.bits
     dense = np.zeros((size, size), dtype=object)
     dense[3:] = left
     dense[:3, curve] = inverse
-    dense[3:, curve] = -product(extent, inverse)
+    dense[3:, curve] = -at.product(extent, inverse)
     labels = [(0, 0), (0, 1), (0, 2), *((f, k) for k, f in enumerate(frequencies))]
-    return DenseRing([*map(to_mpf, values), *waves], labels, heads, full, dense)
+    return DenseModes([*map(at.to_mpf, values), *waves], labels, heads, full, dense)
 
 
-def dart_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseRing:
+def dart_ring(scheme: Scheme, matrix: SubdivisionMatrix, at: Precision) -> DenseModes:
     """The ring of a dart."""
     size, faces = matrix.sector.ring, matrix.sector.faces
-    frequencies, waves, right, left = _sines(scheme, faces, size)
+    frequencies, waves, right, left = _sines(scheme, faces, size, at)
     alike = mirrored(matrix.sector)
-    values, even, dual = _certified_basis(folded(matrix, alike))
+    values, even, dual = _certified_basis(folded(matrix, alike), at)
     # the first right vector is constant
-    dual[0] = dual[0] * even[0, 0] >> BITS
-    even[:, 0] = 1 << BITS
+    dual[0] = dual[0] * even[0, 0] >> at.bits
+    even[:, 0] = 1 << at.bits
     full = np.zeros((size, size), dtype=object)
     dense = np.zeros((size, size), dtype=object)
     n = len(alike)
@@ -153,10 +143,10 @@ def dart_ring(scheme: Scheme, matrix: SubdivisionMatrix) -> DenseRing:
         full[orbit, :n] = even[k]
         dense[:n, orbit] = (dual[:, k] // len(orbit))[:, None]
     labels = [(0, k) for k in range(n)] + [(f, k) for k, f in enumerate(frequencies)]
-    return DenseRing([*values, *waves], labels, {}, full, dense)
+    return DenseModes([*values, *waves], labels, {}, full, dense)
 
 
-def carried_ring(matrix: SubdivisionMatrix, still: Any) -> DenseRing:
+def carried_ring(matrix: SubdivisionMatrix, still: Any, at: Precision) -> DenseModes:
     """The ring of a pendant or flap, from the eigenbasis `still` of that whose vertex stays."""
     size = matrix.sector.ring
     n = size - 1
@@ -164,8 +154,8 @@ def carried_ring(matrix: SubdivisionMatrix, still: Any) -> DenseRing:
     value, slope, rest = curve_mode(matrix)
     # with v = c + slope t and m = c + t the vector (c, e_0, ...) has modes z with
     # z' = J z + pull t and t' = value t
-    Jordan = to_fixed([mp.re(x) for x in still.values])
-    pull = (Jordan * left[:, 0] >> BITS) - left[:, 0]
+    Jordan = at.to_fixed([at.mp.re(x) for x in still.values])
+    pull = (Jordan * left[:, 0] >> at.bits) - left[:, 0]
     for end, head in still.heads.items():
         pull[end] += left[head, 0]
     pull = pull * slope.numerator // slope.denominator
@@ -176,27 +166,27 @@ def carried_ring(matrix: SubdivisionMatrix, still: Any) -> DenseRing:
     ends = {head: end for end, head in heads.items()}
     for k in sorted(range(n), key=lambda k: k not in ends):
         over = pull[k] + (extent[still.heads[k]] if k in still.heads else 0)
-        gap = to_mpf(value) - still.values[k]
-        if abs(gap) > EQUAL:
-            extent[k] = (int(over) << BITS) // int(to_fixed([gap])[0])
-        elif not _is_noise(over):
+        gap = at.to_mpf(value) - still.values[k]
+        if abs(gap) > at.equal:
+            extent[k] = (int(over) << at.bits) // int(at.to_fixed([gap])[0])
+        elif not at.is_noise(over):
             if k in ends or k in still.heads or n in heads.values():
                 raise UnsupportedSpectrum("a Jordan block of more than two eigenvectors")
             heads[k] = n
-            right[:n, k] = right[:n, k] * over >> BITS
-            left[k] = (left[k] << BITS) // over
+            right[:n, k] = right[:n, k] * over >> at.bits
+            left[k] = (left[k] << at.bits) // over
     inverse = np.zeros((size, size), dtype=object)
     inverse[:n, :n] = left
     # c = v + rest (m - v), t = (m - v) / (1 - slope)
-    apex, turn = left[:, 0].copy(), to_fixed([1 / (1 - slope)])[0]
-    across = (apex * rest.numerator // rest.denominator) - (extent * turn >> BITS)
+    apex, turn = left[:, 0].copy(), at.to_fixed([1 / (1 - slope)])[0]
+    across = (apex * rest.numerator // rest.denominator) - (extent * turn >> at.bits)
     inverse[:n, 0], inverse[:n, n] = apex - across, across
     inverse[n, 0], inverse[n, n] = -turn, turn
     right[n, :n] = right[0, :n]
-    right[:n, n] = product(right[:n, :n], extent)
-    right[0, n], right[n, n] = to_fixed([slope])[0], 1 << BITS
+    right[:n, n] = at.product(right[:n, :n], extent)
+    right[0, n], right[n, n] = at.to_fixed([slope])[0], 1 << at.bits
     labels = [*still.labels, (0, 3)]
-    return DenseRing([*still.values, to_mpf(value)], labels, heads, right, inverse)
+    return DenseModes([*still.values, at.to_mpf(value)], labels, heads, right, inverse)
 
 
 def curve_mode(matrix: SubdivisionMatrix) -> tuple[Fraction, Fraction, Fraction]:
@@ -240,7 +230,9 @@ def smooth_centre(scheme: Scheme, faces: int) -> list[list[Any]]:
     return [first, *block]
 
 
-def _sines(scheme: Scheme, valence: int, size: int) -> tuple[list[int], list[Any], Fixed, Fixed]:
+def _sines(
+    scheme: Scheme, valence: int, size: int, at: Precision
+) -> tuple[list[int], list[Any], Fixed, Fixed]:
     """Sine modes of a smooth ring that are odd about its edge 0.
 
     Frequencies and eigenvalues; values at the first `size` points of the ring, right (size, modes)
@@ -252,11 +244,11 @@ def _sines(scheme: Scheme, valence: int, size: int) -> tuple[list[int], list[Any
     # about the diagonal of face 0
     modes = [
         mode
-        for mode in wave_modes(generators, valence, orbits)
+        for mode in wave_modes(generators, valence, orbits, at)
         if mode.parity == (2 * mode.frequency != valence)
     ]
     frequency = np.array([mode.frequency for mode in modes], dtype=np.int64)
-    sine = to_fixed([mp.sinpi(mp.mpf(k) / valence) for k in range(2 * valence)])
+    sine = at.to_fixed([at.mp.sinpi(at.mp.mpf(k) / valence) for k in range(2 * valence)])
     right = np.zeros((size, len(modes)), dtype=object)
     left = np.zeros((len(modes), size), dtype=object)
     face, orbit = np.divmod(np.arange(size - 1), len(orbits))
@@ -264,7 +256,7 @@ def _sines(scheme: Scheme, valence: int, size: int) -> tuple[list[int], list[Any
     for k, mode in enumerate(modes):
         wave = sine[steps * frequency[k] % (2 * valence)]
         for profile, target in ((mode.right, right[:, k]), (mode.left, left[k])):
-            target[1:] = wave * to_fixed(profile)[1 + orbit] >> BITS
+            target[1:] = wave * at.to_fixed(profile)[1 + orbit] >> at.bits
     return frequency.tolist(), [mode.eigenvalue for mode in modes], right, left
 
 
@@ -288,7 +280,7 @@ def folded(matrix: SubdivisionMatrix, alike: list[list[int]]) -> list[list[Fract
     ]
 
 
-def _certified_basis(matrix: list[list[Fraction]]) -> tuple[list[Any], Fixed, Fixed]:
+def _certified_basis(matrix: list[list[Fraction]], at: Precision) -> tuple[list[Any], Fixed, Fixed]:
     """Eigenvalues, right and left eigenvectors of a rational matrix with simple eigenvalues.
 
     The first is 1. With ``M = X^-1 A X``, ``X (I + F)`` where ``J F - F J`` cancels what ``M`` has
@@ -297,6 +289,7 @@ def _certified_basis(matrix: list[list[Fraction]]) -> tuple[list[Any], Fixed, Fi
     size = len(matrix)
     floats = np.array([[float(x) for x in row] for row in matrix])
     found, vectors = np.linalg.eig(floats)
+    # (a pair that is taken for real values, or the reverse, does not converge below)
     real = np.abs(found.imag) < 1e-9
     order = sorted(np.flatnonzero(real | (found.imag > 0)), key=lambda k: -abs(found[k]))
     start: list[Any] = []
@@ -311,31 +304,31 @@ def _certified_basis(matrix: list[list[Fraction]]) -> tuple[list[Any], Fixed, Fi
     if len(pairs) > 1:
         raise UnsupportedSpectrum("a dart with more than one complex pair of eigenvalues")
     approximate = np.array(start).T
-    X, inverse = to_fixed(approximate.tolist()), to_fixed(np.linalg.inv(approximate).tolist())
-    A, identity = to_fixed(matrix), to_fixed(np.eye(size).tolist())
+    X, inverse = at.to_fixed(approximate.tolist()), at.to_fixed(np.linalg.inv(approximate).tolist())
+    A, identity = at.to_fixed(matrix), at.to_fixed(np.eye(size).tolist())
     for _ in range(12):
         for _ in range(3):
-            inverse = inverse + product(inverse, identity - product(X, inverse))
-        J = product(inverse, product(A, X))
-        F = _correction(J, pairs)
-        X = X + product(X, F)
+            inverse = inverse + at.product(inverse, identity - at.product(X, inverse))
+        J = at.product(inverse, at.product(A, X))
+        F = _correction(J, pairs, at.bits)
+        X = X + at.product(X, F)
         if np.abs(F).max() < 1 << 40:
             break
     else:
         raise UnsupportedSpectrum("a dart whose eigenvalues are not distinct")
-    inverse = inverse + product(inverse, identity - product(X, inverse))
-    _normalise(X, inverse, pairs)
+    inverse = inverse + at.product(inverse, identity - at.product(X, inverse))
+    _normalise(X, inverse, pairs, at)
     # the last digits are rounding: 0, 1/4, 1/2 and 1 come out exactly
     J = (J + (1 << 15) >> 16) << 16
-    values = [mp.ldexp(mp.mpf(int(J[k, k])), -BITS) for k in range(size)]
+    values = [at.mp.ldexp(at.mp.mpf(int(J[k, k])), -at.bits) for k in range(size)]
     for p in pairs:
-        turn = mp.ldexp(mp.mpf(int(J[p, p + 1] - J[p + 1, p])), -BITS - 1)
+        turn = at.mp.ldexp(at.mp.mpf(int(J[p, p + 1] - J[p + 1, p])), -at.bits - 1)
         centre = (values[p] + values[p + 1]) / 2
-        values[p], values[p + 1] = mp.mpc(centre, turn), mp.mpc(centre, -turn)
+        values[p], values[p + 1] = at.mp.mpc(centre, turn), at.mp.mpc(centre, -turn)
     return values, X, inverse
 
 
-def _normalise(X: Fixed, inverse: Fixed, pairs: list[int]) -> None:
+def _normalise(X: Fixed, inverse: Fixed, pairs: list[int], at: Precision) -> None:
     """Scale columns and rows, so that nothing depends on where the iteration began.
 
     The first entry that is not 0, that of the end of the sharp edge before that of the vertex,
@@ -344,26 +337,29 @@ def _normalise(X: Fixed, inverse: Fixed, pairs: list[int]) -> None:
     places = (1, 0, *range(2, len(X)))
     paired = {k for p in pairs for k in (p, p + 1)}
     for k in set(range(len(X))) - paired:
-        scale = next(int(X[i, k]) for i in places if not _is_noise(X[i, k]))
-        X[:, k], inverse[k] = (X[:, k] << BITS) // scale, inverse[k] * scale >> BITS
+        scale = next(int(X[i, k]) for i in places if not at.is_noise(X[i, k]))
+        X[:, k], inverse[k] = (X[:, k] << at.bits) // scale, inverse[k] * scale >> at.bits
     for k in pairs:
         x, y = X[:, k].copy(), X[:, k + 1].copy()
         r, s = inverse[k].copy(), inverse[k + 1].copy()
-        i = next(i for i in places if not (_is_noise(x[i]) and _is_noise(y[i])))
+        i = next(i for i in places if not (at.is_noise(x[i]) and at.is_noise(y[i])))
         c, d = int(x[i]), int(y[i])
         norm = c * c + d * d
-        X[:, k], X[:, k + 1] = ((x * c + y * d) << BITS) // norm, ((y * c - x * d) << BITS) // norm
-        inverse[k], inverse[k + 1] = (r * c + s * d) >> BITS, (s * c - r * d) >> BITS
+        X[:, k], X[:, k + 1] = (
+            ((x * c + y * d) << at.bits) // norm,
+            ((y * c - x * d) << at.bits) // norm,
+        )
+        inverse[k], inverse[k + 1] = (r * c + s * d) >> at.bits, (s * c - r * d) >> at.bits
 
 
-def _correction(M: Fixed, pairs: list[int]) -> Fixed:
+def _correction(M: Fixed, pairs: list[int], bits: int) -> Fixed:
     """F with ``J F - F J + M - J = 0``, J being the diagonal of M but for 2 x 2 rotations."""
     value = M.diagonal()
     gap = value[None, :] - value[:, None]
     for p in pairs:
         gap[p, p + 1] = gap[p + 1, p] = 1  # filled in below
     np.fill_diagonal(gap, 1)
-    F = (M << BITS) // gap
+    F = (M << bits) // gap
     np.fill_diagonal(F, 0)
     for p in pairs:
         centre, turn = (M[p, p] + M[p + 1, p + 1]) // 2, (M[p, p + 1] - M[p + 1, p]) // 2
@@ -371,20 +367,16 @@ def _correction(M: Fixed, pairs: list[int]) -> Fixed:
             x = centre - M[i, i]
             norm = x * x + turn * turn
             e, g = M[i, p], M[i, p + 1]
-            F[i, p] = ((e * x + g * turn) << BITS) // norm
-            F[i, p + 1] = ((g * x - e * turn) << BITS) // norm
+            F[i, p] = ((e * x + g * turn) << bits) // norm
+            F[i, p + 1] = ((g * x - e * turn) << bits) // norm
             e, g = M[p, i], M[p + 1, i]
-            F[p, i] = ((g * turn - e * x) << BITS) // norm
-            F[p + 1, i] = -((e * turn + g * x) << BITS) // norm
+            F[p, i] = ((g * turn - e * x) << bits) // norm
+            F[p + 1, i] = -((e * turn + g * x) << bits) // norm
         stretch, shear = (M[p, p] - M[p + 1, p + 1]) // 2, (M[p, p + 1] + M[p + 1, p]) // 2
-        F[p, p], F[p + 1, p + 1] = (shear << BITS) // (2 * turn), -(shear << BITS) // (2 * turn)
-        F[p, p + 1] = F[p + 1, p] = -(stretch << BITS) // (2 * turn)
+        F[p, p], F[p + 1, p + 1] = (shear << bits) // (2 * turn), -(shear << bits) // (2 * turn)
+        F[p, p + 1] = F[p + 1, p] = -(stretch << bits) // (2 * turn)
     return np.asarray(F)
 
 
 def _unit(i: int) -> list[Fraction]:
     return [Fraction(i == j) for j in range(3)]
-
-
-def _is_noise(x: int) -> bool:
-    return abs(x) >> (BITS // 2) == 0

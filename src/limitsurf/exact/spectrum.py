@@ -28,35 +28,32 @@ import numpy as np
 from limitsurf.exact.analysis import check_convergence, leading_pair, orientation
 from limitsurf.exact.fixed import (
     BITS,
-    EQUAL,
+    STANDARD,
     Fixed,
+    Precision,
     UnsupportedSpectrum,
-    combine,
     diverging,
-    mp,
     null_space,
-    product,
     reduced,
-    to_fixed,
     to_mpf,
 )
 from limitsurf.exact.matrices import SubdivisionMatrix, subdivision_matrix
-from limitsurf.exact.ring import FourierRing, fourier_ring
-from limitsurf.exact.sectors import DenseRing, carried_ring, dart_ring, open_ring
+from limitsurf.exact.ring import FourierModes, fourier_ring
+from limitsurf.exact.sectors import DenseModes, carried_ring, dart_ring, open_ring
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 
-Ring: TypeAlias = FourierRing | DenseRing
+Ring: TypeAlias = FourierModes | DenseModes
 
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Real Jordan basis of ``A`` in units of ``2**-BITS``.
+    """Real Jordan basis of ``A``, in fixed numbers.
 
     Attributes
     ----------
     matrix : SubdivisionMatrix
-    ring : FourierRing or DenseRing
+    ring : FourierModes or DenseModes
         The eigenvectors of the ring; after them come the outer ones.
     G : (outer, ring)
     W, Winv : (outer, outer)
@@ -76,6 +73,8 @@ class Spectrum:
     normal : tuple of int
         Two indices such that the limit normal at the vertex points along the cross product of
         their coefficients; empty where general control points have no limit normal.
+    at : Precision
+        What the numbers are.
     """
 
     matrix: SubdivisionMatrix
@@ -89,6 +88,20 @@ class Spectrum:
     pairs: list[int]
     pieces: Fixed
     normal: tuple[int, ...]
+    at: Precision
+
+    def right_rows(self, points: Sequence[int]) -> Fixed:
+        """Values of all right eigenvectors at some control points, (n, K)."""
+        n, size = self.matrix.sector.ring, self.matrix.size
+        rows = self.ring.right_rows([k for k in points if k < n])
+        found = np.zeros((len(points), size), dtype=object)
+        for row, k in zip(found, points, strict=True):
+            if k < n:
+                row[:n] = rows[k]
+            else:
+                row[:n] = self.at.product(self.W[k - n], self.G)
+                row[n:] = self.W[k - n]
+        return found[:, self.order]
 
 
 @lru_cache(maxsize=64)
@@ -116,7 +129,7 @@ def outer_eigenbasis(
     return values, W, [row[size:] for row in solved]
 
 
-def outer_part(
+def outer_modes(
     matrix: SubdivisionMatrix,
 ) -> tuple[list[Fraction], list[list[Fraction]], list[list[Fraction]]]:
     """Eigenvalues and eigenvectors of the outer points, as `outer_eigenbasis` has them."""
@@ -127,24 +140,24 @@ def outer_part(
 
 
 @lru_cache(maxsize=8)
-def _dense_ring(scheme: Scheme, kind: str, faces: int) -> DenseRing:
+def _dense_ring(scheme: Scheme, kind: str, faces: int, at: Precision) -> DenseModes:
     """The ring of a sector, which all its positions share."""
     sector = scheme.sector(kind, faces)
     matrix = subdivision_matrix(scheme, sector)
     if sector.carried:
-        return carried_ring(matrix, ring_basis(scheme, sector.still))
-    return dart_ring(scheme, matrix) if kind == "dart" else open_ring(scheme, matrix)
+        return carried_ring(matrix, ring_basis(scheme, sector.still, at), at)
+    return dart_ring(scheme, matrix, at) if kind == "dart" else open_ring(scheme, matrix, at)
 
 
-def ring_basis(scheme: Scheme, sector: Sector) -> Ring:
+def ring_basis(scheme: Scheme, sector: Sector, at: Precision = STANDARD) -> Ring:
     """Eigenbasis of the ring of a sector."""
     if sector.kind in ("interior", "cone"):
-        return fourier_ring(subdivision_matrix(scheme, sector))
-    return _dense_ring(scheme, sector.kind, sector.faces)
+        return fourier_ring(subdivision_matrix(scheme, sector), at)
+    return _dense_ring(scheme, sector.kind, sector.faces, at)
 
 
-def spectrum(scheme: Scheme, sector: Sector) -> Spectrum:
-    """Derive the eigenbasis of `scheme` around a special corner.
+def spectrum(scheme: Scheme, sector: Sector, bits: int = BITS) -> Spectrum:
+    """Derive the eigenbasis of `scheme` around a special corner, to so many binary digits.
 
     Raises
     ------
@@ -152,61 +165,72 @@ def spectrum(scheme: Scheme, sector: Sector) -> Spectrum:
         When the masks do not converge, or give eigenvalues or Jordan blocks that are not handled.
     """
     check_convergence(scheme, sector.kind, sector.faces)
-    ring = ring_basis(scheme, sector)
-    result = _joined(scheme, subdivision_matrix(scheme, sector), ring)
-    if abs(result.eigenvalues[1]) > 1 - EQUAL:
+    at = Precision.of(bits)
+    ring = ring_basis(scheme, sector, at)
+    result = _joined(scheme, subdivision_matrix(scheme, sector), ring, at)
+    if abs(result.eigenvalues[1]) > 1 - at.equal:
         raise diverging(sector.place, sector.faces, result.eigenvalues[1])
     normal = tuple(map(result.order.index, ring_normal(scheme, sector.kind, sector.faces)))
     return replace(result, normal=normal)
 
 
-def _joined(scheme: Scheme, matrix: SubdivisionMatrix, ring: Any) -> Spectrum:
+def _joined(
+    scheme: Scheme, matrix: SubdivisionMatrix, ring: Any, at: Precision = STANDARD
+) -> Spectrum:
     """The modes of a ring, all or some, and the outer eigenvectors; `normal` is still to come."""
     size, n = matrix.size, matrix.sector.ring
     ring_values = ring.values
     modes = len(ring_values)
-    values, outer, outer_inverse = outer_part(matrix)
-    eigenvalues = ring_values + [to_mpf(d) for d in values]
-    pairs = [k for k, x in enumerate(ring_values) if isinstance(x, mp.mpc) and x.imag > 0]
+    values, outer, outer_inverse = outer_modes(matrix)
+    eigenvalues = ring_values + [at.to_mpf(d) for d in values]
+    pairs = [k for k, x in enumerate(ring_values) if isinstance(x, at.mp.mpc) and x.imag > 0]
     # the few ring points that outer points and pieces depend on
     wanted = sorted({k for piece in matrix.pieces for k in piece})
     sources = [*matrix.rows[n:size], *(matrix.rows[k] for k in wanted if k >= size)]
     touched = {c for row in sources for c in row if c < n} | {k for k in wanted if k < n}
     R = ring.right_rows(sorted(touched))
     # numerators of G, (outer, ring): sparse rational rows times R, then the small W^-1
-    coupling = np.stack([combine(row, R, modes) for row in matrix.rows[n:size]])
-    gaps = [[value - to_mpf(d) for value in ring_values] for d in values]
-    W, Winv, outer_heads = _chained(to_fixed(outer), to_fixed(outer_inverse), coupling, gaps)
-    G = _links(product(Winv, coupling), gaps, ring.heads, pairs)
+    coupling = np.stack([at.combine(row, R, modes) for row in matrix.rows[n:size]])
+    gaps = [[value - at.to_mpf(d) for value in ring_values] for d in values]
+    W, Winv, outer_heads = _chained(
+        at.to_fixed(outer), at.to_fixed(outer_inverse), coupling, gaps, at
+    )
+    G = _links(at.product(Winv, coupling), gaps, ring.heads, pairs, at)
     heads = {**ring.heads, **{modes + m: k for m, k in outer_heads.items()}}
-    order = sorted(range(len(eigenvalues)), key=lambda k: _rank(eigenvalues, ring.labels, heads, k))
+    order = sorted(
+        range(len(eigenvalues)), key=lambda k: _rank(eigenvalues, ring.labels, heads, k, at)
+    )
     chains = sorted(order.index(k) for k in heads.values())
     pairs = sorted(order.index(k) for k in pairs)
     eigenvalues = [eigenvalues[k] for k in order]
     nothing = np.zeros(size - n, dtype=object)
     rows = {k: np.concatenate([row, nothing])[order] for k, row in R.items()}
-    below = np.concatenate([product(W, G), W], axis=1)[:, order]
+    below = np.concatenate([at.product(W, G), W], axis=1)[:, order]
     rows |= {n + k: row for k, row in enumerate(below)}
     # refined control points of every eigenvector: A V = V J gives the first K rows
-    J = to_fixed([mp.re(x) for x in eigenvalues])
-    turns = to_fixed([eigenvalues[k].imag for k in pairs])
+    J = at.to_fixed([at.mp.re(x) for x in eigenvalues])
+    turns = at.to_fixed([eigenvalues[k].imag for k in pairs])
     refined = {}
     for k in wanted:
         if k < size:
-            refined[k] = rows[k] * J >> BITS
+            refined[k] = rows[k] * J >> at.bits
             refined[k][chains] += rows[k][[i - 1 for i in chains]]
             for i, turn in zip(pairs, turns, strict=True):
-                refined[k][i] -= rows[k][i + 1] * turn >> BITS
-                refined[k][i + 1] += rows[k][i] * turn >> BITS
+                refined[k][i] -= rows[k][i + 1] * turn >> at.bits
+                refined[k][i + 1] += rows[k][i] * turn >> at.bits
         else:
-            refined[k] = combine(matrix.rows[k], rows, len(order))
+            refined[k] = at.combine(matrix.rows[k], rows, len(order))
     control = np.stack([np.stack([refined[k] for k in piece]) for piece in matrix.pieces])
     pieces = _polynomials(scheme, control)
-    return Spectrum(matrix, ring, G, W, Winv, order, eigenvalues, chains, pairs, pieces, ())
+    return Spectrum(matrix, ring, G, W, Winv, order, eigenvalues, chains, pairs, pieces, (), at)
 
 
 def _links(
-    numerator: Fixed, gaps: list[list[Any]], heads: dict[int, int], pairs: list[int]
+    numerator: Fixed,
+    gaps: list[list[Any]],
+    heads: dict[int, int],
+    pairs: list[int],
+    at: Precision,
 ) -> Fixed:
     """The matrix G, (outer, ring)."""
     G = np.zeros_like(numerator)
@@ -215,18 +239,18 @@ def _links(
     for m, row in enumerate(gaps):
         for k in sorted(set(range(len(row))) - paired, key=lambda k: k in ends):
             over = numerator[m, k] - (G[m, ends[k]] if k in ends else 0)
-            if abs(row[k]) > EQUAL:
-                G[m, k] = (int(over) << BITS) // int(to_fixed([row[k]])[0])
+            if abs(row[k]) > at.equal:
+                G[m, k] = (int(over) << at.bits) // int(at.to_fixed([row[k]])[0])
             elif k in ends:
                 raise UnsupportedSpectrum("a Jordan block of more than two eigenvectors")
         for p in pairs:
             # (g_p, g_p+1) (J - d) = numerators, J = [[a, b], [-b, a]]
-            x, y = to_fixed([row[p].real, row[p].imag])
+            x, y = at.to_fixed([row[p].real, row[p].imag])
             norm = x * x + y * y
             g, h = numerator[m, p], numerator[m, p + 1]
             G[m, p], G[m, p + 1] = (
-                ((g * x + h * y) << BITS) // norm,
-                ((h * x - g * y) << BITS) // norm,
+                ((g * x + h * y) << at.bits) // norm,
+                ((h * x - g * y) << at.bits) // norm,
             )
     return G
 
@@ -250,10 +274,8 @@ def ring_normal(scheme: Scheme, kind: str, faces: int) -> tuple[int, ...]:
         for p in {0, min(1, count - 1), count - 1}
     }
     ring = ring_basis(scheme, sector)
-    outer = {to_mpf(d) for matrix in matrices.values() for d in outer_part(matrix)[0]}
+    outer = {to_mpf(d) for matrix in matrices.values() for d in outer_modes(matrix)[0]}
     pair, without = leading_pair(ring.values, outer, ring.heads, _absent(sector, ring))
-    if not scheme.lattice.face_points:  # the sign of their minors is not looked for
-        return pair if sector.kind == "interior" else ()
     if not pair:
         return ()
     ends = {head: end for end, head in ring.heads.items()}
@@ -262,10 +284,11 @@ def ring_normal(scheme: Scheme, kind: str, faces: int) -> tuple[int, ...]:
     functions = []
     for p in range(count):
         near = p if p in matrices else 1
-        part = _joined(scheme, matrices[near], _PartOfRing(ring, which, p - near))
+        turn = len(sector.lattice.orbits) * (p - near)
+        part = _joined(scheme, matrices[near], _SelectedModes(ring, which, turn))
         modes = [*shown, *pair] if without and pair != tuple(shown) else shown
         functions.append(part.pieces[..., [part.order.index(which.index(k)) for k in modes]])
-    found = orientation(np.stack(functions), not sector.open, faces // count)
+    found = orientation(scheme, np.stack(functions), not sector.open, faces // count)
     return {1: pair, -1: pair[::-1]}.get(found, ())
 
 
@@ -277,11 +300,11 @@ def _absent(sector: Sector, ring: Ring) -> set[int]:
     left[:, 1] += left[:, last]
     left[:, last] = 0
     size = [max(abs(x) for x in row) for row in left]
-    return {k for k, x in enumerate(size) if x >> (BITS // 2) == 0}
+    return {k for k, x in enumerate(size) if x >> (STANDARD.bits // 2) == 0}
 
 
-class _PartOfRing:
-    """Some modes of a ring, which hold the ends of their chains, seen from so many faces on."""
+class _SelectedModes:
+    """Some modes of a ring, which hold the ends of their chains, seen from so many points on."""
 
     def __init__(self, ring: Ring, which: list[int], turn: int) -> None:
         self._ring, self._which, self._turn = ring, which, turn
@@ -292,9 +315,7 @@ class _PartOfRing:
     def right_rows(self, points: Sequence[int]) -> dict[int, Fixed]:
         """Values of these eigenvectors at some points of the ring: {point: (modes,)}."""
         around = len(self._ring.values) - 1
-        there = {
-            k: (k - 1 + 2 * self._turn) % around + 1 if k and self._turn else k for k in points
-        }
+        there = {k: (k - 1 + self._turn) % around + 1 if k and self._turn else k for k in points}
         rows = self._ring.right_rows(sorted(set(there.values())))
         return {k: rows[row][self._which] for k, row in there.items()}
 
@@ -302,19 +323,15 @@ class _PartOfRing:
 def dense_basis(spectrum: Spectrum) -> tuple[Fixed, Fixed]:
     """V, right eigenvectors as columns, and V^-1, left ones as rows, both (K, K)."""
     n, size = spectrum.matrix.sector.ring, spectrum.matrix.size
-    V = np.zeros((size, size), dtype=object)
     Vinv = np.zeros((size, size), dtype=object)
-    rows = spectrum.ring.right_rows(range(n))
-    V[:n, :n] = np.stack([rows[k] for k in range(n)])
     Vinv[:n, :n] = spectrum.ring.left()
-    V[n:, :n] = product(spectrum.W, spectrum.G)
-    Vinv[n:, :n] = -product(spectrum.G, Vinv[:n, :n])
-    V[n:, n:], Vinv[n:, n:] = spectrum.W, spectrum.Winv
-    return V[:, spectrum.order], Vinv[spectrum.order]
+    Vinv[n:, :n] = -spectrum.at.product(spectrum.G, Vinv[:n, :n])
+    Vinv[n:, n:] = spectrum.Winv
+    return spectrum.right_rows(range(size)), Vinv[spectrum.order]
 
 
 def _chained(
-    W: Fixed, Winv: Fixed, coupling: Fixed, gaps: list[list[Any]]
+    W: Fixed, Winv: Fixed, coupling: Fixed, gaps: list[list[Any]], at: Precision
 ) -> tuple[Fixed, Fixed, dict[int, int]]:
     """Rotate W within its eigenspaces so that every Jordan chain ends in one of its columns.
 
@@ -322,33 +339,39 @@ def _chained(
     """
     heads: dict[int, int] = {}
     for k in range(coupling.shape[1]):
-        places = [m for m in range(len(gaps)) if abs(gaps[m][k]) < EQUAL]
+        places = [m for m in range(len(gaps)) if abs(gaps[m][k]) < at.equal]
         g = {m: sum(a * b for a, b in zip(Winv[m], coupling[:, k], strict=True)) for m in places}
-        g = {m: value >> BITS for m, value in g.items() if abs(value) >> (BITS + BITS // 2)}
+        g = {
+            m: value >> at.bits for m, value in g.items() if abs(value) >> (at.bits + at.bits // 2)
+        }
         if not g:
             continue
         end = max(set(g) - set(heads), key=lambda m: abs(g[m]), default=None)
         if end is None:
             raise UnsupportedSpectrum("a Jordan block of more than two eigenvectors")
         W, Winv = W.copy(), Winv.copy()
-        W[:, end] = sum(W[:, m] * value for m, value in g.items()) >> BITS
-        Winv[end] = (Winv[end] << BITS) // g[end]
+        W[:, end] = sum(W[:, m] * value for m, value in g.items()) >> at.bits
+        Winv[end] = (Winv[end] << at.bits) // g[end]
         for m in set(g) - {end}:
-            Winv[m] = Winv[m] - (Winv[end] * g[m] >> BITS)
+            Winv[m] = Winv[m] - (Winv[end] * g[m] >> at.bits)
         heads[end] = k
     return W, Winv, heads
 
 
 def _rank(
-    eigenvalues: list[Any], labels: list[tuple[int, int]], heads: dict[int, int], k: int
+    eigenvalues: list[Any],
+    labels: list[tuple[int, int]],
+    heads: dict[int, int],
+    k: int,
+    at: Precision,
 ) -> tuple[Any, ...]:
     """Sort key: decreasing modulus to 60 digits, positive first, then as labelled.
 
     The end of a Jordan chain comes right before its head, complex pairs stay together.
     """
     value = eigenvalues[k]
-    modulus = mp.nint(abs(value) / EQUAL)
-    sign = 0 if isinstance(value, mp.mpc) or value >= 0 else 1
+    modulus = at.mp.nint(abs(value) / at.equal)
+    sign = 0 if isinstance(value, at.mp.mpc) or value >= 0 else 1
     vector = heads.get(k, k)
     place = (0, labels[vector], 0) if vector < len(labels) else (1, (0, 0), vector)
     return (-modulus, sign, *place, vector == k)

@@ -1,4 +1,4 @@
-"""The same eigenbasis as sympy expressions, and the proof that it is one.
+"""Eigenbases of subdivision matrices as sympy expressions, and the proof that they are.
 
 With ``s = cos(pi f / N)`` every entry of the block of frequency f is a polynomial in s, its
 eigenvalues are the roots of a quadratic over Q(s), or linear, and an eigenvector scaled to have no
@@ -36,7 +36,7 @@ from limitsurf.exact.ring import (
     ring_modes,
 )
 from limitsurf.exact.sectors import limit_weights
-from limitsurf.exact.spectrum import outer_part, spectrum
+from limitsurf.exact.spectrum import outer_modes, spectrum
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 
@@ -103,14 +103,14 @@ class SymbolicBasis:
         ring, size = self.sector.ring, self.sector.size
         rows = self._matrix.rows[ring:size]
         self._coupling = [{c: w for c, w in row.items() if c < ring} for row in rows]
-        self._values, self._W, self._Winv = outer_part(self._matrix)
+        self._values, self._W, self._Winv = outer_modes(self._matrix)
         # the end of the Jordan chain of each ring vector that heads one
         order, chains = self._numeric.order, self._numeric.chains
         self._ends = {order[k]: order[k - 1] for k in chains}
 
     @cached_property
     def _ring(self) -> Ring:
-        return FourierRing(self._matrix)
+        return SymbolicWaves(self._matrix)
 
     # ---------------------------------------------------------------- expressions
 
@@ -468,7 +468,7 @@ class Waves:
         return (self.eigenvalue(frequency, high) - ff) / fe, sympy.Integer(1)
 
     def left(self, frequency: int, high: bool) -> tuple[Any, ...]:
-        """The same of the left eigenvector, with the norm: N / 2, and N at frequency N / 2."""
+        """Left eigenvector at the points, with the norm: N / 2, and N at frequency N / 2."""
         right = self.right(frequency, high)
         if 2 * frequency == self.faces:
             return tuple(x / self.faces for x in right)
@@ -500,7 +500,7 @@ class Waves:
         return [profile[i % self._stride] * chebyshev(k, parity) for i, k in enumerate(steps)]
 
 
-class FourierRing:
+class SymbolicWaves:
     """The ring of a smooth or conical vertex; angles from the middle of face 0."""
 
     def __init__(self, matrix: SubdivisionMatrix) -> None:

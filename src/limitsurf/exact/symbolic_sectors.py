@@ -11,7 +11,9 @@ adjugate of x - M are eigenvectors of eigenvalue x in the field Q[x] / p: their 
 modulo p, which proves all roots of p at once. Sturm's chain counts the real ones, which are
 `sympy.CRootOf`; the last two may be a complex pair, whose sum and product follow from theirs. In V
 stand the values of those polynomials, or real and imaginary parts: with r and a the modulus and
-argument of the root, powers have the parts ``r^n cos(n a)`` and ``r^n sin(n a)``.
+argument of the root, powers have the parts ``r^n cos(n a)`` and ``r^n sin(n a)``. If the weight b
+of the vertex's neighbours is irrational, Q(b) takes the place of Q; its elements are polynomials in
+b, and the real roots of p are some of those of its norm, which is rational.
 
 **Cones** are rings of waves as smooth vertices are. **Pendants and flaps** have the eigenvectors of
 cones and corners, and one more, of the crease that carries them: it is rational, and found as those
@@ -37,17 +39,20 @@ from limitsurf.exact.ring import ring_generators
 from limitsurf.exact.symbolic import (
     RING,
     Family,
+    L,
     Ring,
     S,
     SymbolicBasis,
     Waves,
     chebyshev,
+    polynomial_rows,
     rational,
     without_zero,
 )
 from limitsurf.scheme.scheme import Scheme
 
 _x = sympy.Symbol("x")
+_APART = sympy.Float(10) ** -40  # conjugate roots are further than this from the ones meant
 
 
 class SectorBasis(SymbolicBasis):
@@ -101,7 +106,7 @@ class Sines:
         return self._waves.values(sympy.sin, frequency, self._steps, profile)
 
     def left(self, k: int) -> list[Any]:
-        """The same of the left eigenvector, times the norm."""
+        """Values of left eigenvector k there, times the norm, (points,)."""
         frequency, high = self._names[k]
         profile = tuple(self._norm * x for x in self._waves.left(frequency, high))
         return self._waves.values(sympy.sin, frequency, self._steps, profile)
@@ -260,10 +265,8 @@ class DartRing:
         self._size = matrix.sector.ring
         self._sines = Sines(scheme, matrix.sector.faces, self._size - 1, norm=1)
         self._orbits = sectors.mirrored(matrix.sector)
-        even = sectors.folded(matrix, self._orbits)
-        if not all(isinstance(x, Fraction) for row in even for x in row):
-            raise ArithmeticError(f"{matrix.sector}: symbols of a dart need rational masks")
-        self._factors = even_factors([[QQ(x.numerator, x.denominator) for x in r] for r in even])
+        self._field, even = _even_matrix(matrix, self._orbits)
+        self._factors = even_factors(even, self._field)
         # eigenvalue and factor of each even vector
         self._even: dict[int, tuple[Any, EvenFactor]] = {}
         for factor in self._factors:
@@ -303,16 +306,19 @@ class DartRing:
     def rational(self, k: int) -> list[Fraction] | None:
         """Even vectors of rational eigenvalue, and the wave of frequency N / 2."""
         first = len(self._even)
-        if self._even[k][0].is_Rational if k < first else k - first == self._sines.half:
+        if self._even[k][1].is_rational if k < first else k - first == self._sines.half:
             return [Fraction(int(x.p), int(x.q)) for x in self.right(k)]
         return None
 
     def families(self) -> Iterator[Family]:
         """Even vectors over each factor of the characteristic polynomial; sines."""
+        # the equation of b, if masks are in Q(b)
+        field = self._field
+        known = [] if field is QQ else [_in_weight(field.ext.minpoly.rep.to_list()).monic()]
         for factor in self._factors:
-            if factor.polynomial.degree() > 1:
+            if not factor.is_rational:
                 column = [_in_ring(p) for p in factor.right]
-                yield self._unfolded(column), [_in_ring(factor.polynomial)]
+                yield self._unfolded(column), [_in_ring(factor.polynomial), *known]
         yield from self._sines.families()
 
     def _value(self, polynomial: Any, k: int) -> Any:
@@ -334,7 +340,7 @@ class DartRing:
 
 
 class EvenFactor:
-    """Eigenvectors of a rational matrix whose eigenvalue is any root of a polynomial.
+    """Eigenvectors of a matrix over a field whose eigenvalue is any root of a polynomial.
 
     Attributes
     ----------
@@ -343,6 +349,8 @@ class EvenFactor:
     right, left : list of sympy.Poly
         Eigenvectors, as polynomials modulo p in the eigenvalue. Their product is 1, and the first
         of the entries 1, 0, 2, 3, ... of the right one that is not 0 is 1.
+    is_rational : bool
+        Whether p has a rational root alone, and a rational eigenvector.
     roots : list
         The real roots of p.
     pair : tuple or None
@@ -362,10 +370,13 @@ class EvenFactor:
         scale = characteristic.diff().invert(polynomial)
         row = _adjugate(transposed, characteristic, first)
         self.left = [(x * scale).rem(polynomial) for x in row]
-        degree, real = polynomial.degree(), polynomial.count_roots()
-        self.roots = [sympy.rootof(polynomial, k) for k in range(real)]
+        degree, self.roots = polynomial.degree(), _real_roots(polynomial)
+        real = len(self.roots)
+        self.is_rational = degree == 1 and all(
+            c.is_Rational for entry in (polynomial, *self.right) for c in entry.all_coeffs()
+        )
         self.pair: tuple[Any, Any] | None = None
-        if real < degree - 2:
+        if real not in (degree, degree - 2):
             raise ArithmeticError("more than one complex pair of eigenvalues")
         if real < degree:
             coefficients = polynomial.monic().all_coeffs()
@@ -373,19 +384,60 @@ class EvenFactor:
             self.pair = modulus, sympy.acos((-coefficients[1] - sum(self.roots)) / (2 * modulus))
 
 
-def even_factors(matrix: list[list[Any]]) -> list[EvenFactor]:
-    """The eigenvectors of a rational matrix whose eigenvalues are simple."""
+def even_factors(matrix: list[list[Any]], field: Any = QQ) -> list[EvenFactor]:
+    """The eigenvectors of a matrix over a field whose eigenvalues are simple."""
     size = len(matrix)
-    characteristic = sympy.Poly(DomainMatrix(matrix, (size, size), QQ).charpoly(), _x, domain=QQ)
+    whole = DomainMatrix(matrix, (size, size), field).charpoly()
+    characteristic = sympy.Poly(whole, _x, domain=field)
     _, factors = characteristic.factor_list()
     if any(power > 1 for _, power in factors):
         raise ArithmeticError("the even part of a dart has an eigenvalue twice")
     return [EvenFactor(matrix, characteristic, factor) for factor, _ in factors]
 
 
+def _even_matrix(matrix: SubdivisionMatrix, orbits: list[list[int]]) -> tuple[Any, list[list[Any]]]:
+    """A dart's matrix on points that are equal within orbits, and the field it is over."""
+    weights, field = matrix.rows[0], QQ
+    others = {w for c, w in weights.items() if c and not isinstance(w, Fraction)}
+    if others:
+        field = QQ.algebraic_field(next(iter(others)))
+    rows = polynomial_rows(matrix)
+
+    def number(polynomial: Any) -> Any:
+        # in b, which generates the field
+        terms = {n: c for (_, _, n), c in polynomial.terms()}
+        return field.convert(terms.pop(0, QQ(0))) + sum(
+            (field.convert(c) * field.unit**n for n, c in terms.items()), field.zero
+        )
+
+    zero = RING(0)
+    return field, [
+        [number(sum((rows[row[0]].get(c, zero) for c in column), zero)) for column in orbits]
+        for row in orbits
+    ]
+
+
+def _real_roots(polynomial: Any) -> list[Any]:
+    """The real roots of a polynomial over Q, or over a field Q(b), as those of rational ones."""
+    if polynomial.domain == QQ:
+        return [sympy.rootof(polynomial, k) for k in range(polynomial.count_roots())]
+    if polynomial.degree() == 1:
+        return [polynomial.domain.to_sympy(-polynomial.monic().rep.to_list()[-1])]
+    # the norm has the roots of all conjugates: those that are meant are told apart by 40 digits,
+    # and counted by whoever asks
+    expression = polynomial.as_expr()
+    candidates = [
+        sympy.rootof(factor, k)
+        for factor, _ in polynomial.norm().factor_list()[1]
+        for k in range(factor.count_roots())
+    ]
+    return [r for r in candidates if abs(expression.subs(_x, r.evalf(80)).evalf(60)) < _APART]
+
+
 def _adjugate(matrix: list[list[Any]], characteristic: Any, column: int) -> list[Any]:
     """A column of the adjugate of x - matrix: Horner's scheme."""
-    unit = [QQ(i == column) for i in range(len(matrix))]
+    field = characteristic.domain
+    unit = [field(int(i == column)) for i in range(len(matrix))]
     powers = [unit]
     for c in characteristic.rep.to_list()[1:-1]:
         powers.append(
@@ -394,7 +446,7 @@ def _adjugate(matrix: list[list[Any]], characteristic: Any, column: int) -> list
                 for row, one in zip(matrix, unit, strict=True)
             ]
         )
-    return [sympy.Poly(list(entry), _x, domain=QQ) for entry in zip(*powers, strict=True)]
+    return [sympy.Poly(list(entry), _x, domain=field) for entry in zip(*powers, strict=True)]
 
 
 def _extension(
@@ -423,5 +475,14 @@ def _extension(
 
 
 def _in_ring(polynomial: Any) -> Any:
-    """A polynomial in the eigenvalue L."""
-    return RING.from_dict({(n, 0, 0): QQ(c.p, c.q) for (n,), c in polynomial.terms()})
+    """A polynomial in the eigenvalue L, whose coefficients are rational or polynomials in B."""
+    total = RING(0)
+    for n, coefficient in enumerate(reversed(polynomial.rep.to_list())):
+        numbers = coefficient.to_list() if hasattr(coefficient, "to_list") else [coefficient]
+        total += L**n * _in_weight(numbers)
+    return total
+
+
+def _in_weight(numbers: list[Any]) -> Any:
+    """The polynomial in B of some coefficients, that of the highest power first."""
+    return RING.from_dict({(0, 0, n): QQ(c) for n, c in enumerate(reversed(numbers)) if c})

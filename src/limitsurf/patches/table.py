@@ -13,6 +13,7 @@ ring around them.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -399,6 +400,14 @@ class PatchTable:
             ("no limit (holes)", int((code == NO_LIMIT).sum())),
         ]
         return [(reason, number) for reason, number in counts if number]
+
+    def special_corners(self) -> list[tuple[str, int, int]]:
+        """What is around special corners: kind, faces, and patches there; smooth ones first."""
+        counts: Counter[tuple[bool, str, int]] = Counter()
+        for sector, number in zip(self.sectors, np.bincount(self.kind).tolist(), strict=False):
+            if sector is not None:
+                counts[sector.kind != "interior", sector.kind, sector.faces] += number
+        return [(kind, faces, number) for (_, kind, faces), number in sorted(counts.items())]
 
 
 @dataclass(frozen=True, eq=False)

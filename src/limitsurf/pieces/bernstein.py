@@ -1,4 +1,4 @@
-"""The Bernstein form of polynomial pieces: what is particular to squares and to bicubic splines.
+"""The Bernstein form of polynomial pieces, on squares and on triangles.
 
 Control points of a regular patch, powers of a piece's parameters and turns of the domain all come
 as matrices onto Bernstein coefficients; the rest of the room multiplies by them and knows neither
@@ -7,11 +7,12 @@ the degree nor the number of corners.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from math import comb, factorial
-from typing import Any
+from math import comb, perm
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,95 +20,153 @@ from numpy.typing import NDArray
 from limitsurf import numbers
 from limitsurf._kernels import reference as kernels
 
-Array = NDArray[Any]
+if TYPE_CHECKING:
+    from limitsurf.scheme.lattice import Lattice
+    from limitsurf.scheme.scheme import Scheme
+    from limitsurf.scheme.spline import Spline
 
-DEGREE = 3
-CORNERS = 4
-# Bernstein coefficients of a piece, i along u and j along v, in C order
-SHAPE = (DEGREE + 1, DEGREE + 1)
-SIZE = SHAPE[0] * SHAPE[1]
-# the control point of a regular patch at its corner (0, 0)
-NEAR = 5
-# lower left corners of the regular pieces that a halving towards (0, 0) leaves, in their own size
-PIECES = np.array([(1, 0), (1, 1), (0, 1)])
+Array = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
 class Bernstein:
-    """Matrices onto the Bernstein coefficients (16) of a piece, in float64 or exact.
+    """Matrices onto the n Bernstein coefficients of a piece, in float64 or exact.
+
+    A coefficient lies at ``(i, j) / degree`` in the domain.
 
     Attributes
     ----------
-    from_controls : (16, 16)
+    exponents : (n, 2) int
+        i and j of each coefficient: by i, then j, in squares; by j, then i, in triangles.
+    shape : (degree + 1, degree + 1) or (n,)
+        Of the coefficients as they are handed out.
+    from_controls : (n, K)
         From the control points of a regular patch.
-    from_powers : (16, 16)
-        From the coefficients of the powers of its parameters, in the order of `EigenTable.pieces`.
+    from_powers : (n, n)
+        From the coefficients of the powers of its parameters, in the order of `Spline.exponents`.
+    turned : (corners, n) int
+        Which coefficients of patches turned by so many corners are those of the domain.
+    near : int
+        The control point of a regular patch at its corner (0, 0).
     """
 
+    exponents: Array
+    shape: tuple[int, ...]
     from_controls: Array
     from_powers: Array
+    turned: Array
+    near: int
 
     @classmethod
-    def of(cls, exact: bool) -> Bernstein:
-        """Those of a number type."""
-        controls, powers = _lines(exact)
-        return cls(_tensor(controls, controls), _tensor(powers, powers))
+    @lru_cache(maxsize=64)
+    def of(cls, scheme: Scheme, exact: bool) -> Bernstein:
+        """That of a scheme's pieces."""
+        spline = scheme.spline
+        exponents = np.array(spline.exponents)
+        degree = int(exponents.max())
+        shape: tuple[int, ...] = exponents.shape[:1]
+        if spline.is_product:
+            exponents, shape = exponents[:, ::-1], (degree + 1, degree + 1)
+            controls, powers = (_tensor(x, x) for x in _lines(spline, exact))
+        else:
+            powers = _powers(exponents, lambda i, j: perm(degree, i + j))
+            controls = powers @ np.array(spline.pieces)
+            if not exact:
+                controls, powers = controls.astype(float), powers.astype(float)
+        turned = _turns(scheme.lattice, exponents, degree)
+        return cls(exponents, shape, controls, powers, turned, spline.template.index((1, 1)))
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients."""
+        return len(self.exponents)
 
 
-def strips(polynomials: Array) -> Array:
-    """Bernstein coefficients (n, 16, 16) of strips from control points.
+def is_tensor(exponents: Array) -> bool:
+    """Whether these are the exponents of products of polynomials in s and in t."""
+    return bool(len(exponents) == (exponents.max() + 1) ** 2)
 
-    `polynomials` (n, 4, 4) are the splines across them, as in `StripTables.pieces`.
+
+def polynomials(exponents: Array, s: Array, t: Array) -> Array:
+    """Values (Q, n) of Bernstein polynomials at (s, t), arrays (Q,) of any type of numbers."""
+    degree, (i, j), number = int(exponents.max()), exponents.T, numbers.type_of(s)
+    if is_tensor(exponents):
+        count = number.array([comb(degree, k) for k in range(degree + 1)])
+        along, across = (
+            count * kernels.monomials(x, degree) * kernels.monomials(1 - x, degree)[:, ::-1]
+            for x in (s, t)
+        )
+        return np.asarray(along[:, i] * across[:, j])
+    count = number.array([comb(degree, k) * comb(k, m) for k, m in zip(i + j, j, strict=True)])
+    first, second, rest = (kernels.monomials(x, degree) for x in (s, t, 1 - s - t))
+    return np.asarray(count * first[:, i] * second[:, j] * rest[:, degree - i - j])
+
+
+def strips(spline: Spline, across: Array) -> Array:
+    """Bernstein coefficients (n, size, size) of strips from control points.
+
+    `across` (n, degree + 1, degree + 1) are the splines across them, as in `StripTables.pieces`.
     """
-    controls, powers = _lines(numbers.type_of(polynomials).exact)
-    return _tensor(controls, powers @ polynomials)
+    controls, powers = _lines(spline, numbers.type_of(across).exact)
+    return _tensor(controls, powers @ across)
 
 
-def turned(turn: Array) -> Array:
-    """Which coefficients of patches turned by so many corners are those of the domain, (n, 16)."""
-    return _TURNED[turn]
+def turned_cells(lattice: Lattice, origin: Array, size: Array, turn: Array) -> tuple[Array, Array]:
+    """Where cells of patches lie in the domain: origins and signed sizes, (P, c, 2).
 
-
-def turned_squares(origin: Array, size: Array, turn: Array) -> tuple[Array, Array]:
-    """Where rectangles of patches turned by so many corners lie in the domain, origin and size.
-
-    All (..., 2), and (...) turns: s = v and t = 1 - u at one, s = 1 - u and t = 1 - v at two,
-    s = 1 - v and t = u at three.
+    `turn` (P,) is the corner of the domain at which each patch has its corner 0; `origin` and
+    `size` are those in the patch. The corner at a cell's origin is another one then.
     """
     if not turn.any():
         return origin, size
-    (s, t), (a, b) = np.moveaxis(origin, -1, 0), np.moveaxis(size, -1, 0)
-    u = np.choose(turn, [s, 1 - t - b, 1 - s - a, t])
-    v = np.choose(turn, [t, s, 1 - t - b, 1 - s - a])
-    odd = turn % 2 == 1
-    sizes = np.where(odd, b, a), np.where(odd, a, b)
-    return np.stack([u, v], axis=-1), np.stack(sizes, axis=-1)
+    origin, size = origin.copy(), size.copy()
+    corners, n = np.array(lattice.corners), lattice.face_size
+    for k, (base, along, across) in enumerate(lattice.turns):
+        here = np.flatnonzero(turn == k)
+        if k and len(here):
+            # those that become corner 0 and its neighbours
+            near = corners[(np.array([0, 1, -1]) - k) % n]
+            near = origin[here, :, None] + size[here, :, None] * near
+            near = base + near @ np.array([along, across])  # (p, c, 3, 2)
+            origin[here] = near[:, :, 0]
+            ends = near[:, :, [1, 2], [0, 1]]
+            size[here] = ends - near[:, :, 0]
+    return origin, size
 
 
-@lru_cache(maxsize=2)
-def _lines(exact: bool) -> tuple[Array, Array]:
-    """Bernstein coefficients of a cubic from its control points and from its powers, (4, 4)."""
-    every = range(DEGREE + 1)
-    # the k-th power of t has the coefficients C(i, k) / C(3, k)
-    powers = np.array([[Fraction(comb(i, k), comb(DEGREE, k)) for k in every] for i in every])
-    at_zero = numbers.RATIONAL.array([0])
-    controls = powers @ np.stack(
-        [kernels.cubic_weights(at_zero, k)[0] / factorial(k) for k in every]
-    )
+@lru_cache(maxsize=64)
+def _lines(spline: Spline, exact: bool) -> tuple[Array, Array]:
+    """Bernstein coefficients of a curve from its control points and from powers, (d + 1, d + 1)."""
+    curve = np.array(spline.curve)
+    degree = len(curve) - 1
+    line = np.stack([np.arange(degree + 1), np.zeros(degree + 1, dtype=np.int64)], axis=1)
+    powers = _powers(line, lambda i, j: perm(degree, i))
+    controls = powers @ curve
     return (controls, powers) if exact else (controls.astype(float), powers.astype(float))
 
 
+def _powers(exponents: Array, most: Callable[[int, int], int]) -> Array:
+    """Coefficients (n, n) of the powers of these exponents, exact.
+
+    Those of ``s^i t^j`` are products of i and j factors, which fall by one from the exponents of
+    the coefficient on; `most` is the product at the corner where they are 1.
+    """
+    both = exponents.tolist()
+    return np.array(
+        [[Fraction(perm(k, i) * perm(m, j), most(i, j)) for i, j in both] for k, m in both]
+    )
+
+
 def _tensor(along: Array, across: Array) -> Array:
-    """Coefficients (..., 16) by i and j from values of index ``4 j + i``."""
+    """Coefficients by i and j, in C order, from values of which the first index counts fastest."""
     both = along[..., :, None, None, :] * across[..., None, :, :, None]
-    return np.asarray(both.reshape(*both.shape[:-4], SIZE, SIZE))
+    size = along.shape[-1] ** 2
+    return np.asarray(both.reshape(*both.shape[:-4], size, size))
 
 
-def _turns() -> Array:
-    number = np.arange(SIZE).reshape(SHAPE)  # by S and T
-    # by u and v: S = v, T = 1 - u; S = 1 - u, T = 1 - v; S = 1 - v, T = u
-    grids = number, number.T[::-1], number[::-1, ::-1], number.T[:, ::-1]
-    return np.stack([grid.reshape(-1) for grid in grids])
-
-
-_TURNED = _turns()
+def _turns(lattice: Lattice, exponents: Array, degree: int) -> Array:
+    """Which coefficient of a patch with corner 0 at corner k lies where one of the domain does."""
+    number = {place: k for k, place in enumerate(map(tuple, exponents.tolist()))}
+    sides = [a * degree + exponents @ (b, c) for a, b, c in lattice.sides]
+    seen = zip(sides, [*sides[1:], sides[0]], strict=True)  # s and t from each corner
+    return np.array([[number[s, t] for s, t in zip(*map(list, st), strict=True)] for st in seen])

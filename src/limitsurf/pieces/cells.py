@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import memory, numbers
 from limitsurf.patches import STRIP, PatchTable
 from limitsurf.pieces import bernstein, cover
-from limitsurf.pieces.bernstein import SIZE
+from limitsurf.pieces.bernstein import Bernstein
 from limitsurf.pieces.cover import Cover, Group
 from limitsurf.pieces.points import ExactPoints, FloatPoints
 from limitsurf.pieces.weights import LocalWeights
@@ -31,16 +31,18 @@ _PATCHES, _CHUNK, _PORTION = 512, 1 << 18, 1 << 24
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BezierRest:
-    """Where cells end: squares at special corners, beyond the last ring of cells.
+    """Where cells end: at special corners, beyond the last ring of cells.
+
+    What remains at a corner is one cell, a square or triangle like those of `BezierPatches`.
 
     Attributes
     ----------
     face : (m,) int64
         Limit faces.
     corner : (m,) int64
-        Which corner of the square is special: 0 at its least u and v, then counter-clockwise.
+        Which corner of the cell is special: 0 at (s, t) = (0, 0), then counter-clockwise.
     origin, size : (m, 2) float64
-        Least u and v, and lengths along u and v; exact.
+        ``(u, v) = origin + size * (s, t)``, exact; negative sizes as in `BezierPatches`.
     lower, upper : (m, ...)
         A box that holds the limit surface there, coordinate by coordinate: a bound, rounding
         included, not an estimate. -inf and inf where none is known: for a scheme of your own that
@@ -51,7 +53,7 @@ class BezierRest:
     >>> import limitsurf as ls
     >>> square = ls.Mesh([[0], [1], [2]], [[0, 1, 2]])
     >>> ls.bezier_patches(ls.LimitSurface(square), depth=3).rest
-    BezierRest(3 squares)
+    BezierRest(3 cells)
     """
 
     face: NDArray[np.int64]
@@ -65,31 +67,44 @@ class BezierRest:
         return len(self.face)
 
     def __repr__(self) -> str:
-        return f"BezierRest({len(self)} squares)"
+        return f"BezierRest({len(self)} cells)"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BezierPatches:
     """Limit faces as Bezier patches, made by `bezier_patches`.
 
-    Each is a rectangle of a limit face on which the limit is one polynomial. At
+    Each is a cell of a limit face on which the limit is one polynomial, a rectangle in schemes of
+    quads, a triangle in those of triangles. At
 
         u = origin[k, 0] + s * size[k, 0],  v = origin[k, 1] + t * size[k, 1]
 
-    the surface is the sum of ``B_i(s) B_j(t) points[k, i, j]`` over i and j, with the Bernstein
-    polynomials B of degree 3 and s, t in [0, 1]: i counts along u, j along v of the limit face.
+    the surface is a sum of Bernstein polynomials times `points`, which `evaluate` computes:
+
+    * of quads, with s and t in [0, 1], the sum of ``B_i(s) B_j(t) points[k, i, j]`` over i and j
+      from 0 to d: i counts along u, j along v of the limit face, and
+      ``B_i(s) = d! / (i! (d - i)!) s^i (1 - s)^(d - i)``;
+    * of triangles, with s, t >= 0 and s + t <= 1, the sum of
+      ``d! / (i! j! (d - i - j)!) s^i t^j (1 - s - t)^(d - i - j) points[k, m]`` over m, where
+      i and j are ``exponents[m]``: (0, 0), (1, 0) .. (d, 0), (0, 1) .. (d - 1, 1) .. (0, d). So
+      corner 0 comes first, and a row along u after the other. A triangle that is turned by half a
+      turn, as the one in the middle of a split face, has negative sizes.
 
     Attributes
     ----------
     face : (n,) int64
         Limit faces; those of a face stand together.
     origin, size : (n, 2) float64
-        Least u and v of each, and its lengths along u and v: multiples and powers of 1/2, exact.
-    points : (n, 4, 4, ...)
+        Where s = t = 0, and lengths along u and v: multiples and powers of 1/2, exact.
+    points : (n, d + 1, d + 1, ...) or (n, (d + 1)(d + 2)/2, ...)
         Bernstein coefficients, the control points of the Bezier patches: float64 or Fractions.
+    exponents : (16, 2) or (15, 2) int64
+        i and j of the coefficients of a patch, in their order.
     weights : csr_array, ExactOperator or None
-        If asked for, the same as rows over the cage: row ``16 k + 4 i + j`` of (16 n, n_vertices)
-        gives ``points[k, i, j]``. Each sums to one.
+        If asked for, the same as rows over the cage, (n * len(exponents), n_vertices), which give
+        the coefficients of the first patch, then of the next, in the order of `exponents`: of
+        quads row ``16 k + 4 i + j`` gives ``points[k, i, j]``, of triangles row ``15 k + m`` gives
+        ``points[k, m]``. Each sums to one.
     rest : BezierRest
         What remains of these limit faces at special corners, with bounds.
 
@@ -108,13 +123,44 @@ class BezierPatches:
     origin: NDArray[np.float64]
     size: NDArray[np.float64]
     points: Array
+    exponents: NDArray[np.int64]
     weights: csr_array[Any] | ExactOperator | None
     rest: BezierRest
 
     @property
     def degree(self) -> int:
-        """The degree of the polynomials in each direction."""
-        return int(self.points.shape[1]) - 1
+        """The degree d of the polynomials: in each direction of rectangles, in all of triangles."""
+        return int(self.exponents.max())
+
+    def evaluate(self, s: ArrayLike, t: ArrayLike) -> Array:
+        """Points of every patch at the same places (s, t) in them.
+
+        Parameters
+        ----------
+        s, t : array_like
+            Parameters of the patches; they broadcast. Outside of the patches their polynomials go
+            on, but not the surface.
+
+        Returns
+        -------
+        array, (n, ..., channels)
+            For each patch, then for each (s, t). Fractions if any numbers are.
+
+        Examples
+        --------
+        >>> import limitsurf as ls
+        >>> square = ls.Mesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2, 3]])
+        >>> patches = ls.bezier_patches(ls.LimitSurface(square))
+        >>> patches.evaluate([0, 0.5, 1], 0.5)[0].round(12).tolist()
+        [[0.0, 0.5], [0.5, 0.5], [1.0, 0.5]]
+        """
+        number = numbers.common(self.points, s, t)
+        along, across = np.broadcast_arrays(number.array(s), number.array(t))
+        basis = bernstein.polynomials(self.exponents, along.ravel(), across.ravel())
+        channels = self.points.shape[2 + bernstein.is_tensor(self.exponents) :]
+        shape = len(self), len(self.exponents), int(np.prod(channels))
+        flat = number.array(self.points).reshape(shape)
+        return np.asarray(np.matmul(basis, flat).reshape(len(self), *along.shape, *channels))
 
     def __len__(self) -> int:
         return len(self.face)
@@ -152,28 +198,29 @@ def cut(
     number = numbers.type_of(points)
     flat = points.reshape(len(points), -1)
     local = LocalWeights(patches, scheme, number)
+    form = local.bernstein
     covered = Cover.of(patches, faces)
     around = np.maximum(rings[covered.owner] - covered.level, 0)
     n, groups = cover.grouped(patches, covered, around, *local.strips)
-    each = 40 + SIZE * flat.shape[1] * (8 + 100 * number.exact) + weights * 12 * SIZE**2
+    each = 40 + form.size * flat.shape[1] * (8 + 100 * number.exact) + weights * 12 * form.size**2
     memory.refuse_beyond(n, each, "Bezier patches", "choose a smaller depth, or faces")
     source: Any = ExactPoints(local, flat) if number.exact else FloatPoints(local, flat)
     owner = np.empty(n, dtype=np.int64)
     origin, size = np.empty((2, n, 2))
-    found = np.empty((n, SIZE, flat.shape[1]), dtype=points.dtype)
+    found = np.empty((n, form.size, flat.shape[1]), dtype=points.dtype)
     for g in groups:
         cells = g.cells
-        squares = cover.placed(covered, g, g.origin, g.size)
+        places = cover.placed(patches.lattice, covered, g, g.origin, g.size)
         owners = np.broadcast_to(covered.owner[g.members, None], cells.shape)
-        for array, values in ((owner, owners), (origin, squares[0]), (size, squares[1])):
+        for array, values in ((owner, owners), (origin, places[0]), (size, places[1])):
             _write(array, cells, values)
-        for part in _parts(g, _CHUNK // (SIZE * max(flat.shape[1], 1)), _PATCHES):
-            values = _turned(source.coefficients(g, part), g.turn[part])
+        for part in _parts(g, _CHUNK // (form.size * max(flat.shape[1], 1)), _PATCHES):
+            values = _turned(form, source.coefficients(g, part), g.turn[part])
             _write(found, cells[part], values)
-    shape = n, *bernstein.SHAPE, *points.shape[1:]
+    found = found.reshape(n, *form.shape, *points.shape[1:])
     rows = _rows(local, groups, n) if weights else None
-    rest = _rest(source, covered, groups, faces, points.shape[1:])
-    return BezierPatches(faces[owner], origin, size, found.reshape(shape), rows, rest)
+    rest = _rest(patches, source, covered, groups, faces, points.shape[1:])
+    return BezierPatches(faces[owner], origin, size, found, form.exponents, rows, rest)
 
 
 def _parts(group: Group, cells: int, most: int = _PORTION) -> Iterator[slice]:
@@ -192,46 +239,49 @@ def _write(found: Array, cells: Array, values: Array) -> None:
         found[cells] = values
 
 
-def _turned(values: Array, turn: Array) -> Array:
-    """Values (p, c, 16, d) by S and T of patches as those by u and v of the limit face."""
+def _turned(form: Bernstein, values: Array, turn: Array) -> Array:
+    """Values (p, c, n, d) by S and T of patches as those by u and v of the limit face."""
     if not turn.any():
         return values
-    order = bernstein.turned(turn)[:, None, :, None]
+    order = form.turned[turn][:, None, :, None]
     return np.take_along_axis(values, order, axis=2)
 
 
 def _rows(local: LocalWeights, groups: list[Group], n: int) -> csr_array[Any] | ExactOperator:
     """Rows of weights over the cage for all coefficients of n cells."""
     patches, parts, places = local.patches, [], [np.zeros(0, dtype=np.int64)]
+    size = local.bernstein.size
     for g in groups:
         width = max(patches.control_points(g.kind, g.rows[:1]).shape[1], 1)
-        for part in _parts(g, _PORTION // (SIZE * width)):
+        for part in _parts(g, _PORTION // (size * width)):
             for here, ids, weights in local.of(g, part):
                 cells, turn = g.cells[here], g.turn[here]
-                shape = cells.size * SIZE, patches.n_points
-                total = sparse_operator(*_entries(weights, ids, turn), shape)
+                shape = cells.size * size, patches.n_points
+                total = sparse_operator(*_entries(local.bernstein, weights, ids, turn), shape)
                 for operator in reversed(patches.extras):  # the last ones first
                     total = eliminated(total, operator)
                 parts.append(total)
-                places.append((cells[..., None] * SIZE + np.arange(SIZE)).ravel())
+                places.append((cells[..., None] * size + np.arange(size)).ravel())
     if not parts:
         nothing = np.zeros(0, dtype=np.int64)
         shape = 0, patches.n_vertices
         return sparse_operator(nothing, nothing, nothing.astype(local.number.dtype), shape)
     total, place = stacked(parts), np.concatenate(places)
-    if (place == np.arange(n * SIZE)).all():
+    if (place == np.arange(n * size)).all():
         return total
     if isinstance(total, ExactOperator):
         return ExactOperator(place[total.rows], total.columns, total.values, total.shape)
     return total[np.argsort(place)]
 
 
-def _entries(weights: Array, ids: Array, turn: Array) -> tuple[Array, Array, Array]:
-    """Rows, columns and values of weights of control points (p, K), (c, 16, K) or (p, c, 16, K)."""
-    n, each = len(ids), weights.shape[-3] * SIZE
+def _entries(
+    form: Bernstein, weights: Array, ids: Array, turn: Array
+) -> tuple[Array, Array, Array]:
+    """Rows, columns and values of weights (c, n, K) or (p, c, n, K) of control points (p, K)."""
+    n, each = len(ids), weights.shape[-3] * form.size
     if weights.ndim == 4 or turn.any():
         shape = n, *weights.shape[-3:]
-        values = _turned(np.broadcast_to(weights, shape), turn).reshape(n * each, -1)
+        values = _turned(form, np.broadcast_to(weights, shape), turn).reshape(n * each, -1)
         row, column = np.nonzero(values)
         return row, ids[row // each, column], values[row, column]
     # all alike
@@ -242,18 +292,24 @@ def _entries(weights: Array, ids: Array, turn: Array) -> tuple[Array, Array, Arr
 
 
 def _rest(
-    source: Any, covered: Cover, groups: list[Group], faces: Array, shape: tuple[int, ...]
+    patches: PatchTable,
+    source: Any,
+    covered: Cover,
+    groups: list[Group],
+    faces: Array,
+    shape: tuple[int, ...],
 ) -> BezierRest:
     """What remains at special corners, in the order of the patches."""
     special = [g for g in groups if g.kind > STRIP]
     members = np.concatenate([np.zeros(0, dtype=np.int64), *(g.members for g in special)])
     order = np.argsort(members)
-    squares, bounds = [np.zeros((2, 0, 2))], []
+    places, bounds = [np.zeros((2, 0, 2))], []
     for g in special:
         whole = np.zeros((1, 2)), np.full((1, 2), np.ldexp(1.0, -g.count))
-        squares.append(np.stack(cover.placed(covered, g, *whole))[:, :, 0])
+        cells = cover.placed(patches.lattice, covered, g, *whole)
+        places.append(np.stack(cells)[:, :, 0])
         bounds.append(np.stack(source.hull(g)))
-    origin, size = np.concatenate(squares, axis=1)[:, order]
+    origin, size = np.concatenate(places, axis=1)[:, order]
     turn = np.concatenate([np.zeros(0, dtype=np.int64), *(g.turn for g in special)])[order]
     owner = faces[covered.owner[members[order]]]
     none = np.zeros((2, 0, int(np.prod(shape))), dtype=source.dtype)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from limitsurf import rings, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.patches import REGULAR, STRIP
-from limitsurf.pieces import bernstein, weights
-from limitsurf.pieces.bernstein import PIECES, SIZE
+from limitsurf.pieces import weights
 from limitsurf.pieces.cover import Group
 from limitsurf.values import Values, exact_control_points, repeated
 
@@ -30,12 +29,12 @@ class FloatPoints:
     dtype = np.dtype(float)
 
     def __init__(self, local: weights.LocalWeights, points: Array) -> None:
-        self._local, self._patches = local, local.patches
+        self._local, self._patches, self._form = local, local.patches, local.bernstein
         self._values = Values(self._patches, points)
         self._high, self._low = self._values.control_points
 
     def coefficients(self, group: Group, part: slice) -> Array:
-        """Coefficients (p, c, 16, d) of some patches of a group, in their parameters."""
+        """Coefficients (p, c, n, d) of some patches of a group, in their parameters."""
         kind, rows = group.kind, group.rows[part]
         if kind in self._patches.rings:
             found = self._on_rings(kind, rows, range(group.count))
@@ -43,10 +42,10 @@ class FloatPoints:
             found += self._corner(kind, rows)[0][:, None, None]
         elif kind in (REGULAR, STRIP):
             ((_, ids, local),) = self._local.of(group, part)
-            high, low, points = self._values.differences(ids, bernstein.NEAR)
+            high, low, points = self._values.differences(ids, self._form.near)
             found = np.matmul(local, points[:, None])
             flat = found.reshape(len(rows), -1)
-            places = repeated(found.shape[1] * SIZE, found.shape[3])
+            places = repeated(found.shape[1] * self._form.size, found.shape[3])
             for step in (low, high) if low.any() else (high,):
                 flat += np.take(step, places, axis=1, mode="clip")
         else:
@@ -58,7 +57,7 @@ class FloatPoints:
             found = np.matmul(weights.ring_functions(table, group.count), modes[:, 1:])
             for step in (modes[:, 0], low, high):
                 found += step[:, None]
-            found = found.reshape(len(rows), -1, SIZE, found.shape[2])
+            found = found.reshape(len(rows), -1, self._form.size, found.shape[2])
         return np.ldexp(found, -self._values.balance) if self._values.balance else np.asarray(found)
 
     def hull(self, group: Group) -> tuple[Array, Array]:
@@ -77,7 +76,7 @@ class FloatPoints:
                 high, low = self._corner(kind, rows)
         else:
             ((*_, table),) = self._local.sectors(kind, rows)
-            hull = weights.hull_weights(table, group.count, False)
+            hull = weights.hull_weights(self._local.scheme, table, group.count, False)
             if hull is not None:
                 found = np.matmul(hull, points)
                 least, most = found.min(axis=1), found.max(axis=1)
@@ -114,15 +113,14 @@ class FloatPoints:
         return self._high[vertex], self._low[vertex] + self._rings(kind).limits(rows)
 
     def _on_rings(self, kind: int, rows: Array, levels: range) -> Array:
-        """Coefficients (P, 3 levels, 16, d) on some rings, relative to the limit of the corner."""
+        """Coefficients (P, 3 levels, n, d) on some rings, relative to the limit of the corner."""
         level = np.tile(np.array(levels, dtype=np.int64), len(rows))
         fine = self._rings(kind).refined(np.repeat(rows, len(levels)), level)
-        i, j = PIECES[:, :, None].swapaxes(0, 1)
-        side = bernstein.SHAPE[0]
-        place = np.arange(SIZE)
-        points = fine[:, j + place // side, i + place % side]  # (., 3, 16, d)
-        found = np.matmul(self._local.bernstein.from_controls, points)
-        return np.asarray(found.reshape(len(rows), -1, SIZE, found.shape[3]))
+        lattice = self._local.scheme.lattice
+        i, j = np.array([[piece.place(x) for x in lattice.template] for piece in lattice.pieces]).T
+        points = fine[:, j.T, i.T]  # (., 3, K, d)
+        found = np.matmul(self._form.from_controls, points)
+        return np.asarray(found.reshape(len(rows), -1, self._form.size, found.shape[3]))
 
     def _beyond(self, kind: int, rows: Array, count: int) -> tuple[Array, Array]:
         """Bounds (P, d) of what is beyond some rings, relative to the limit of the corner."""
@@ -143,8 +141,9 @@ class ExactPoints:
         self._points = exact_control_points(local.patches, points)
 
     def coefficients(self, group: Group, part: slice) -> Array:
-        """Coefficients (p, c, 16, d) of some patches of a group, in their parameters."""
-        shape = len(group.rows[part]), len(group.origin), SIZE, self._points.shape[1]
+        """Coefficients (p, c, n, d) of some patches of a group, in their parameters."""
+        n = self._local.bernstein.size
+        shape = len(group.rows[part]), len(group.origin), n, self._points.shape[1]
         found = np.empty(shape, dtype=object)
         begin = part.indices(len(group.rows))[0]
         for here, ids, local in self._local.of(group, part):
@@ -158,7 +157,7 @@ class ExactPoints:
         least, most = np.full((2, len(ids), self._points.shape[1]), np.inf, dtype=object)
         least[:] = -np.inf
         for here, columns, table in self._local.sectors(group.kind, group.rows):
-            hull = weights.hull_weights(table, group.count, True)
+            hull = weights.hull_weights(self._local.scheme, table, group.count, True)
             if hull is not None:
                 found, unit = weights.products(hull, self._points[ids[here][:, columns]])
                 for bound, extreme in ((least, found.min(axis=1)), (most, found.max(axis=1))):

@@ -24,12 +24,12 @@ from limitsurf.caching import cached_property
 from limitsurf.numbers import NumberType
 from limitsurf.patches import REGULAR, STRIP, PatchTable
 from limitsurf.pieces import bernstein
-from limitsurf.pieces.bernstein import PIECES, SIZE, Bernstein
+from limitsurf.pieces.bernstein import Bernstein
 from limitsurf.pieces.cover import Group
 
 if TYPE_CHECKING:
     from limitsurf.scheme.scheme import Scheme
-    from limitsurf.tables import EigenTable, RationalTable, RingMasks
+    from limitsurf.tables import EigenTable, RationalTable, RingMasks, Sector
 
 Array = NDArray[Any]
 
@@ -55,7 +55,7 @@ class LocalWeights:
     @cached_property
     def bernstein(self) -> Bernstein:
         """Matrices onto Bernstein coefficients."""
-        return Bernstein.of(self.number.exact)
+        return Bernstein.of(self.scheme, self.number.exact)
 
     @cached_property
     def strips(self) -> tuple[tables.StripTables, Array]:
@@ -65,8 +65,8 @@ class LocalWeights:
     def of(self, group: Group, part: slice) -> Iterator[tuple[Array, Array, Array]]:
         """Weights for some patches of a group, of those alike at a time.
 
-        Which of the group (p,), their control points (p, K), and weights (c, 16, K) in the
-        parameters of the patches, or (p, c, 16, K).
+        Which of the group (p,), their control points (p, K), and weights (c, n, K) of the n
+        coefficients in the parameters of the patches, or (p, c, n, K).
         """
         rows = group.rows[part]
         here = np.arange(*part.indices(len(group.rows)))
@@ -81,7 +81,7 @@ class LocalWeights:
             yield here, ids, self._of_shared(group.kind, rows, group.count)
         else:
             for some, columns, table in self.sectors(group.kind, rows):
-                weights = ring_weights(table, group.count)
+                weights = ring_weights(self.scheme, table, group.count)
                 yield here[some], ids[some][:, columns], weights
 
     def _of_strips(self, rows: Array, depth: int) -> Array:
@@ -89,36 +89,38 @@ class LocalWeights:
         tables_, which = self.strips
         first = tables_.first[which[rows]]
         polynomials = tables_.pieces[first[:, None] + np.arange(depth + 1)]
-        found = bernstein.strips(polynomials.reshape(-1, *polynomials.shape[2:]))
-        return found.reshape(len(rows), depth + 1, SIZE, -1)
+        across = polynomials.reshape(-1, *polynomials.shape[2:])
+        found = bernstein.strips(self.scheme.spline, across)
+        return found.reshape(len(rows), depth + 1, *found.shape[1:])
 
     def _around(self, kind: int, count: int) -> Array:
-        """Weights (3 count, 16, K) on the rings around special corners of a kind."""
+        """Weights (3 count, n, K) on the rings around special corners of a kind."""
         sector = self.patches.sectors[kind]
         assert sector is not None
         if self.number.exact:
-            return ring_weights(tables.rational_table(self.scheme, sector), count)
+            return ring_weights(self.scheme, tables.rational_table(self.scheme, sector), count)
         table = tables.eigen_table(self.scheme, sector)
         functions = ring_functions(table, count)
         exponent = np.zeros(len(functions), dtype=np.int64)
         eigen = basis.EigenWeights(functions, exponent, True)
-        return basis.control_weights(table, eigen).reshape(-1, SIZE, table.size)
+        return basis.control_weights(table, eigen).reshape(-1, self.bernstein.size, table.size)
 
     def _of_shared(self, kind: int, rows: Array, count: int) -> Array:
         """Weights (p, 3 count, 16, K) on the rings around special corners of many faces."""
         masks, shared = self.masks(kind), self.patches.rings[kind]
-        shape = len(rows), count, len(PIECES), SIZE
+        pieces, size = len(self.scheme.lattice.pieces), self.bernstein.size
+        shape = len(rows), count, pieces, size
         position, level, piece = np.broadcast_arrays(
             shared.position[rows].reshape(-1, 1, 1, 1),
             np.arange(count).reshape(-1, 1, 1),
-            np.arange(len(PIECES)).reshape(-1, 1),
+            np.arange(pieces).reshape(-1, 1),
         )
         position, level, piece = (
             np.broadcast_to(x, shape).ravel() for x in (position, level, piece)
         )
-        b = np.tile(self.bernstein.from_controls, (position.size // SIZE, 1))
+        b = np.tile(self.bernstein.from_controls, (position.size // size, 1))
         found = rings.piece_weights(masks, position, level, piece, b)
-        return found.reshape(len(rows), count * len(PIECES), SIZE, found.shape[1])
+        return found.reshape(len(rows), count * pieces, size, found.shape[1])
 
     def masks(self, kind: int) -> RingMasks:
         """The masks of a kind with shared rings."""
@@ -133,59 +135,62 @@ class LocalWeights:
         sector = self.patches.sectors[kind]
         assert sector is not None
         if kind not in self.patches.rings:
-            yield np.arange(len(rows)), slice(None), tables.rational_table(self.scheme, sector)
+            yield np.arange(len(rows)), slice(None), self._table(sector)
             return
         position = self.patches.rings[kind].position[rows]
         for p in np.unique(position).tolist():
             columns, own = rings.columns(sector, p)
-            table = tables.rational_table(self.scheme, own)
-            yield np.flatnonzero(position == p), columns, table
+            yield np.flatnonzero(position == p), columns, self._table(own)
+
+    def _table(self, sector: Sector) -> RationalTable:
+        return tables.rational_table(self.scheme, sector, rounded=not self.number.exact)
 
 
 def ring_functions(table: EigenTable, count: int) -> Array:
-    """Bernstein coefficients of eigenfunctions on the first rings, (count * 3 * 16, K - 1).
+    """Bernstein coefficients of eigenfunctions on the first rings, (count * 3 * n, K - 1).
 
     Without the constant one; ring n is that next to the corner after n halvings, times J^n.
     """
-    pieces = Bernstein.of(False).from_powers @ table.pieces[:, :, 1:]
-    functions = np.tile(pieces.reshape(-1, table.size - 1), (count, 1))
-    level = np.repeat(np.arange(count), len(PIECES) * SIZE)
+    pieces = Bernstein.of(table.scheme, False).from_powers @ table.pieces[:, :, 1:]
+    ring = pieces.reshape(-1, table.size - 1)
+    functions, level = np.tile(ring, (count, 1)), np.repeat(np.arange(count), len(ring))
     return basis.on_rings(table, functions, level)
 
 
 @lru_cache(maxsize=16)
-def ring_weights(table: RationalTable, count: int) -> Array:
-    """Exact weights (3 count, 16, K) of the control points on the first rings."""
-    size = len(PIECES) * SIZE
-    found = [fractions(rows[:size], unit) for rows, unit in islice(_steps(table), count)]
-    shape = -1, SIZE, table.sector.size
+def ring_weights(scheme: Scheme, table: RationalTable, count: int) -> Array:
+    """Exact weights (3 count, n, K) of the control points on the first rings."""
+    size = table.sector.size
+    steps = islice(_steps(scheme, table), count)
+    found = [fractions(rows[:-size], unit) for rows, unit in steps]
+    shape = -1, Bernstein.of(scheme, True).size, size
     return np.array(found, dtype=object).reshape(shape)
 
 
 @lru_cache(maxsize=256)
-def hull_weights(table: RationalTable, count: int, exact: bool) -> Array | None:
+def hull_weights(scheme: Scheme, table: RationalTable, count: int, exact: bool) -> Array | None:
     """Weights (R, K) of points whose convex hull holds what is beyond so many rings.
 
     The limit is in the hull of any refined control points if all masks are convex combinations,
     which is looked up in the table; else None. Here they are the coefficients of `AHEAD` rings
     more, then all control points after these: ``derivations/pieces.py``.
     """
-    size = len(PIECES) * SIZE
-    rows, unit = next(_steps(table))
+    size = table.sector.size
+    rows, unit = next(_steps(scheme, table))
     if not (rows >= 0).all():
         return None
-    steps = _steps(table) if exact else _float_steps(table, (rows / unit).astype(float))
+    steps = _steps(scheme, table) if exact else _float_steps(table, (rows / unit).astype(float))
     found: list[Array] = []
     for rows, unit in islice(steps, count, count + AHEAD):
-        found.append(rows[:size] / unit if not exact else fractions(rows[:size], unit))
-    found.append(rows[size:] / unit if not exact else fractions(rows[size:], unit))
+        found.append(rows[:-size] / unit if not exact else fractions(rows[:-size], unit))
+    found.append(rows[-size:] / unit if not exact else fractions(rows[-size:], unit))
     return np.concatenate(found)
 
 
 @lru_cache(maxsize=256)
 def most_beyond(table: EigenTable, count: int) -> Array:
     """Bounds (K - 1,) of the eigenfunctions after the first on ring `count` and all after it."""
-    pieces = Bernstein.of(False).from_powers @ table.pieces[:, :, 1:]
+    pieces = Bernstein.of(table.scheme, False).from_powers @ table.pieces[:, :, 1:]
     most, rate = np.abs(pieces).max(axis=(0, 1)), np.abs(table.rates[0, 1:])
     heads, first = table.chains - 1, table.pairs - 1
     most[first] = most[first + 1] = most[first] + most[first + 1]
@@ -197,18 +202,19 @@ def most_beyond(table: EigenTable, count: int) -> Array:
     return np.asarray(most)
 
 
-def _steps(table: RationalTable) -> Iterator[tuple[Array, int]]:
-    """Integers (3 * 16 + K, K) and their denominator, for ring 0, 1, 2, ... on and on.
+def _steps(scheme: Scheme, table: RationalTable) -> Iterator[tuple[Array, int]]:
+    """Integers (3 n + K, K) and their denominator, for ring 0, 1, 2, ... on and on.
 
     Weights of the control points in the coefficients of the ring, then in the control points after
     one step more.
     """
-    size, n = table.sector.size, len(PIECES) * SIZE
-    from_controls = Bernstein.of(True).from_controls
+    form, size = Bernstein.of(scheme, True), table.sector.size
+    from_controls, each = form.from_controls, form.size
+    n = len(table.pieces) * each
     unit = lcm(*(x.denominator for x in from_controls.ravel()))
     rows = np.zeros((n + size, table.n_rows), dtype=object)
     for piece, control in enumerate(table.pieces):
-        block = rows[SIZE * piece : SIZE * (piece + 1)]
+        block = rows[each * piece : each * (piece + 1)]
         for k, row in enumerate(control.tolist()):
             block[:, row] += _whole(from_controls[:, k] * unit)
     rows[n + np.arange(size), np.arange(size)] = unit

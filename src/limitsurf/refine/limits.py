@@ -12,9 +12,9 @@ from limitsurf import numbers, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.mesh import Mesh, read_only
 from limitsurf.refine.operators import entries, identity, sparse_operator, stacked
-from limitsurf.refine.stages import refined_values, refinement_stages, smooth_valences
+from limitsurf.refine.stages import irrational, refined_values, refinement_stages, smooth_valences
 from limitsurf.rules import PENDING, Rules, Sectors, Sharpness
-from limitsurf.topology import MeshPart, child_halves, child_mesh
+from limitsurf.topology import MeshPart, child_halves, child_mesh, vertex_numbers
 
 if TYPE_CHECKING:
     from limitsurf.scheme.scheme import Scheme
@@ -31,7 +31,11 @@ def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arra
     for kind, faces, fans in sectors.groups(np.flatnonzero(wanted[vertex] & (sectors.kind >= 0))):
         own = points[vertex[fans]]
         step = np.zeros_like(own)
-        mask = tables.limit_mask(rules.scheme, kind, faces, sharpness.number)
+        try:
+            mask = tables.limit_mask(rules.scheme, kind, faces, sharpness.number)
+        except TypeError:
+            what = f"vertex {vertex_numbers(sharpness.mesh)[vertex[fans[0]]]} has {faces} faces"
+            raise TypeError(irrational(what, rules)) from None
         if rules.scheme.sector(kind, faces).carried:  # the last point is the middle of two
             mask = np.append(mask[:-1], [mask[-1] / 2] * 2)
         ring = sectors.ring(kind, faces, fans)[:, 1:]
@@ -52,7 +56,9 @@ def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arra
         finer = refined_values(near.mesh, rules, inner, points[near.vertices], compiled)
         later = np.zeros(len(finer), dtype=bool)
         later[: near.mesh.n_vertices] = pending[near.vertices]
-        inner = inner.children(child_mesh(near.mesh, finer, lattice), lattice)
+        names = np.full(len(finer), -1)
+        names[: near.mesh.n_vertices] = vertex_numbers(near.mesh)
+        inner = inner.children(child_mesh(near.mesh, names, lattice), lattice)
         limits = limit_points(inner, rules, finer, later)
         result[pending] = limits[later]
     return result

@@ -49,7 +49,7 @@ class ExactOperator:
         self.rows, self.columns, self.values, self.shape = rows, columns, values, shape
 
     @cached_property
-    def indptr(self) -> Array:
+    def indptr(self) -> NDArray[np.int64]:
         """Row r is entries ``indptr[r]`` to ``indptr[r + 1] - 1``, (rows + 1,)."""
         return np.searchsorted(self.rows, np.arange(self.shape[0] + 1))
 

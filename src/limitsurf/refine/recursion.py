@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal, Self, overload
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from limitsurf import _kernels, memory, numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.channels import ChannelMesh
 from limitsurf.checks import checked_integer
-from limitsurf.mesh import Mesh, read_only
+from limitsurf.mesh import Boundary, Creasing, IntArray, Mesh, Triangles, read_only
 from limitsurf.refine.limits import limit_normals, limit_points, normal_weights, ring_weights
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
 from limitsurf.refine.stages import channel_groups, refined_values, refinement_stages
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
+Floats: TypeAlias = NDArray[np.float64]
 
 
 class RefinedMesh(Mesh):
@@ -63,7 +64,7 @@ class RefinedMesh(Mesh):
     _rounded: bool  # whether the points come from refinement, and not from outside
 
     @cached_property
-    def _parents(self) -> tuple[Array, Array, Array]:
+    def _parents(self) -> tuple[IntArray, Floats, Floats]:
         """Parent face and parameters, taken in a vertex's first face, one with a limit if any."""
         lattice = self._rules.scheme.lattice
         limit_face, uv = _cage_parameters(self._lineage[0], lattice)
@@ -80,17 +81,17 @@ class RefinedMesh(Mesh):
         return read_only((face, u, v))
 
     @property
-    def parent_face(self) -> Array:
+    def parent_face(self) -> IntArray:
         """Limit face of the original mesh that each vertex is on."""
         return self._parents[0]
 
     @property
-    def parent_u(self) -> Array:
+    def parent_u(self) -> Floats:
         """First parameter of each vertex in its limit face."""
         return self._parents[1]
 
     @property
-    def parent_v(self) -> Array:
+    def parent_v(self) -> Floats:
         """Second parameter of each vertex in its limit face."""
         return self._parents[2]
 
@@ -135,7 +136,7 @@ class RefinedMesh(Mesh):
         return np.asarray(result.reshape(self.points.shape))
 
     @cached_property
-    def limit_normals(self) -> Array:
+    def limit_normals(self) -> Floats:
         """Unit limit normals by face corner, (n_corners, 3), by tangent masks.
 
         At creases the faces on each side have their own. NaN where no limit normal exists: at
@@ -186,7 +187,7 @@ class RefinedMesh(Mesh):
         result.reshape(-1, lattice.face_size, 3)[rules.without_limit(self)] = np.nan
         return np.asarray(result)
 
-    def with_points(self, points: ArrayLike) -> Self:
+    def with_points(self, points: numbers.Numbers) -> Self:
         """A copy with other points, (n_vertices, ...); limits are computed afresh."""
         mesh = super().with_points(points)
         for name in ("limit_points", "limit_normals"):
@@ -202,9 +203,9 @@ def refined(
     *,
     operator: Literal[False] = False,
     scheme: str | Scheme | None = None,
-    boundary: str | None = None,
-    creasing: str | None = None,
-    triangles: str | None = None,
+    boundary: Boundary | None = None,
+    creasing: Creasing | None = None,
+    triangles: Triangles | None = None,
 ) -> RefinedMesh: ...
 @overload
 def refined(
@@ -213,9 +214,9 @@ def refined(
     *,
     operator: Literal[True],
     scheme: str | Scheme | None = None,
-    boundary: str | None = None,
-    creasing: str | None = None,
-    triangles: str | None = None,
+    boundary: Boundary | None = None,
+    creasing: Creasing | None = None,
+    triangles: Triangles | None = None,
 ) -> tuple[RefinedMesh, csr_array[Any] | ExactOperator]: ...
 def refined(
     mesh: Mesh,
@@ -223,9 +224,9 @@ def refined(
     *,
     operator: bool = False,
     scheme: str | Scheme | None = None,
-    boundary: str | None = None,
-    creasing: str | None = None,
-    triangles: str | None = None,
+    boundary: Boundary | None = None,
+    creasing: Creasing | None = None,
+    triangles: Triangles | None = None,
 ) -> RefinedMesh | tuple[RefinedMesh, csr_array[Any] | ExactOperator]:
     """Refine a mesh recursively by its subdivision rules.
 
@@ -248,7 +249,11 @@ def refined(
         Its vertices are the vertex points, then the edge points in the order of ``mesh.edges``,
         then the face points; unused vertices are kept. Its faces are the children of each face in
         the order of its corners, with corner 0 at that corner, corner 1 the midpoint of the edge
-        to the next one and corner 2 the face point. Children of holes are holes, and so are those
+        to the next one and corner 2 the face point. Schemes of triangles have no face points: child
+        0, 1, 2 of a triangle has that corner, the midpoint of the edge to the next one and of that
+        to the one before, and child 3 is in the middle, from the midpoint opposite to corner 0 on:
+        inner edges of two triangles on the same three vertices join the same midpoints, and
+        ``edges`` has them both. Children of holes are holes, and so are those
         of boundary faces under boundary="none". Creases and corners carry their sharpness on, and
         channels are refined with their seams.
         It also has `parent_face`, `parent_u`, `parent_v`, `limit_points` and `limit_normals`.
@@ -257,6 +262,10 @@ def refined(
     ------
     ValueError
         For levels that are not an integer >= 0, or an unknown option.
+    MeshError
+        For other faces than triangles, if the scheme is of these.
+    TypeError
+        For exact points where masks are irrational, which need float64.
     MemoryError
         At once, for more faces than there is memory for; it says how many levels fit.
 

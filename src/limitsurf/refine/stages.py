@@ -15,7 +15,7 @@ from limitsurf.mesh import Mesh, read_only
 from limitsurf.numbers import NumberType
 from limitsurf.refine.operators import csr, sparse_operator
 from limitsurf.rules import DART, Rules, Sharpness
-from limitsurf.topology import quad_offsets
+from limitsurf.topology import quad_offsets, vertex_numbers
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -162,16 +162,18 @@ def _by_valences(
             try:
                 tables.edge_weights(rules.scheme, pair[:1], pair[1:], number)
             except TypeError:
-                names = " and ".join(map(str, mesh.edges[edge].tolist()))
-                what = f"the edge of vertices {names} joins valences {pair[0]} and {pair[1]}"
-                raise TypeError(_irrational(what, rules)) from None
+                first, second = vertex_numbers(mesh)[mesh.edges[edge]].tolist()
+                what = f"the edge of vertices {first} and {second}"
+                what += f" joins valences {pair[0]} and {pair[1]}"
+                raise TypeError(irrational(what, rules)) from None
         raise
 
 
-def _irrational(what: str, rules: Rules) -> str:
+def irrational(what: str, rules: Rules) -> str:
+    """A message for those who want exact numbers where there are none."""
     return (
         f"{what}, where the masks of scheme {rules.scheme.name!r} are irrational: there are no "
-        "exact points; give float64 points, as in mesh.with_points(mesh.points.astype(float))"
+        "exact points; take float64, as in mesh.with_points(mesh.points.astype(float))"
     )
 
 
@@ -250,11 +252,11 @@ def _vertex_weights(mesh: Mesh, rules: Rules, rough: Array, number: NumberType) 
             try:
                 table[faces] = tables.vertex_weights(rules.scheme, np.array([faces]), number)
             except TypeError:
-                refuse_irrational(mesh, rules, faces, rough)
+                _refuse_irrational(mesh, rules, faces, rough)
     return table
 
 
-def refuse_irrational(mesh: Mesh, rules: Rules, faces: int, rough: Array) -> None:
+def _refuse_irrational(mesh: Mesh, rules: Rules, faces: int, rough: Array) -> None:
     """Refuse exact points of a smooth vertex of so many faces, if there is one.
 
     A vertex on the rim of a part is none.
@@ -264,8 +266,8 @@ def refuse_irrational(mesh: Mesh, rules: Rules, faces: int, rough: Array) -> Non
     rim = np.flatnonzero(mesh.twin < 0)
     smooth[mesh.indices[rim]] = smooth[mesh.indices[mesh._after(rim)]] = False
     if smooth.any():
-        what = f"vertex {smooth.argmax()} has valence {faces}"
-        raise TypeError(_irrational(what, rules))
+        what = f"vertex {vertex_numbers(mesh)[smooth.argmax()]} has valence {faces}"
+        raise TypeError(irrational(what, rules)) from None
 
 
 def refined_values(

@@ -6,14 +6,14 @@ A scheme is registered here and nowhere else.
 from __future__ import annotations
 
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.loop import LOOP
 from limitsurf.scheme.scheme import Scheme
 
-SCHEMES = {scheme.name: scheme for scheme in (CATMULL_CLARK,)}
+SCHEMES = {scheme.name: scheme for scheme in (CATMULL_CLARK, LOOP)}
 # what else files call a scheme, and what that means
 _OTHERS = {
     "none": "the cage is a mere mesh of polygons, which is not to be subdivided",
     "mixed": "the cage is of meshes with several schemes",
-    "loop": "it is not there yet",
     "bilinear": "it is not there yet",
 }
 

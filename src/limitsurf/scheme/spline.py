@@ -132,7 +132,7 @@ class Spline:
         }
 
     def curve_stencil(self, refined: int) -> dict[int, Fraction]:
-        """As `stencil`, of what is the same along v."""
+        """Weights of control points that are the same along v in a refined one, by their places."""
         sums: dict[int, Fraction] = {}
         for (i, _), weight in self.stencil((refined, 0)).items():
             sums[i] = sums.get(i, Fraction(0)) + weight

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from limitsurf.caching import cached_property
+from limitsurf.checks import checked_integer
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
-from limitsurf.tables import FourierRing, eigen_table, find_scheme
+from limitsurf.tables import EigenNumbers, FourierRing, eigen_numbers, eigen_table, find_scheme
 
 if TYPE_CHECKING:
     from limitsurf.exact.symbolic import SymbolicBasis
@@ -49,7 +50,7 @@ class Eigenbasis:
         The same numbers rounded from 96 digits.
 
     Both have ``eigenvalues``, ``A``, ``V``, ``J``, ``Vinv``, ``residual`` (``A V - V J``),
-    ``limit_mask`` and ``tangent_masks``.
+    ``limit_mask`` and ``tangent_masks``; so has `in_digits`, in as many digits as are wanted.
 
     Examples
     --------
@@ -82,6 +83,34 @@ class Eigenbasis:
         from limitsurf.exact.symbolic_sectors import SectorBasis
 
         return SectorBasis(self.scheme, self.sector)
+
+    def in_digits(self, digits: int) -> EigenNumbers:
+        """The eigenbasis to so many decimal digits, as mpmath numbers.
+
+        Parameters
+        ----------
+        digits : int
+            How many digits after the point are right, at least 1.
+
+        Returns
+        -------
+        EigenNumbers
+            With `eigenvalues`, `A`, `V`, `J`, `Vinv`, `residual`, `limit_mask` and `tangent_masks`
+            in the order of `.float64`, as object arrays.
+
+        Raises
+        ------
+        ValueError
+            When `digits` is no integer of at least 1.
+
+        Examples
+        --------
+        >>> import limitsurf as ls
+        >>> from mpmath import nstr
+        >>> print(nstr(ls.eigenbasis(valence=5).in_digits(200).eigenvalues[1], 30))
+        0.549988354518297177894305358956
+        """
+        return eigen_numbers(self.scheme, self.sector, checked_integer("digits", digits, 1))
 
     @property
     def has_tangent_plane(self) -> bool:
@@ -139,11 +168,15 @@ class Eigenbasis:
             return f"frequency {table.ring.frequency[mode]}"
         if sector.carried and mode == sector.ring - 1:
             return "curve"
-        if sector.kind == "pendant":
-            return f"frequency {(mode + 1) // 4}"
-        # vectors of the curve, or those even about the dart's edge; then waves, two of a frequency
-        first, name = (3, "curve") if sector.open else (sector.faces + 2, "even part")
-        return name if mode < first else f"wave {(mode - first) // 2 + 1}"
+        orbits, faces = len(sector.lattice.orbits), sector.faces
+        if (
+            sector.kind == "pendant"
+        ):  # of a wave cosine and sine, for each orbit; of frequency 0 v too
+            return f"frequency {(mode - 1 - orbits) // (2 * orbits) + 1}"
+        # vectors of the curve, or those even about the dart's edge; then waves, one for each orbit
+        even = 2 + faces // 2 + (orbits - 1) * ((faces + 1) // 2)
+        first, name = (3, "curve") if sector.open else (even, "even part")
+        return name if mode < first else f"wave {(mode - first) // orbits + 1}"
 
     def _distinct(self) -> list[tuple[float, int]]:
         values, counts = np.unique(self.float64.rates[0], return_counts=True)

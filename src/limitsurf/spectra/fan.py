@@ -2,12 +2,15 @@
 
 The two-ring of a vertex holds all control points of the faces around it, and one step of refinement
 makes the two-ring of half the size from it. An eigenvector of that step is a cage whose limit is an
-eigenfunction: exactly the same at half the parameters, times its eigenvalue.
+eigenfunction: exactly the same at half the parameters, times its eigenvalue. On the control points
+of each face it is an eigenvector of the table of that face, from which it is put together here;
+derived in ``derivations/eigenfunctions.py``, section 7.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -16,16 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.mesh import Mesh
-from limitsurf.refine import refined
+from limitsurf.scheme.lattice import QUADS
 from limitsurf.spectra.basis import eigenbasis
 from limitsurf.surface import LimitSurface
+from limitsurf.tables import EigenTable, FourierRing, grid_index
 
 if TYPE_CHECKING:
     from limitsurf.scheme.scheme import Scheme
 
 Array: TypeAlias = NDArray[Any]
-
-_SAME = 1e-9  # eigenvalues this close are one
 
 
 @dataclass(frozen=True)
@@ -72,9 +74,14 @@ class Fan:
     def __init__(self, scheme: str | Scheme, kind: str, faces: int) -> None:
         self.scheme, self.kind, self.faces = scheme, kind, faces
         self.basis = eigenbasis(scheme, kind=kind, faces=faces)  # checks all three
-        self.place = self.basis.sector.place
-        is_open = kind in ("crease", "corner")
-        axes = faces + is_open
+        sector = self.basis.sector
+        self.place = sector.place
+        if sector.lattice is not QUADS:
+            raise ValueError(
+                f"eigenfunctions are drawn around vertices of quads, but scheme "
+                f"{self.basis.scheme.name!r} is of {sector.lattice.name}"
+            )
+        axes = faces + sector.open
         s = np.arange(faces)
         number = np.zeros((faces, 3, 3), dtype=np.int64)
         steps = np.arange(1, 3)
@@ -97,22 +104,9 @@ class Fan:
     def surface(self, values: Array) -> LimitSurface:
         """The limit surface of values (M, ...), on the inner faces."""
         holes = range(self.faces, len(self._cells))
-        return LimitSurface(Mesh(values, self._cells, holes=holes, **self._tags), self.scheme)
-
-    def operator(self) -> Array:
-        """One step of refinement, (M, M)."""
-        cage = Mesh(np.zeros((self.size, 1)), self._cells, **self._tags)
-        fine, rows = refined(cage, scheme=self.scheme, operator=True)
-        child = np.asarray(fine.faces)[: 4 * self.faces].reshape(self.faces, 4, 4)
-        at = np.empty_like(self.number)  # fine vertices
-        corners = [[(0, 0), (1, 0), (1, 1), (0, 1)], [(2, 0), (2, 1), (1, 1), (1, 0)]]
-        corners += [[(2, 2), (1, 2), (1, 1), (2, 1)], [(0, 2), (0, 1), (1, 1), (1, 2)]]
-        for k, places in enumerate(corners):
-            for corner, (i, j) in enumerate(places):
-                at[:, i, j] = child[:, k, corner]
-        origin = np.empty(self.size, dtype=np.int64)
-        origin[self.number] = at
-        return np.asarray(rows.toarray()[origin])
+        return LimitSurface(
+            Mesh(values, self._cells, holes=holes, **self._tags), scheme=self.scheme
+        )
 
     def mirrored(self, values: Array) -> Array:
         """Values (M,) reflected: at the first axis, or in open fans at the bisector."""
@@ -127,58 +121,82 @@ class Fan:
         Raises
         ------
         ValueError
-            Around another vertex; where eigenvalues are complex or eigenvectors are missing, as
-            they can be of a scheme of your own.
+            Around another vertex; where eigenvectors are missing, as they are at valence 2, and can
+            be of a scheme of your own.
         """
         if self.kind != "interior":
             raise ValueError(f"modes are those of a smooth vertex, not of {self.place}")
-        N, step, found = self.faces, self.operator(), []
-        sectors = self.number[:, 1:].reshape(N, 6)  # all but the vertex
-        for f in range(N // 2 + 1):  # sectors are alike: each wave has a block of its own
-            angle = 2 * np.pi * f / N * np.arange(N)
-            waves = np.zeros((self.size, 6, 2))
-            for k in range(6):
-                waves[sectors[:, k], k] = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-            all_waves = waves.reshape(self.size, 12)
-            if f == 0:
-                all_waves = np.concatenate([all_waves, np.eye(self.size, 1)], axis=1)
-            swapped = self.mirrored(all_waves)
-            for sine, part in enumerate((all_waves + swapped, all_waves - swapped)):
-                left, sizes, _ = np.linalg.svd(part, full_matrices=False)
-                base = left[:, sizes > _SAME]  # (M, 3 or so), orthonormal
-                for eigenvalue, vector in self._eigenvectors(base.T @ step @ base):
-                    values = base @ vector
-                    values /= values[np.argmax(np.abs(values).round(9))]
-                    found.append(Mode(eigenvalue, f, bool(sine), 0 < 2 * f < N, values))
+        chains, found = self.basis.float64.chains, []
+        if len(chains):
+            raise ValueError(
+                f"{self.basis.scheme.name} has no basis of eigenvectors at {self.place}: "
+                f"{len(chains)} of {self.basis.float64.size} are missing"
+            )
+        for eigenvalue, f, sine, near in [*self._waves(), *self._outer_waves()]:
+            values = self._joined(near)
+            values /= values[np.argmax(np.abs(values).round(9))]
+            found.append(Mode(eigenvalue, f, bool(sine), 0 < 2 * f < self.faces, values))
         return sorted(found, key=lambda m: (-round(abs(m.eigenvalue), 9), m.frequency, m.sine))
 
-    def order(self) -> float:
-        """The order at which refined vertices around the vertex approach their limits.
+    def _joined(self, near: Array) -> Array:
+        """Values (M,) from those at the points of the sectors, (k, 3, 3)."""
+        values = np.empty(self.size)
+        values[self.number] = near
+        return values
 
-        An eigenvector whose values are not those of its eigenfunction differs from them, after n
-        refinements, by the n-th power of its eigenvalue.
+    def _table(self, position: int) -> tuple[EigenTable, Array]:
+        """The table of one face, and its vectors at the points of the sector, (3, 3, K)."""
+        basis = eigenbasis(self.scheme, kind=self.kind, faces=self.faces, position=position)
+        at = grid_index(basis.sector)
+        rows = basis.float64.right_rows([at[1 + i, 1 + j] for i in range(3) for j in range(3)])
+        return basis.float64, rows.reshape(3, 3, -1)
+
+    def _waves(self) -> Iterator[tuple[float, int, int, Array]]:
+        """Eigenfunctions that do not vanish on the ring of a smooth vertex.
+
+        Eigenvalue, frequency, whether it is odd about the first edge, values (N, 3, 3). The table
+        has cosines and sines about the middle of the first face, half a face from that edge.
         """
-        step, ends = self.operator(), np.array([0.0, 1.0])
-        alike = self.kind in ("interior", "cone")  # sectors, of which one is enough
-        near = self.number[: 1 if alike else None, :2, :2]  # (k, 2, 2)
-        limits = self.surface(np.zeros(self.size)).weights(
-            np.arange(len(near))[:, None, None], ends[:, None], ends
-        )
-        gaps = np.eye(self.size)[near.ravel()] - limits.toarray()  # (4 k, M)
-        blocks = [(step, gaps)]
-        if alike:
-            sectors = self.number[:, 1:].reshape(self.faces, 6)  # all but the vertex
-            rows = np.concatenate([step[[0, *sectors[0]]], gaps])  # (11, M)
-            waves = np.fft.rfft(rows[:, sectors], axis=1)  # (11, N // 2 + 1, 6)
-            constant = np.concatenate([rows[:, :1], waves[:, 0].real], axis=1)
-            blocks = [(constant[:7], constant[7:])]
-            blocks += [(wave[1:7], wave[7:]) for wave in waves.swapaxes(0, 1)[1:]]
-        slowest = 0.0
-        for matrix, gap in blocks:
-            eigenvalues, vectors = np.linalg.eig(matrix)
-            moves = np.abs(gap @ vectors).max(axis=0) > 1e-6
-            slowest = max(slowest, float(np.abs(eigenvalues[moves]).max(initial=0.0)))
-        return -math.log2(slowest)
+        table, near = self._table(0)
+        ring, N, place = table.ring, self.faces, np.argsort(table.order)
+        assert isinstance(ring, FourierRing)
+        for mode, (f, parity) in enumerate(zip(ring.frequency, ring.parity, strict=True)):
+            k, eigenvalue = place[mode], float(table.rates[0, place[mode]])
+            paired = 0 < 2 * f < N  # the sine follows its cosine
+            if paired and parity:
+                continue
+            turn = np.pi * f / N * (1 + 2 * np.arange(N))[:, None, None]
+            cosine = near[..., k] * (not parity)
+            sine = near[..., place[mode + 1]] if paired else near[..., k] * parity
+            even = np.cos(turn) * cosine - np.sin(turn) * sine
+            odd = np.sin(turn) * cosine + np.cos(turn) * sine
+            if paired or f == 0 or parity:
+                yield eigenvalue, int(f), 0, even
+            if paired or (f > 0 and not parity):
+                yield eigenvalue, int(f), 1, odd
+
+    def _outer_waves(self) -> Iterator[tuple[float, int, int, Array]]:
+        """As `_waves`, those that vanish on the ring: waves of what is of one axis, or one face."""
+        table, near = self._table(0)
+        beyond = table.right_rows([grid_index(self.basis.sector)[3, 0]])[0]  # across the first axis
+        N, s = self.faces, np.arange(self.faces)[:, None, None]
+        for k in np.flatnonzero(table.order >= self.basis.sector.ring):
+            here, eigenvalue = near[..., k], float(table.rates[0, k])
+            if here[0, 2] or here[1, 2]:  # of the other axis of this face
+                continue
+            of_axis = here[2, 0] or here[2, 1]
+            sign = -1 if beyond[k] * here[2, 1] < 0 else 1  # mirrored at the axis
+            for f in range(N // 2 + 1):
+                for sine, wave in enumerate((np.cos, np.sin)):
+                    # of a sine in the middle of a wave, or of a cosine between, nothing is left
+                    if (f == 0 and sine) or (2 * f == N and bool(sine) == bool(of_axis)):
+                        continue
+                    if of_axis:
+                        first, last = (wave(2 * np.pi * f / N * x) for x in (s, s + 1))
+                        values = first * here + sign * last * here.T
+                        yield eigenvalue, f, sine ^ (sign < 0), values
+                    else:
+                        yield eigenvalue, f, sine, wave(np.pi * f / N * (2 * s + 1)) * here
 
     def characteristic_map(self) -> Array:
         """Control points (M, 2) of the characteristic map.
@@ -189,30 +207,31 @@ class Fan:
         Raises
         ------
         ValueError
-            Where there is no tangent plane.
+            Where there is no tangent plane, or none of two eigenfunctions.
         """
         table = self.basis.float64
-        if not len(table.normal):
+        if not len(table.normal) or self.basis.sector.carried:
             raise ValueError(f"there is no tangent plane at {self.place}, so no characteristic map")
-        step = self.operator()
-        first, second = table.rates[0, table.normal].tolist()
-        if abs(first - second) > _SAME and np.isin(table.normal, table.chains).any():
+        # heads of chains look like the eigenfunctions of their ends, towards the vertex
+        pair = table.normal_pairs[1]
+        first, second = table.rates[0, pair].tolist()
+        if pair[0] == pair[1] or (first != second and np.isin(table.normal, table.chains).any()):
             raise ValueError(
                 f"the tangent plane at {self.place} comes from a Jordan chain, not from "
                 "two eigenfunctions: there is no characteristic map"
             )
-        if abs(first - second) < _SAME:
-            space = self._kernel(step, first, 2)
-        else:
-            space = np.concatenate([self._kernel(step, x, 1) for x in (first, second)])
+        if self.kind == "interior":
+            return self._smooth_map()
+        space, numbers = np.empty((2, *self.number.shape)), table.order[pair]
+        for p in range(self.faces):  # all positions have the same vectors of the ring
+            own, near = self._table(p)
+            space[:, p] = np.moveaxis(near[..., np.argsort(own.order)[numbers]], -1, 0)
+        space = np.stack([self._joined(x) for x in space])
         even = _largest(space + np.stack([self.mirrored(x) for x in space]))
         odd = _largest(space - np.stack([self.mirrored(x) for x in space]))
-        x, y = (odd, even) if self.kind in ("crease", "corner") else (even, odd)
+        x, y = (odd, even) if self.basis.sector.open else (even, odd)
         # counter-clockwise, and as wide along both axes as it would be in the plane
         ring = self.number[:, 1, 0]
-        if self.kind == "interior":
-            turn = 2 * np.pi / self.faces
-            return np.stack([x / x[ring[0]], y / y[ring[1]] * math.sin(turn)], axis=1)
         if self.kind == "corner" and self.faces == 1:  # the first quadrant
             x, y = x / x[ring[0]], y / y[ring[0]]
             x, y = y + x, y - x
@@ -220,37 +239,40 @@ class Fan:
         x, y = x / np.abs(x[inner]).max(), y / np.abs(y[inner]).max()
         return np.stack([x * np.sign(x[ring[0]]), y * np.sign(y[self.number[0, 1, 1]])], axis=1)
 
-    def _eigenvectors(self, matrix: Array) -> list[tuple[float, Array]]:
-        """Real eigenvalues of a small matrix, each with one of its eigenvectors."""
-        eigenvalues = np.linalg.eigvals(matrix)
-        if len(matrix) and np.abs(eigenvalues.imag).max() > _SAME:
-            raise ValueError(
-                f"{self.basis.scheme.name} has complex eigenvalues at {self.place}, or "
-                "too few eigenvectors; eigenfunctions need real ones, and all of them"
-            )
-        ordered = np.sort(eigenvalues.real)
-        first = np.flatnonzero(np.diff(ordered, prepend=-np.inf) > 1e-6)
-        found = []
-        for group in np.split(ordered, first[1:]):
-            _, sizes, vectors = np.linalg.svd(matrix - group.mean() * np.eye(len(matrix)))
-            some = [k for k in range(-len(group), 0) if sizes[k] < _SAME]
-            found += [(float(group.mean()), vectors[k]) for k in some]
-        if len(found) < len(matrix):
-            raise ValueError(
-                f"{self.basis.scheme.name} has no basis of eigenvectors at {self.place}: "
-                f"in one block {len(found)} of {len(matrix)}"
-            )
-        return found
+    def _smooth_map(self) -> Array:
+        """The characteristic map of a smooth vertex, as wide along both axes as in the plane."""
+        slowest = self.basis.float64.rates[0, self.basis.float64.normal[0]]
+        x, y = (
+            self._joined(near) for value, f, _, near in self._waves() if (value, f) == (slowest, 1)
+        )
+        ring, turn = self.number[:, 1, 0], 2 * np.pi / self.faces
+        return np.stack([x / x[ring[0]], y / y[ring[1]] * math.sin(turn)], axis=1)
 
-    def _kernel(self, step: Array, eigenvalue: float, count: int) -> Array:
-        """Eigenvectors (count, M) of one eigenvalue of the table."""
-        _, sizes, vectors = np.linalg.svd(step - eigenvalue * np.eye(self.size))
-        if not sizes[-count] < _SAME:
-            raise ValueError(
-                f"{self.basis.scheme.name} has fewer than {count} eigenfunctions of eigenvalue "
-                f"{eigenvalue:.6g} at {self.place}: there is no characteristic map"
-            )
-        return np.asarray(vectors[-count:])
+
+def order_at(scheme: str | Scheme, kind: str, faces: int) -> float:
+    """The order at which refined vertices around a vertex approach their limits.
+
+    An eigenvector whose values are not those of its eigenfunction differs from them, after n
+    refinements, by the n-th power of its eigenvalue.
+    """
+    slowest = 0.0
+    alike = eigenbasis(scheme, kind=kind, faces=faces).sector.alike
+    for position in range(1 if alike else faces):
+        basis = eigenbasis(scheme, kind=kind, faces=faces, position=position)
+        table, lattice, at = basis.float64, basis.scheme.lattice, grid_index(basis.sector)
+        points = table.right_rows([at[1 + i, 1 + j] for i, j in lattice.corners])
+        limits, bound = np.zeros_like(points), np.abs(points)
+        limits[0, 0] = 1  # the constant alone does not vanish at the vertex
+        origins = [piece.origin for piece in lattice.pieces]
+        for k, corner in enumerate(lattice.corners[1:], 1):  # as it is of the piece there
+            powers = np.prod(np.power(corner, basis.scheme.spline.exponents), axis=1)
+            piece = table.pieces[origins.index(corner)]
+            limits[k], bound[k] = powers @ piece, bound[k] + powers @ np.abs(piece)
+        # both were rounded once and added up
+        rounding = np.finfo(float).eps * len(basis.scheme.spline.exponents)
+        moves = (np.abs(points - limits) > rounding * bound).any(axis=0)
+        slowest = max(slowest, float(np.abs(table.rates[0, moves]).max(initial=0.0)))
+    return -math.log2(slowest)
 
 
 def predicted_order(surface: LimitSurface) -> float:
@@ -262,7 +284,7 @@ def predicted_order(surface: LimitSurface) -> float:
     found = (s.still if s.carried else s for s in surface.patches.sectors if s is not None)
     sectors = {(s.kind, s.faces) for s in found}
     scheme = surface.rules["scheme"]
-    return min([2.0, *(Fan(scheme, kind, faces).order() for kind, faces in sectors)])
+    return min([2.0, *(order_at(scheme, kind, faces) for kind, faces in sectors)])
 
 
 def _largest(vectors: Array) -> Array:

@@ -5,6 +5,8 @@ number type that is asked for. ``python -m limitsurf.tables [DIRECTORY]`` writes
 """
 
 from limitsurf.exact.creases import INFINITE as INFINITE
+from limitsurf.exact.matrices import grid_index as grid_index
+from limitsurf.exact.wide import MOST_FACES as MOST_FACES
 from limitsurf.scheme import SCHEMES as SCHEMES
 from limitsurf.scheme import find_scheme as find_scheme
 from limitsurf.scheme.sector import KINDS as KINDS
@@ -14,7 +16,6 @@ from limitsurf.tables.cache import SHIPPED_SECTORS as SHIPPED_SECTORS
 from limitsurf.tables.cache import eigen_table as eigen_table
 from limitsurf.tables.cache import rational_table as rational_table
 from limitsurf.tables.cache import write_shipped as write_shipped
-from limitsurf.tables.masks import MOST_FACES as MOST_FACES
 from limitsurf.tables.masks import chaikin_weights as chaikin_weights
 from limitsurf.tables.masks import collapsed_masks as collapsed_masks
 from limitsurf.tables.masks import corner_weights as corner_weights
@@ -30,8 +31,10 @@ from limitsurf.tables.masks import strip_tables as strip_tables
 from limitsurf.tables.masks import strips_of as strips_of
 from limitsurf.tables.masks import vertex_weights as vertex_weights
 from limitsurf.tables.records import DenseRing as DenseRing
+from limitsurf.tables.records import EigenNumbers as EigenNumbers
 from limitsurf.tables.records import EigenTable as EigenTable
 from limitsurf.tables.records import FourierRing as FourierRing
 from limitsurf.tables.records import RationalTable as RationalTable
 from limitsurf.tables.records import RingMasks as RingMasks
 from limitsurf.tables.records import StripTables as StripTables
+from limitsurf.tables.records import eigen_numbers as eigen_numbers

@@ -44,7 +44,7 @@ from limitsurf.tables.records import (
 
 if TYPE_CHECKING:
     from limitsurf.exact.matrices import SubdivisionMatrix
-    from limitsurf.exact.ring import FourierRing as FourierModes
+    from limitsurf.exact.ring import FourierModes
 
 FORMAT = 2
 SHIPPED = Path(__file__).parent.parent / "_data" / "tables"
@@ -183,7 +183,7 @@ def _file_name(key: dict[str, Any]) -> str:
 def _derive(scheme: Scheme, sector: Sector) -> dict[str, Array]:
     """Derive a table and round it to float64."""
     from limitsurf.exact.fixed import mp
-    from limitsurf.exact.ring import FourierRing as FourierModes
+    from limitsurf.exact.ring import FourierModes
     from limitsurf.exact.spectrum import spectrum
 
     result = spectrum(scheme, sector)
@@ -324,12 +324,19 @@ def _is_ordered(table: EigenTable) -> bool:
     return bool(ds[0] * dt[1] > ds[1] * dt[0])
 
 
-def rational_table(scheme: Scheme, sector: Sector) -> RationalTable:
+def rational_table(scheme: Scheme, sector: Sector, rounded: bool = False) -> RationalTable:
     """Return the exact refinement step of `scheme` around a special corner.
 
-    Raises a TypeError for irrational masks.
+    Raises a TypeError for irrational masks; if `rounded`, they are taken as float64 has them.
     """
-    return _rational_table(subdivision_matrix(scheme, sector), scheme)
+    matrix = subdivision_matrix(scheme, sector)
+    if rounded and not all(isinstance(w, Fraction) for row in matrix.rows for w in row.values()):
+        matrix = subdivision_matrix(scheme, sector, _rational)
+    return _rational_table(matrix, scheme)
+
+
+def _rational(weight: Any) -> Fraction:
+    return weight if isinstance(weight, Fraction) else Fraction(float(weight))
 
 
 @lru_cache(maxsize=64)
@@ -348,6 +355,6 @@ def _rational_table(matrix: SubdivisionMatrix, scheme: Scheme) -> RationalTable:
     columns, rows = np.array([(c, r) for c, r, _ in entries]).T
     pieces, sector = np.array(matrix.pieces), matrix.sector
     mask = np.full(sector.size, Fraction(0), dtype=object)
-    mask[: sector.ring] = limit_weights(scheme, sector)
+    mask[: sector.ring] = list(map(_rational, limit_weights(scheme, sector)))
     count = len(matrix.rows)
     return RationalTable(sector, count, rows, columns, numerators, denominator, pieces, mask)

@@ -8,16 +8,12 @@ from functools import lru_cache
 import numpy as np
 
 from limitsurf.exact.creases import CHAIKIN, INFINITE
+from limitsurf.exact.wide import MOST_FACES
 from limitsurf.numbers import FLOAT64, NumberType
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 from limitsurf.tables.cache import eigen_table, warn_once
 from limitsurf.tables.records import Array, RingMasks, StripTables
-
-# Special corners of more faces have no eigen tables, their rings are refined (`RingMasks`): tables
-# of all positions, and copies of the ring in all patches, cost the square of this number. What
-# compiled kernels keep of a patch ends here too.
-MOST_FACES = 64
 
 
 def strip_tables(scheme: Scheme, sharpness: Array, number: NumberType) -> StripTables:
@@ -87,12 +83,20 @@ def limit_mask(scheme: Scheme, kind: str, faces: int, number: NumberType) -> Arr
     from limitsurf.exact.wide import rounded_dart_limit
 
     check_convergence(scheme, kind, faces)
-    sector = scheme.sector(kind, faces)
-    if kind == "dart" and is_shared(sector) and not number.exact:
+    if kind == "dart" and faces > MOST_FACES and not number.exact:
         edges, around = rounded_dart_limit(scheme, faces)
-        own = 1 - edges.sum() - around.sum()
-        return np.concatenate([[own], np.stack([edges, around], axis=1).ravel()])
-    return number.array(limit_weights(scheme, sector))
+        mask = np.empty(scheme.sector(kind, faces).ring)
+        mask[0] = 1 - edges.sum() - around.sum()
+        of_edges, of_corners = _orbits(scheme)
+        mask[of_edges], mask[of_corners] = edges, around
+        return mask
+    return number.array(limit_weights(scheme, scheme.sector(kind, faces)))
+
+
+def _orbits(scheme: Scheme) -> tuple[slice, slice]:
+    """Where in a ring the edge neighbours are, and the corners beyond them, if any."""
+    stride = len(scheme.lattice.orbits)
+    return slice(1, None, stride), slice(2, None, stride) if stride > 1 else slice(0)
 
 
 def normal_masks(scheme: Scheme, kind: str, faces: int) -> Array:
@@ -104,7 +108,9 @@ def normal_masks(scheme: Scheme, kind: str, faces: int) -> Array:
     if is_shared(sector):
         rings = ring_masks(scheme, kind, faces)
         both = np.zeros((2 * rings.has_normal, 2, sector.ring))
-        both[:, :, 1::2], both[:, :, 2::2] = rings.waves if rings.has_normal else (0, 0)
+        if rings.has_normal:
+            of_edges, of_corners = _orbits(scheme)
+            both[:, :, of_edges], both[:, :, of_corners] = rings.waves
         both[:, :, 0] = -both.sum(axis=2)
         return both
     table = eigen_table(scheme, sector)
@@ -117,12 +123,13 @@ def collapsed_masks(scheme: Scheme, kind: str, faces: int) -> Array:
 
     Pairs of vectors whose cross product points along the limit normal where both edges are points
     (waves 2 and 1), where the first is, and where the second is (those in corners of one face); 0
-    where there is no normal, and around more than `MOST_FACES` faces, where none is sought. Then
-    ``e_0 - v`` and ``e_k - v``, which tell. Derived in ``derivations/limit_normals.py``, section 8.
+    where there is no normal, and where none is sought: around more than `MOST_FACES` faces, and
+    where faces have no points. Then ``e_0 - v`` and ``e_k - v``, which tell. Derived in
+    ``derivations/limit_normals.py``, section 8.
     """
     sector = scheme.sector(kind, faces)
     masks = np.zeros((4, 2, sector.ring))
-    if not sector.open or sector.carried or is_shared(sector):
+    if not sector.open or sector.carried or is_shared(sector) or not sector.lattice.face_points:
         return masks
     table = eigen_table(scheme, sector)
     masks[3, [0, 1], [1, -1]], masks[3, :, 0] = 1, -1
@@ -160,7 +167,8 @@ def ring_masks(scheme: Scheme, kind: str, faces: int) -> RingMasks:
     for array in (limit, *waves):
         array.flags.writeable = False
     sector = scheme.sector(kind, faces)
-    made = RingMasks(sector, weights, (limit[1::2], limit[2::2]), waves)
+    of_edges, of_corners = _orbits(scheme)
+    made = RingMasks(sector, weights, (limit[of_edges], limit[of_corners]), waves)
     if not made.has_normal:
         warn_once(scheme, sector)
     return made

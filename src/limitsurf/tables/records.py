@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,7 +67,13 @@ class FourierRing:
 
 @dataclass(frozen=True, eq=False)
 class DenseRing:
-    """The same for sectors and darts: left eigenvectors as rows, (ring, ring)."""
+    """Coefficients of ring points in the eigenvectors of a sector or dart.
+
+    Attributes
+    ----------
+    left : (ring, ring)
+        Left eigenvectors as rows.
+    """
 
     left: Array
 
@@ -145,6 +152,12 @@ class EigenTable:
 
         V, Vinv = map(rounded, dense_basis(spectrum(self.scheme, self.sector)))
         return V, Vinv
+
+    def right_rows(self, points: Sequence[int]) -> Array:
+        """Values of all right eigenvectors at some control points, (n, K); derived each time."""
+        from limitsurf.exact.spectrum import spectrum
+
+        return rounded(spectrum(self.scheme, self.sector).right_rows(points))
 
     @property
     def V(self) -> Array:
@@ -278,6 +291,80 @@ class EigenTable:
 
 
 @dataclass(frozen=True, eq=False)
+class EigenNumbers:
+    """Real Jordan basis of the subdivision matrix around a special corner, to any digits.
+
+    Numbers are `mpmath.mpf` or `mpc` in object arrays, in the order of `EigenTable`; K control
+    points as in ``exact/matrices.py``.
+
+    Attributes
+    ----------
+    digits : int
+        Decimal digits after the point that are right, at least.
+    eigenvalues : (K,)
+    A, V, J, Vinv : (K, K)
+        Subdivision matrix, right eigenvectors as columns, Jordan matrix, left ones as rows.
+    tangent_masks : (2, K) or (0, K)
+        Weights of two vectors whose cross product is along the limit normal at the vertex.
+    """
+
+    digits: int
+    eigenvalues: Array
+    A: Array
+    V: Array
+    J: Array
+    Vinv: Array
+    tangent_masks: Array
+
+    @property
+    def limit_mask(self) -> Array:
+        """Weights of the control points in the limit position of the vertex, (K,)."""
+        return np.asarray(self.Vinv[0])
+
+    @property
+    def residual(self) -> Array:
+        """``A V - V J``, (K, K): rounding only, to the precision that mpmath has at the time."""
+        return np.asarray(self.A @ self.V - self.V @ self.J)
+
+
+@lru_cache(maxsize=8)
+def eigen_numbers(scheme: Scheme, sector: Sector, digits: int) -> EigenNumbers:
+    """Derive the eigenbasis of `scheme` around a special corner to so many digits."""
+    import mpmath
+    from mpmath.libmp import from_man_exp
+
+    from limitsurf.exact.fixed import BITS
+    from limitsurf.exact.spectrum import dense_basis, spectrum
+
+    # darts lose the most: up to 32 bits; what is decided is decided to 60 digits at least
+    bits = max(BITS, digits * 10 // 3 + 64)
+    result = spectrum(scheme, sector, bits)
+
+    def number(x: Any) -> Any:  # of any precision, whatever that of the user's context
+        return mpmath.mp.make_mpf(from_man_exp(int(x), -bits) if abs(x) > 1 << 32 else (0, 0, 0, 0))
+
+    def own(x: Any) -> Any:
+        return mpmath.mp.make_mpc(x._mpc_) if hasattr(x, "_mpc_") else mpmath.mp.make_mpf(x._mpf_)
+
+    V, Vinv = (np.vectorize(number, otypes=[object])(x) for x in dense_basis(result))
+    A, J = np.full((2, *V.shape), mpmath.mpf(0), dtype=object)
+    for i, row in enumerate(result.matrix.rows[: result.matrix.size]):
+        for k, weight in row.items():
+            A[i, k] = own(result.at.to_mpf(weight))
+    values = np.array([own(x) for x in result.eigenvalues] + [None], dtype=object)[:-1]
+    np.fill_diagonal(J, [x.real for x in values])
+    for k in result.chains:
+        J[k - 1, k] = mpmath.mpf(1)
+    for k in result.pairs:
+        # (a minus would round to the precision of the context)
+        J[k, k + 1], J[k + 1, k] = values[k].imag, values[k + 1].imag
+    made = EigenNumbers(digits, values, A, V, J, Vinv, Vinv[list(result.normal)])
+    for array in (values, A, V, J, Vinv, made.tangent_masks):
+        array.flags.writeable = False
+    return made
+
+
+@dataclass(frozen=True, eq=False)
 class RationalTable:
     """One refinement step around a special corner as sparse integers over one denominator.
 
@@ -354,9 +441,10 @@ class RingMasks:
     sector : Sector
     weights : Weights
         Those of face, edge and vertex points.
-    limit : ((edges,), (faces,))
-        Weights of the edge neighbours and face corners in the limit of the vertex.
-    waves : ((n, edges), (n, faces))
+    limit : ((edges,), (corners,))
+        Weights of the edge neighbours in the limit of the vertex, and of the face corners beyond
+        them, as many as faces; none in triangles.
+    waves : ((n, edges), (n, corners))
         The left eigenvectors that fall most slowly, up to positive factors.
     """
 

@@ -375,12 +375,10 @@ def validate(context: click.Context, cage: Cage, levels: int, as_json: bool) -> 
 
     Keys of --json: cage, agrees, levels (a list of objects: level, error, order, limit_error).
     """
-    from limitsurf.query import agrees
-
     surface = cage.surface()
     with terminal.working("refining"):
         table = ls.validate(surface, levels)
-    right = agrees(surface, table)
+    right = ls.agrees(surface, table)
     if as_json:
         rows = terminal.validation_rows(table)
         terminal.say_json({"cage": cage.path, "agrees": right, "levels": rows})

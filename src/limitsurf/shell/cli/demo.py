@@ -5,16 +5,17 @@ from __future__ import annotations
 from importlib.resources import as_file, files
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeAlias
 
 import click
 import numpy as np
 
 import limitsurf as ls
 from limitsurf import _kernels
-from limitsurf.query import agrees, refinement_gap
 from limitsurf.shell import terminal
 from limitsurf.shell.io import answers, queries
+
+Batch: TypeAlias = dict[str, Any]  # answers to some queries, arrays by name
 
 LEVELS = 3
 REFINER = f"""
@@ -39,17 +40,10 @@ def run(folder: Path, n: int, seed: int, quiet: bool = False) -> dict[str, Any]:
     with terminal.working("building the surface"):
         surface = ls.LimitSurface(mesh)
     built = perf_counter() - start
-
-    asked = queries.random_queries(len(surface.limit_faces), n, seed).batches
-    found = []
     start = perf_counter()
-    with terminal.counting("evaluating", n) as done:
-        for batch in answers.answered(surface, asked, answers.Question(order=1, normals=True)):
-            found.append(batch)
-            done(len(batch["face"]))
+    found = _answers(surface, n, seed)
     took = perf_counter() - start
     inside = mesh.vertex_faces[~mesh.boundary_vertex]
-
     lines = [
         ("cage", f"{mesh.n_vertices} vertices, {mesh.n_faces} faces: an octopus with a pearl"),
         ("corners of faces", terminal.histogram(mesh.sizes)),
@@ -61,10 +55,29 @@ def run(folder: Path, n: int, seed: int, quiet: bool = False) -> dict[str, Any]:
     ]
     if not quiet:
         terminal.say_table(lines)
+    checked = _checked(surface, found, n, quiet)
+    written = _files(surface, found, n, folder)
+    if not quiet:
+        terminal.say("\n".join(written))
+    counts = {"limit_faces": len(surface.limit_faces), "queries": n, "seconds": took}
+    return {"agrees": checked.pop("agrees"), "output": written, **counts, **checked}
 
+
+def _answers(surface: ls.LimitSurface, n: int, seed: int) -> list[Batch]:
+    """Position, first derivatives and normal of random queries, batch by batch."""
+    asked, found = queries.random_queries(len(surface.limit_faces), n, seed).batches, []
+    with terminal.counting("evaluating", n) as done:
+        for batch in answers.answered(surface, asked, answers.Question(order=1, normals=True)):
+            found.append(batch)
+            done(len(batch["face"]))
+    return found
+
+
+def _checked(surface: ls.LimitSurface, found: list[Batch], n: int, quiet: bool) -> dict[str, Any]:
+    """What two checks find, told unless it is to be quiet."""
     with terminal.working("checking every query on the once refined cage"):
         where = [np.concatenate([batch[name] for batch in found]) for name in queries.NAMES]
-        position, normal = refinement_gap(surface, *where)
+        position, normal = ls.refinement_gap(surface, *where)
     if not quiet:
         terminal.say(
             f"\nThe same {n:,} queries on the cage refined once, in other patches: positions differ"
@@ -73,31 +86,25 @@ def run(folder: Path, n: int, seed: int, quiet: bool = False) -> dict[str, Any]:
         terminal.say(REFINER)
     with terminal.working("refining"):
         table = ls.validate(surface, LEVELS)
-    right = agrees(surface, table)
+    right = ls.agrees(surface, table)
     if not quiet:
         terminal.say_validation(table)
         terminal.say(f"The limit error is {'rounding alone' if right else 'MORE than rounding'}.\n")
+    gaps = {"position_gap": position, "normal_gap": normal}
+    return {"agrees": right, **gaps, "levels": terminal.validation_rows(table)}
 
+
+def _files(surface: ls.LimitSurface, found: list[Batch], n: int, folder: Path) -> list[str]:
+    """Write answers and picture; their paths."""
     results, picture = folder / "demo_results.npz", folder / "demo.png"
     with answers.writing(results, n) as write:
         for batch in found:
             write(batch)
-    written = [results]
+    written = [str(results)]
     try:
         with terminal.working("drawing"):
             ls.plot(surface, picture)
-        written.append(picture)
+        written.append(str(picture))
     except ImportError as error:
         click.echo(f"no picture: {terminal.sentence(error)}", err=True)
-    if not quiet:
-        terminal.say("\n".join(map(str, written)))
-    return {
-        "agrees": right,
-        "output": [str(path) for path in written],
-        "limit_faces": len(surface.limit_faces),
-        "queries": n,
-        "seconds": took,
-        "position_gap": position,
-        "normal_gap": normal,
-        "levels": terminal.validation_rows(table),
-    }
+    return written

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from math import prod
 from typing import Any, TypeAlias
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 import limitsurf as ls
 from limitsurf.mesh import Mesh
 from limitsurf.shell import terminal
-from limitsurf.surface import LimitSurface
 from limitsurf.tables import is_infinite
 
 Facts: TypeAlias = dict[str, Any]
@@ -76,7 +74,10 @@ def cage_facts(
     }
     facts["limit_faces"] = len(surface.limit_faces)
     facts["patches"] = dict(surface.patches.summary())
-    facts["special_corners"] = _special_corners(surface)
+    facts["special_corners"] = [
+        {"kind": kind, "faces": faces, "patches": number}
+        for kind, faces, number in surface.patches.special_corners()
+    ]
     return facts
 
 
@@ -118,19 +119,6 @@ def _sharpness(values: NDArray[Any]) -> Facts:
         "least": float(finite.min()) if len(finite) else None,
         "most": float(finite.max()) if len(finite) else None,
     }
-
-
-def _special_corners(surface: LimitSurface) -> list[Facts]:
-    """What surrounds the special corners of patches, and of how many."""
-    patches = surface.patches
-    counts: Counter[tuple[bool, str, int]] = Counter()
-    for sector, number in zip(patches.sectors, np.bincount(patches.kind).tolist(), strict=False):
-        if sector is not None:
-            counts[sector.kind != "interior", sector.kind, sector.faces] += number
-    return [
-        {"kind": kind, "faces": faces, "patches": number}
-        for (_, kind, faces), number in sorted(counts.items())
-    ]
 
 
 def told(facts: Facts) -> Iterator[tuple[str, str]]:

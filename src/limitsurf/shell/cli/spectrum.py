@@ -73,9 +73,10 @@ def _number(value: Any, digits: int, latex: bool) -> Facts:
 
 def _points(basis: Eigenbasis) -> list[str]:
     """The points of the ring by name."""
-    carried = basis.sector.carried
-    around = range(1, basis.sector.ring - carried)
-    return ["vertex", *(f"{'fe'[k % 2]}{(k - 1) // 2}" for k in around), *["m"] * carried]
+    carried, orbits = basis.sector.carried, len(basis.sector.lattice.orbits)
+    around = range(basis.sector.ring - carried - 1)
+    names = (f"{'ef'[k % orbits]}{k // orbits}" for k in around)
+    return ["vertex", *names, *["m"] * carried]
 
 
 def _mask(basis: Eigenbasis, mask: tuple[Any, ...], digits: int, latex: bool) -> list[Facts]:

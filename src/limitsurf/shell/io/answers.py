@@ -51,7 +51,7 @@ class Question:
         if self.normals:
             found["normal"] = surface.normal(face, u, v, workers=self.workers)
         for channel in dict.fromkeys(self.channels):
-            jet = surface.jet(face, u, v, self.order, channel, workers=self.workers)
+            jet = surface.jet(face, u, v, order=self.order, channel=channel, workers=self.workers)
             for nu, values in jet.items():
                 name = f"{channel}_{_name(nu)}" if any(nu) else channel
                 if name in found or re.fullmatch(OWN, name):

@@ -105,7 +105,11 @@ def _tag_statements(mesh: Mesh) -> Iterator[str]:
     scheme = mesh.scheme
     if scheme is not None and not (isinstance(scheme, str) and re.fullmatch(r"[\w.+-]+", scheme)):
         raise ValueError(f"scheme: an OBJ file holds a name of one word, got {scheme!r}")
-    options = {"boundary": mesh.boundary, "creasing": mesh.creasing, "triangles": mesh.triangles}
+    options: dict[str, str | None] = {
+        "boundary": mesh.boundary,
+        "creasing": mesh.creasing,
+        "triangles": mesh.triangles,
+    }
     name = texture(mesh)
     if name is not None:
         options["uv"] = mesh.channels[name][2]

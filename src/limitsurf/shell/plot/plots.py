@@ -298,8 +298,6 @@ def plot_eigenfunctions(
 
     Parameters
     ----------
-    scheme : str or Scheme
-        A name such as "catmull-clark", or a scheme of your own.
     file : str or os.PathLike, optional
         A file to write: ``.png``, and of a single one ``.html``, of a panel ``.svg`` and ``.pdf``.
     valence : int
@@ -308,10 +306,8 @@ def plot_eigenfunctions(
         Only this one, counted from 0, the constant, by decreasing eigenvalue; of two that are
         turned against each other the one that is symmetric about the first edge comes first. By
         default a panel of the first after the constant, one of each such pair.
-    window_size : (int, int)
-        Width and height in pixels.
-    off_screen : bool, optional
-        As for `plot`.
+    scheme, window_size, off_screen
+        As for `plot_characteristic_map`.
 
     Returns
     -------
@@ -373,7 +369,8 @@ def _graph(
         poles=False,
         curves=True,
         isolines=3,
-        scalars=lambda face, u, v: fan.surface(height).evaluate(face, u, v),
+        # rounding may take the largest beyond the ends of the colours
+        scalars=lambda face, u, v: fan.surface(height).evaluate(face, u, v).clip(-1.0, 1.0),
         cmap=DIVERGING,
         limits=(-1.0, 1.0),
         label=charts.mode_name(mode),

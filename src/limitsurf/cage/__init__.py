@@ -1,0 +1,1 @@
+"""What a cage is made of: integers, and points that are carried and never computed with."""
