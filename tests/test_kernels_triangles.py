@@ -81,19 +81,19 @@ def test_cages(name, use):  # noqa: F811
     depth = np.zeros(len(there), dtype=int)
     depth[there] = surface.patches.locate(*(x[there] for x in query))[3]
     use(False)
-    expected = [of_order(k, lambda nu: surface.evaluate(*query, nu)) for k in range(3)]
-    rows = [surface.weights(*query, nu).toarray() for nu in TERMS]
+    expected = [of_order(k, lambda nu: surface.evaluate(*query, nu=nu)) for k in range(3)]
+    rows = [surface.weights(*query, nu=nu).toarray() for nu in TERMS]
     twin = surface.normal(*query)
     use(True)
     every = surface.jet(*query, order=2)
     for order, wanted in enumerate(expected):
-        for derivative in (lambda nu: surface.evaluate(*query, nu), every.__getitem__):
+        for derivative in (lambda nu: surface.evaluate(*query, nu=nu), every.__getitem__):
             assert_close(of_order(order, derivative), wanted, order, size, depth)
     normals = surface.normal(*query)
     assert (np.isnan(normals) == np.isnan(twin)).all()
     assert np.nanmax(np.abs(normals - twin)) < 1e-12
     known = dict(zip(TERMS, rows, strict=True))
-    found = {nu: surface.weights(*query, nu, workers=2) for nu in TERMS}
+    found = {nu: surface.weights(*query, nu=nu, workers=2) for nu in TERMS}
     assert all(W.has_canonical_format for W in found.values())
     for order in range(3):
         given = of_order(order, lambda nu: found[nu].toarray())
@@ -111,7 +111,10 @@ def test_grids(name, use, monkeypatch):  # noqa: F811
     flat = [x.reshape(-1).copy() for x in np.broadcast_arrays(face, u, v)]
     use(True)
     for nu in TERMS:
-        grid, alone = surface.evaluate(face, u, v, nu).reshape(-1, 3), surface.evaluate(*flat, nu)
+        grid, alone = (
+            surface.evaluate(face, u, v, nu=nu).reshape(-1, 3),
+            surface.evaluate(*flat, nu=nu),
+        )
         assert (np.isnan(grid) == np.isnan(alone)).all()
         size = np.nanmax(np.abs(alone), initial=np.ptp(surface.points))
         assert np.nanmax(np.abs(grid - alone)) <= 1e-13 * size
