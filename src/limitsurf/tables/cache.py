@@ -163,7 +163,8 @@ def write_shipped(directory: Path) -> list[Path]:
     """Write the tables that ship with the package into `directory`; return their paths."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
-    for scheme, sector in product(SCHEMES.values(), SHIPPED_SECTORS):
+    for scheme, like in product(SCHEMES.values(), SHIPPED_SECTORS):
+        sector = scheme.sector(like.kind, like.faces, like.position)
         tables = [(_key(scheme, sector), _table_formats(scheme, sector), _derive)]
         if sector.kind not in _FOURIER and sector.position == 0:
             key = {**tables[0][0], "position": "all"}
