@@ -34,7 +34,7 @@ def draw(request, monkeypatch):
     if request.param == "rendered" and not render.opengl():
         pytest.skip("there is no OpenGL")
     monkeypatch.setattr(render, "opengl", lambda: request.param == "rendered")
-    monkeypatch.setattr(pictures, "QUADS", 2_000)
+    monkeypatch.setattr(pictures, "POLYGONS", 2_000)
 
     def small(surface, file=None, **options):
         options = {"window_size": SIZE, "off_screen": True, **options}
