@@ -604,7 +604,7 @@ class _Sites:
             row[extra], side = self.row[number], self.side[number]
             for found, x in zip(place, (u, v), strict=True):
                 found[extra] = (x[sides[side, step]] + x[sides[side, step + 1]]) / (2 * n)
-        return self.face[row], *place
+        return self.face[row], place[0], place[1]
 
     def normals(
         self, surface: LimitSurface, number: Array, n_points: int, workers: int

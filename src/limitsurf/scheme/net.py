@@ -93,4 +93,4 @@ class Net:
     def _numbers(self, u: Array, v: Array) -> Array:
         """The numbers of points with so many steps."""
         # each row of a sloped domain is shorter by one than that before
-        return v * (self.n + 1) - (v * (v - 1) // 2 if self.lattice.sloped else 0) + u
+        return np.asarray(v * (self.n + 1) - (v * (v - 1) // 2 if self.lattice.sloped else 0) + u)

@@ -115,7 +115,7 @@ def _draw_isolines(axes: Any, fan: Fan, surface: Any, isolines: int, rings: int)
 
     at = np.linspace(0.0, 1.0, 33)
     steps = np.arange(1, isolines + 1) / (isolines + 1)
-    fixed, high = steps[:, None], 1.0
+    fixed, high = steps[:, None], np.ones((len(steps), 1))
     low = np.where(fixed < 0.5, 0.5, 0.0)
     if fan.lattice.sloped:
         low, high = np.maximum(0.5 - fixed, 0), 1 - fixed

@@ -59,7 +59,7 @@ FEW = 1_000  # limit faces; of more, dots are smaller
 VALENCES = {  # the largest of each class: its name and colour
     2: ("valence 2", "#17becf"),
     3: ("valence 3", "#1f6fc4"),
-    4: ("valence 4", "#8c564b"),
+    4: ("valence 4", "#9acd32"),
     5: ("valence 5", "#f5b82e"),
     6: ("valence 6", "#2e9e5b"),
     7: ("valence 7", "#e377c2"),
