@@ -88,7 +88,7 @@ class Net:
     def _inside(self, u: Array, v: Array) -> Array:
         """Whether steps are within the domain."""
         edges = ((self.n * a, b, c) for a, b, c in self.lattice.edges)
-        return np.logical_and.reduce([a + b * u + c * v >= 0 for a, b, c in edges])
+        return np.asarray(np.all([a + b * u + c * v >= 0 for a, b, c in edges], axis=0))
 
     def _numbers(self, u: Array, v: Array) -> Array:
         """The numbers of points with so many steps."""
