@@ -159,7 +159,7 @@ def test_limits_of_vertices(name):
             point, normal = (
                 floats([x])[0] for x in (surface.evaluate(f, u, v), surface.normal(f, u, v))
             )
-            got = fine.limit_points[mesh.faces[f, k]]
+            got = fine.limit_points[mesh.faces[f][k]]
             if f not in surface.cage.holes:
                 assert np.abs(got - point).max() <= 1e-15 * np.abs(mesh.points).max()
             if not mesh.boundary_vertex.any() and not np.isnan(normal).any():
