@@ -25,6 +25,7 @@ from command_line import PROGRAM, facts, fail, pipeline, run, succeed
 from mpmath import mp
 
 import limitsurf as ls
+from limitsurf.scheme.lattice import QUADS
 from limitsurf.shell.cli.commands import main
 from limitsurf.shell.io import answers, queries
 
@@ -248,12 +249,32 @@ def test_info_of_what_is_not_manifold(tmp_path):
 
 
 def test_info_of_a_scheme_that_is_not_known(tmp_path):
-    path = tmp_path / "loop.obj"
-    ls.write(path, ls.Mesh(*zoo.tetrahedron(), scheme="loop"))
+    path = tmp_path / "bilinear.obj"
+    ls.write(path, ls.Mesh(*zoo.tetrahedron(), scheme="bilinear"))
     found = told(succeed("info", path))
     assert found["vertices"].strip() == "4"
-    assert "'loop'" in found["limit surface"]
-    assert "'loop'" in fail("evaluate", path, "--grid", 1)
+    assert "'bilinear'" in found["limit surface"]
+    assert "'bilinear'" in fail("evaluate", path, "--grid", 1)
+
+
+def test_triangles(tmp_path):
+    path, out = tmp_path / "loop.obj", tmp_path / "out.obj"
+    ls.write(path, ls.Mesh(*zoo.tetrahedron(), scheme="loop"))
+    assert told(succeed("info", path))["limit faces"].strip() == "4"
+    for asked, number in (("--grid", 3), 36), (("--random", 50), 50):
+        rows = np.loadtxt(succeed("evaluate", path, *asked).splitlines(), delimiter=",", skiprows=1)
+        face, u, v, *xyz = rows.T
+        assert len(rows) == number
+        assert (u + v < 1).all()
+        there = ls.LimitSurface(ls.read(path)).evaluate(face.astype(int), u, v)
+        assert np.array_equal(np.stack(xyz, axis=1), there)
+    assert len({(u, v) for u, v in zip(u.tolist(), v.tolist(), strict=True)}) == 50
+    succeed("tessellate", path, "-n", 3, "-o", out)
+    assert (ls.read(out).sizes == 3).all()
+    assert ls.read(out).n_faces == 36
+    succeed("validate", path)
+    ls.write(path, ls.Mesh(*zoo.cube(), scheme="loop"))
+    assert "face 0" in fail("tessellate", path, "-o", out)
 
 
 def test_info_as_json(cage, tmp_path):
@@ -269,11 +290,11 @@ def test_info_as_json(cage, tmp_path):
     assert found["no_surface"] is None
     path = tmp_path / "sharp.obj"
     creases = {(0, 1): 0.5, (1, 3): np.inf}
-    ls.write(path, ls.Mesh(*zoo.cube(), creases=creases, scheme="loop"))
+    ls.write(path, ls.Mesh(*zoo.cube(), creases=creases, scheme="bilinear"))
     other = facts("info", path)
     assert other.keys() == found.keys()
     assert other["creases"] == {"number": 2, "infinite": 1, "least": 0.5, "most": 0.5}
-    assert "'loop'" in other["no_surface"]
+    assert "'bilinear'" in other["no_surface"]
     assert other["limit_faces"] is None
 
 
@@ -472,7 +493,7 @@ def test_a_seed_repeats_itself(cage):
 def test_random_queries_are_one_stream(faces, monkeypatch):
     """Whatever the batches: as if all faces, all u and all v had been drawn at once."""
     monkeypatch.setattr(queries, "BATCH", 7)
-    batches = list(queries.random_queries(faces, 40, seed=3).batches)
+    batches = list(queries.random_queries(faces, 40, 3, QUADS).batches)
     rng = np.random.default_rng(3)
     for name, expected in [
         ("face", rng.integers(faces, size=40)),

@@ -37,7 +37,7 @@ def test_the_cage_has_something_of_everything(cage):
 
 
 def test_demo(cage, tmp_path, monkeypatch):
-    monkeypatch.setattr(picture, "QUADS", 10_000)
+    monkeypatch.setattr(picture, "POLYGONS", 10_000)
     folder = tmp_path / "new" / "folder"
     result = demo(folder)
     assert result.exit_code == 0, result.output

@@ -26,6 +26,7 @@ from limitsurf._kernels import evaluation, jit, quads, reference
 from limitsurf.engine import packing
 from limitsurf.numbers import FLOAT64
 from limitsurf.patches import STRIP
+from limitsurf.scheme.lattice import QUADS
 
 TERMS = [(m - j, j) for m in range(3) for j in range(m + 1)]
 NAMES = sorted(zoo.ZOO) + sorted(zoo.TAGGED)
@@ -685,7 +686,7 @@ def test_turned():
         assert found == (sides[turn], sides[(turn + 1) % 4])
         # a derivative along u is one along s or t, of a sign
         for k, (i, j) in enumerate(TERMS):
-            (choices, signs) = basis.turned((i, j))
+            ((choices, signs),) = basis.turned(QUADS, (i, j))
             assert TERMS[quads.TURNED[turn & 1, k]] == choices[turn]
             assert quads.SIGN[turn, k] == signs[turn]
 

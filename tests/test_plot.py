@@ -1,6 +1,7 @@
 """Pictures: both painters, odd cages, files."""
 
 import inspect
+import math
 import re
 import subprocess
 import sys
@@ -18,7 +19,8 @@ import zoo
 from PIL import Image
 
 import limitsurf as ls
-from limitsurf.scheme.loop import LOOP
+from limitsurf.scheme.lattice import TRIANGLES
+from limitsurf.scheme.net import Net
 from limitsurf.shell.plot import picture as pictures
 from limitsurf.shell.plot import render
 from limitsurf.shell.plot import scene as scenes
@@ -34,7 +36,7 @@ def draw(request, monkeypatch):
     if request.param == "rendered" and not render.opengl():
         pytest.skip("there is no OpenGL")
     monkeypatch.setattr(render, "opengl", lambda: request.param == "rendered")
-    monkeypatch.setattr(pictures, "QUADS", 2_000)
+    monkeypatch.setattr(pictures, "POLYGONS", 2_000)
 
     def small(surface, file=None, **options):
         options = {"window_size": SIZE, "off_screen": True, **options}
@@ -751,8 +753,34 @@ def test_vertices_without_eigenfunctions():
         Fan("catmull-clark", "interior", 2).modes()
     with pytest.raises(ValueError, match="modes are those of a smooth vertex, not of a crease of"):
         Fan("catmull-clark", "crease", 3).modes()
-    with pytest.raises(ValueError, match="of quads, but scheme 'loop' is of triangles"):
-        Fan(LOOP, "interior", 5)
+    with pytest.raises(ValueError, match=r"no basis of eigenvectors at interior valence 3: 1 of 9"):
+        Fan("loop", "interior", 3).modes()
+
+
+@pytest.mark.parametrize("valence", [4, 5, 6, 8])
+def test_eigenfunctions_of_triangles(valence):
+    fan = Fan("loop", "interior", valence)
+    modes = fan.modes()
+    values = np.stack([mode.values for mode in modes], axis=1)
+    assert np.linalg.matrix_rank(values) == len(modes) == fan.size == 3 * valence + 1
+    face, (u, v) = np.arange(valence)[:, None], Net(TRIANGLES, 4).places
+    large, small = (fan.surface(values).evaluate(face, x * u, x * v) for x in (1.0, 0.5))
+    assert np.abs(small - [mode.eigenvalue for mode in modes] * large).max() < 1e-14
+    # Loop 1987: 3/8 + cos(2 pi / N) / 4
+    assert abs(modes[1].eigenvalue - 3 / 8 - math.cos(math.tau / valence) / 4) < 1e-14
+
+
+def test_pictures_of_triangles():
+    surface = ls.LimitSurface(ls.Mesh(*zoo.tetrahedron()), scheme="loop")
+    options = {"off_screen": True, "window_size": (120, 90)}
+    assert ls.plot(surface, isolines=2, normals=True, **options).image.any()
+    assert ls.plot(surface, scalars="mean", **options).image.any()
+    shown = scene_of(surface, n=3)
+    assert shown.cells.shape == (36, 3)
+    assert {dots.name for dots in shown.dots} == {"valence 3"}
+    assert ls.plot_characteristic_map("loop", valence=5, **options).image.any()
+    assert ls.plot_eigenfunctions("loop", valence=4, which=1, **options).image.any()
+    assert ls.plot_convergence(surface, levels=2, **options).image.any()
 
 
 def test_bad_calls_of_the_spectrum():

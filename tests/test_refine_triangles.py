@@ -14,7 +14,7 @@ import zoo_triangles
 from oracles_creases import Cage
 
 import limitsurf as ls
-from limitsurf import tables
+from limitsurf import _kernels, tables
 from limitsurf.cage.checks import MeshError
 from limitsurf.cage.mesh import Mesh
 from limitsurf.scheme.loop import LOOP
@@ -46,6 +46,28 @@ def given(name, exact=False):
     return ls.Mesh(points, faces, scheme=LOOP, **tags), Cage(rows, faces, **tags)
 
 
+def sides(mesh):
+    """Vertices of half-edges, (n, 2)."""
+    return np.stack([mesh.indices, mesh.indices[mesh.next_corner]], axis=1)
+
+
+@pytest.mark.parametrize("name", list(CAGES)[::3])
+@pytest.mark.filterwarnings("ignore:scheme 'loop' converges")
+def test_kernels_do_the_same(name, monkeypatch):
+    """Points, operator and limits, to rounding."""
+    found = []
+    for kernels in (False, True):
+        monkeypatch.setattr(_kernels, "_always", kernels)
+        mesh = given(name)[0]
+        fine, R = ls.refined(mesh, 2, operator=True)
+        cage = ls.refined(mesh, 0)
+        found.append((fine.points, R.toarray(), fine.limit_points, cage.limit_points))
+        found[-1] += fine.limit_normals, cage.limit_normals
+    for k, (one, other) in enumerate(zip(*found, strict=True)):
+        assert np.array_equal(np.isnan(one), np.isnan(other))
+        assert np.nanmax(np.abs(one - other), initial=0) <= (4e-15 if k < 4 else 1e-11)
+
+
 def floats(rows):
     return np.array([[float(x) for x in row] for row in rows])
 
@@ -54,7 +76,7 @@ def floats(rows):
 def test_refined_is_naively_refined(name):
     """Faces in their order, holes, points, operator: exactly where masks are rational."""
     mesh, cage = given(name)
-    naive = oracles_loop.refine_times(cage, 2)
+    naive = oracles_loop.refine_times(cage, 2, bits=100)
     fine, R = ls.refined(mesh, 2, operator=True)
     assert fine.faces.tolist() == naive.faces
     assert set(fine.holes.tolist()) == naive.holes
@@ -69,10 +91,17 @@ def test_refined_is_naively_refined(name):
 
 
 @over_the_cages
-def test_children_are_connected_as_if_they_were_new(name):
+@pytest.mark.parametrize("kernels", [False, True])
+def test_children_are_connected_as_if_they_were_new(name, kernels, monkeypatch):
     """Also in copies; edges between the same vertices are known by inheritance alone."""
+    monkeypatch.setattr(_kernels, "_always", kernels)
     fine = ls.refined(given(name)[0], 2)
+    assert (fine.edges[fine.corner_edge] == np.sort(sides(fine), axis=1)).all()
+    paired = np.flatnonzero(fine.twin >= 0)
+    assert (sides(fine)[fine.twin[paired]] == sides(fine)[paired, ::-1]).all()
     alike = [pickle.loads(pickle.dumps(fine)), copy.deepcopy(fine), fine.with_points(fine.points)]
+    monkeypatch.setattr(_kernels, "_always", not kernels)
+    alike.append(ls.refined(given(name)[0], 2))
     if not fine.connectivity.parallel:
         alike.append(Mesh(fine.points, fine.indices.reshape(-1, 3)))
     members = ["edges", "corner_edge", "edge_corners", "twin", "vertex_faces", "boundary_edge"]

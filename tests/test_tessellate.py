@@ -5,6 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 import zoo
+import zoo_triangles
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
@@ -143,6 +144,56 @@ def test_no_gap_in_a_closed_cage(name):
         found = edges(ls.tessellate(ls.LimitSurface(mesh), n, normals=False))
         assert set(found.values()) == {1}
         assert all((b, a) in found for a, b in found)
+
+
+@pytest.mark.parametrize(
+    "name", ["icosahedron", "sphere_1", "patch_0", "semi_2.5", "tagged_patch_1", "holes"]
+)
+def test_triangles_of_a_surface_of_triangles(name):
+    points, faces, *tags = {**zoo_triangles.ZOO, **zoo_triangles.TAGGED}[name]()
+    mesh = with_uv(ls.Mesh(points, faces, **(tags[0] if tags else {})))
+    surface = ls.LimitSurface(mesh, scheme="loop")
+    kept = np.flatnonzero(np.isfinite(surface.evaluate(np.arange(mesh.n_faces), 0.3, 0.3)[:, 0]))
+    for n in (1, 2, 5):
+        found = ls.tessellate(surface, n, channels=["uv"])
+        # row by row: that with its point in the corner, and beside it the turned one
+        corners = [
+            (face, a / n, b / n)
+            for face in kept.tolist()
+            for j in range(n)
+            for i in range(n - j)
+            for cell in (
+                [(i, j), (i + 1, j), (i, j + 1)],
+                [(i + 1, j + 1), (i, j + 1), (i + 1, j)],
+            )
+            if max(a + b for a, b in cell) <= n
+            for a, b in cell
+        ]
+        face, u, v = map(np.array, zip(*corners, strict=True))
+        assert found.uniform.shape == (n * n * len(kept), 3)
+        assert_equal(found.points[found.indices], surface.evaluate(face, u, v), 1e-13)
+        assert_equal(found.points, surface.evaluate(found.face, found.u, found.v), 1e-13)
+        assert_equal(found.normals[found.normal_indices], surface.normal(face, u, v), 2e-6)
+        values, rows = found.channels["uv"]
+        assert_equal(values[rows], surface.evaluate(face, u, v, channel="uv"), 1e-13)
+        used = len(np.unique(mesh.indices[np.isin(mesh.corner_face, kept)]))
+        n_edges = len(np.unique(mesh.corner_edge[np.isin(mesh.corner_face, kept)]))
+        inside = (n - 1) * (n - 2) // 2 * len(kept)
+        assert len(found.points) == used + (n - 1) * n_edges + inside
+        if not mesh.boundary_edge.any() and not len(mesh.holes):
+            assert all((b, a) in edges(found) for a, b in edges(found))
+
+
+def test_the_refined_surface_of_triangles():
+    surface = ls.LimitSurface(ls.Mesh(*zoo_triangles.ZOO["sphere_1"]()), scheme="loop")
+    g = np.random.default_rng(0)
+    u, v = np.sort(g.random((2, 300)), axis=0)
+    face, v = g.integers(0, surface.mesh.n_faces, 300), v - u
+    v[::3] = 1 - u[::3]
+    position, normal = ls.refinement_gap(surface, face, u, v)
+    assert position < 1e-13
+    assert normal < 1e-12
+    assert ls.agrees(surface, ls.validate(surface, 3))
 
 
 @pytest.mark.parametrize("name", ["grid_3x3", "carved_grid", "carved_cylinder", "flower_5_wide"])

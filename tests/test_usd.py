@@ -485,7 +485,7 @@ def test_meshes_of_several_schemes(read, tmp_path):
 
 @pytest.mark.parametrize(
     ("scheme", "reason"),
-    [("none", "a mere mesh of polygons"), ("loop", "not there yet"), ("bilinear", "not there yet")],
+    [("none", "a mere mesh of polygons"), ("bilinear", "not there yet")],
 )
 def test_how_to_subdivide_all_the_same(tmp_path, scheme, reason):
     path = str(tmp_path / "cage.usda")
@@ -499,6 +499,21 @@ def test_how_to_subdivide_all_the_same(tmp_path, scheme, reason):
     assert told.exit_code == 0
     assert re.search(rf"scheme +{scheme}\n", told.stdout)
     assert CliRunner().invoke(main, ["refine", path, "--scheme", "catmull-clark"]).exit_code == 0
+
+
+def test_loop(tmp_path):
+    path, out = str(tmp_path / "cage.usda"), str(tmp_path / "out.obj")
+    points, faces = zoo.tetrahedron()
+    ls.write(path, ls.Mesh(points, faces, scheme="loop"))
+    surface = ls.LimitSurface(ls.read(path))
+    wanted = ls.LimitSurface(ls.Mesh(points, faces), scheme="loop").evaluate(0, 0.2, 0.3)
+    assert np.array_equal(surface.evaluate(0, 0.2, 0.3), wanted)
+    for command in ["tessellate", path, "-o", out], ["refine", path, "-o", out], ["validate", path]:
+        assert CliRunner().invoke(main, command).exit_code == 0
+    ls.write(path, ls.Mesh(*zoo.cube(), scheme="loop"))
+    done = CliRunner().invoke(main, ["refine", path, "-o", out])
+    assert done.exit_code == 2
+    assert "face 0 has 4 corners" in done.stderr
 
 
 HIDDEN = {

@@ -754,7 +754,8 @@ def strip_weights(
     piece, T, level = kernels.split_strip(t, strips.depth[which], up)
     degree = 3 - nu[1]
     if degree < 0:
-        return np.asarray(0 * kernels.bicubic_weights(s, t, nu))
+        number = numbers.type_of(s)
+        return number.full((len(s), 16), number.zero)
     polynomials = strips.pieces[strips.first[which] + piece]  # (Q, 4, 4)
     factor = [factorial(k + nu[1]) // factorial(k) for k in range(degree + 1)]
     powers = kernels.monomials(T, degree) * np.array(factor)

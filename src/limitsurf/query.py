@@ -16,8 +16,9 @@ from limitsurf.caching import cached_property
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.faces import Faces
 from limitsurf.cage.mesh import Mesh, Up
-from limitsurf.patches import NO_LIMIT
+from limitsurf.patches import NO_LIMIT, neighbourhood
 from limitsurf.refine import RefinedMesh, refined, refuse_levels
+from limitsurf.scheme.net import Net
 from limitsurf.surface import LimitSurface
 
 Array: TypeAlias = NDArray[Any]
@@ -132,7 +133,7 @@ def on_refined(
     Returns
     -------
     face, u, v : (Q,) arrays
-        A derivative in u or v of a quad is half as large there, and turned with its child.
+        A derivative in u or v of a whole face is half as large there, and turned with its child.
 
     Examples
     --------
@@ -143,18 +144,19 @@ def on_refined(
     >>> [x.tolist() for x in on_refined(surface, np.array([0]), np.array([0.75]), np.array([0.25]))]
     [[1], [0.5], [0.5]]
     """
-    mesh, limit_faces = surface.mesh, surface.limit_faces
+    mesh, limit_faces, lattice = surface.mesh, surface.limit_faces, surface.patches.lattice
     parent, corner = limit_faces.face[face], limit_faces.corner[face]
-    high, above = u > 0.5, v > 0.5
-    # quadrant of a quad: the corner it holds, where its child has corner 0
-    quadrant = np.where(above, np.where(high, 2, 3), high.astype(int))
-    s, t = 2 * u - high, 2 * v - above
-    sides = [s, t, 1 - s, 1 - t]
-    quad = corner < 0
+    flipped = np.zeros(len(face), dtype=bool) if lattice.flips else None
+    part, s, t, _ = neighbourhood.part(lattice, u, v, flipped)
+    child = np.argsort(lattice.parts)[part]
+    more = len(lattice.children) - lattice.face_size  # children that are at no corner
+    whole = corner < 0
+    # a child at a corner has its own corner 0 there; rounding may leave one coordinate below 0
+    turn, sides = child % lattice.face_size, [np.maximum(x, 0) for x in lattice.coordinates(s, t)]
     return (
-        mesh.offsets[parent] + np.where(quad, quadrant, corner),
-        np.where(quad, np.choose(quadrant, sides), u),
-        np.where(quad, np.choose(quadrant, sides[1:] + sides[:1]), v),
+        mesh.offsets[parent] + more * parent + np.where(whole, child, corner),
+        np.where(whole, np.choose(turn, sides), u),
+        np.where(whole, np.choose(turn, sides[1:] + sides[:1]), v),
     )
 
 
@@ -261,8 +263,8 @@ class Polygons:
         """The polygons cut into triangles, as positions among the C corners: shape (T, 3).
 
         ``indices[triangles]`` are the points of the triangles, ``normal_indices[triangles]`` their
-        normals. A quad is cut by its shorter diagonal, another polygon by those from the corner
-        where the smallest triangle is largest.
+        normals. One of four corners is cut by its shorter diagonal, another by those from the
+        corner where the smallest triangle is largest.
         """
         first = np.cumsum(self.sizes - 2) - (self.sizes - 2)  # triangle of each polygon
         triangles = np.empty((int((self.sizes - 2).sum()), 3), dtype=np.int64)
@@ -337,13 +339,13 @@ class Tessellation(Polygons):
     points : (V, 3) float64
         Each once, on the surface.
     sizes : (F,) int64
-        Corners of each polygon, 4 to 8.
+        Corners of each polygon: 3 on limit faces that are triangles, else 4 to 8.
     indices : (C,) int64
         Rows of `points` of all corners.
     faces : Faces
         The polygons by themselves: ``len(faces)`` arrays of rows of `points`.
     uniform : (F, k) int64, or None
-        The rows of all polygons, if each has k corners; None where a quad beside an n-gon has more.
+        The rows of all polygons, if each has k corners; None where some beside an n-gon have more.
     face, u, v : (V,)
         One place of each point: ``surface.evaluate(face, u, v)`` equals `points`.
     normals : (K, 3) float64
@@ -383,10 +385,11 @@ def tessellate(
     """Polygons on the surface, n x n to each limit face, without gaps.
 
     Points are welded by what they are in the cage (on a vertex, an edge, inside a face), not by
-    distance: polygons of neighbouring faces share them. All are on the surface. An edge of an n-gon
-    has 2 n segments, n from each of the two limit faces there; a quad beside one takes them
-    over, so that some of its polygons have 5 to 8 corners and no corner of one polygon lies amid
-    the side of another. Faces without a limit (holes) are left out.
+    distance: polygons of neighbouring faces share them. All are on the surface. They have as many
+    corners as limit faces, triangles by Loop's scheme. An edge of an n-gon has 2 n segments, n from
+    each of the two limit faces there; a whole face beside one takes them over, so that some of its
+    polygons have 5 to 8 corners and no corner of one polygon lies amid the side of another. Faces
+    without a limit (holes) are left out.
 
     Parameters
     ----------
@@ -476,51 +479,56 @@ def _tips(points: Array) -> Array:
 class _Sites:
     """The places in limit faces where polygons have corners.
 
-    Those of a limit face are a lattice of n + 1 rows (v) of n + 1 (u); behind those of all faces
-    come the middles of segments on the sides of quads beside n-gons, n to a side.
+    Those of a limit face are the points of a net. Behind those of all faces come the middles of
+    segments on the sides of whole faces beside cut ones, n to a side.
 
     Attributes
     ----------
+    net : Net
     face : (K,) int
         The limit faces that there are polygons of.
     corner : (K,) int
-        Their corners of the cage: of a quad the first.
-    quad : (K,) bool
+        Their corners of the cage: of a whole face the first.
+    whole : (K,) bool
+        Whether they are faces of the cage, and not the parts of one.
     fine : (n_corners,) bool
         Half-edges with 2 n segments.
     row, side : (X,) int
-        Quads, as rows of `face`, and the sides (0 to 3) of theirs that are fine.
+        Whole faces, as rows of `face`, and the sides of theirs that are fine.
     """
 
     def __init__(self, surface: LimitSurface, n: int) -> None:
         mesh, limit_faces = surface.mesh, surface.limit_faces
-        self.n = n
+        self.net = Net(surface.patches.lattice, n)
         self.face = np.flatnonzero(surface.patches.codes[: len(limit_faces)] != NO_LIMIT)
         corner = limit_faces.corner[self.face]
-        self.quad = corner < 0
+        self.whole = corner < 0
         self.corner = mesh.offsets[limit_faces.face[self.face]] + np.maximum(corner, 0)
         fine = np.zeros(mesh.n_edges, dtype=bool)
-        fine[mesh.corner_edge[self.corner[~self.quad]]] = True
+        fine[mesh.corner_edge[self.corner[~self.whole]]] = True
         self.fine = fine[mesh.corner_edge]
-        rows = np.flatnonzero(self.quad)
-        row, self.side = np.nonzero(self.fine[self.corner[rows, None] + np.arange(4)])
+        rows = np.flatnonzero(self.whole)
+        sides = np.arange(self.net.lattice.face_size)
+        row, self.side = np.nonzero(self.fine[self.corner[rows, None] + sides])
         self.row = rows[row]
 
     def corners(self) -> tuple[Array, Array]:
         """The sites of all corners of polygons (C,), and the sizes of these (F,)."""
-        n, width = self.n, self.n + 1
-        first = (np.arange(n)[:, None] * width + np.arange(n)).ravel()  # (n n,) of each cell
-        cell = first[:, None] + [0, 1, width + 1, width]
-        sites = (np.arange(len(self.face))[:, None] * width**2 + cell.ravel()).ravel()
-        sizes = np.full(len(self.face) * n * n, 4)
+        n, cells, width = self.net.n, self.net.cells, len(self.net.steps[0])
+        size = cells.shape[1]
+        sites = (np.arange(len(self.face))[:, None] * width + cells.ravel()).ravel()
+        sizes = np.full(len(self.face) * len(cells), size)
         if len(self.row):
             # the cells along each side, from its start
-            k = np.arange(n)
-            along = np.stack([k, n * k + n - 1, n * n - 1 - k, n * (n - 1 - k)])
-            cells = self.row[:, None] * n * n + along[self.side]  # (X, n)
-            extra = len(self.face) * width**2 + np.arange(cells.size)
-            sites = np.insert(sites, (4 * cells + self.side[:, None] + 1).ravel(), extra)
-            sizes += np.bincount(cells.ravel(), minlength=len(sizes))
+            along = np.empty((size, n), dtype=np.int64)
+            at = np.empty(width, dtype=np.int64)
+            for k, side in enumerate(self.net.sides):
+                at[cells[:, k]] = np.arange(len(cells))
+                along[k] = at[side[:-1]]
+            beside = self.row[:, None] * len(cells) + along[self.side]  # (X, n)
+            extra = len(self.face) * width + np.arange(beside.size)
+            sites = np.insert(sites, (size * beside + self.side[:, None] + 1).ravel(), extra)
+            sizes += np.bincount(beside.ravel(), minlength=len(sizes))
         return sites, sizes
 
     def welded(self, mesh: Mesh) -> tuple[Array, Array]:
@@ -528,8 +536,8 @@ class _Sites:
 
         `mesh` is the cage, or that of a channel, which has the same faces and half-edges.
         """
-        n, width = self.n, self.n + 1
-        after, before = mesh.next_corner, mesh.previous_corner
+        net, n = self.net, self.net.n
+        after = mesh.next_corner
         inside = np.full(mesh.n_edges, n - 1)  # points inside each edge
         inside[mesh.corner_edge[self.fine]] = 2 * n - 1
         first = mesh.n_vertices + np.cumsum(inside) - inside
@@ -544,33 +552,34 @@ class _Sites:
             ends = np.where(step == 0, np.minimum(start, end), np.maximum(start, end))
             return np.where((step == 0) | (step == last), ends, first[edge] + step - 1)
 
-        K, steps = len(self.face), np.arange(width)
-        lattice = np.empty((K, width, width), dtype=np.int64)
-        quads, others = np.flatnonzero(self.quad), np.flatnonzero(~self.quad)
-        corner = self.corner[quads]
-        sides = lattice[:, 0], lattice[:, :, n], lattice[:, n, ::-1], lattice[:, ::-1, 0]
-        for i, side in enumerate(sides):
-            segments = 1 + self.fine[corner + i, None]  # to a step
-            side[quads] = on_edge(corner + i, segments * steps)
+        K, steps = len(self.face), np.arange(n + 1)
+        points = np.empty((K, len(net.steps[0])), dtype=np.int64)
+        whole, cut = (np.flatnonzero(x)[:, None] for x in (self.whole, ~self.whole))
+        for k, side in enumerate(net.sides):
+            corner = self.corner[whole[:, 0]] + k
+            segments = 1 + self.fine[corner, None]  # to a step
+            points[whole, side] = on_edge(corner, segments * steps)
         total = mesh.n_vertices + int(inside.sum())
-        if len(others):
-            corner = self.corner[others]
-            lattice[others, 0, :] = on_edge(corner, steps)
-            lattice[others, :, 0] = on_edge(before[corner], 2 * n - steps)
-            # limit faces of one n-gon follow each other
+        if len(cut):
+            # from the vertex along its edges; from the middles of these to that of the face
+            corner = self.corner[cut[:, 0]]
+            out, to_middle, from_middle, back = net.sides
+            points[cut, out] = on_edge(corner, steps)
+            points[cut, back[::-1]] = on_edge(mesh.previous_corner[corner], 2 * n - steps)
+            # limit faces of one face follow each other
             is_first = mesh.offsets[mesh.corner_face[corner]] == corner
-            own = np.arange(len(others))
+            own = np.arange(len(cut))
             previous = own - 1 + is_first * mesh.sizes[mesh.corner_face[corner]]
-            lattice[others, n, n] = total + np.cumsum(is_first) - 1
+            points[cut[:, 0], to_middle[-1]] = total + np.cumsum(is_first) - 1
             total += int(is_first.sum())
             inner = np.arange(n - 1)
-            lattice[others, 1:n, n] = total + own[:, None] * (n - 1) + inner
-            lattice[others, n, 1:n] = total + previous[:, None] * (n - 1) + inner
-            total += len(others) * (n - 1)
-        inner = total + np.arange(K * (n - 1) ** 2)
-        lattice[:, 1:n, 1:n] = inner.reshape(K, n - 1, n - 1)
-        total += len(inner)
-        number = lattice.ravel()
+            points[cut, to_middle[1:-1]] = total + own[:, None] * (n - 1) + inner
+            points[cut, from_middle[-2:0:-1]] = total + previous[:, None] * (n - 1) + inner
+            total += len(cut) * (n - 1)
+        new = total + np.arange(K * len(net.inner))
+        points[:, net.inner] = new.reshape(K, len(net.inner))
+        total += len(new)
+        number = points.ravel()
         if len(self.row):
             extra = on_edge(self.corner[self.row] + self.side, 2 * np.arange(n) + 1)
             number = np.concatenate([number, extra.ravel()])
@@ -584,18 +593,18 @@ class _Sites:
 
     def places(self, site: Array) -> tuple[Array, Array, Array]:
         """Limit face, u and v of sites."""
-        n, width = self.n, self.n + 1
-        extra = site >= len(self.face) * width**2
-        row, cell = np.divmod(site, width**2)
-        v, u = np.divmod(cell, width)
-        row, u, v = row.clip(max=len(self.face) - 1), u / n, v / n
+        n, sides, (u, v) = self.net.n, self.net.sides, self.net.steps
+        whole = len(self.face) * len(u)
+        extra = site >= whole
+        row, point = np.divmod(site, len(u))
+        place = [x[point] for x in self.net.places]
+        row = row.clip(max=len(self.face) - 1)
         if extra.any():
-            number, step = np.divmod(site[extra] - len(self.face) * width**2, n)
+            number, step = np.divmod(site[extra] - whole, n)
             row[extra], side = self.row[number], self.side[number]
-            there, back = (2 * step + 1) / (2 * n), (2 * (n - step) - 1) / (2 * n)
-            u[extra] = np.choose(side, [there, 1.0, back, 0.0])
-            v[extra] = np.choose(side, [0.0, there, 1.0, back])
-        return self.face[row], u, v
+            for found, x in zip(place, (u, v), strict=True):
+                found[extra] = (x[sides[side, step]] + x[sides[side, step + 1]]) / (2 * n)
+        return self.face[row], place[0], place[1]
 
     def normals(
         self, surface: LimitSurface, number: Array, n_points: int, workers: int
@@ -604,25 +613,21 @@ class _Sites:
 
         `number` has the points of sites; those inside a limit face are no other's.
         """
-        n, width = self.n, self.n + 1
-        steps = np.arange(width)
-        v, u = (x.ravel() for x in np.meshgrid(steps, steps, indexing="ij"))
-        rim = (u % n == 0) | (v % n == 0)
-        on_rim, inner = np.flatnonzero(rim), np.flatnonzero(~rim)
-        K, S = len(self.face), len(number)
+        rim, inner, (u, v) = self.net.rim, self.net.inner, self.net.places
+        K, S, width = len(self.face), len(number), len(u)
 
         def grid(which: Array) -> Array:
-            found = surface.normal(self.face[:, None], u[which] / n, v[which] / n, workers=workers)
+            found = surface.normal(self.face[:, None], u[which], v[which], workers=workers)
             return np.asarray(found).reshape(K * len(which), 3)
 
-        extra = np.arange(K * width**2, S)
-        sites = np.concatenate([(np.arange(K)[:, None] * width**2 + on_rim).ravel(), extra])
-        known = np.concatenate([grid(on_rim), surface.normal(*self.places(extra), workers=workers)])
+        extra = np.arange(K * width, S)
+        sites = np.concatenate([(np.arange(K)[:, None] * width + rim).ravel(), extra])
+        known = np.concatenate([grid(rim), surface.normal(*self.places(extra), workers=workers)])
         side, chosen = _sides(number[sites], known, n_points)
         rows = np.empty(S, dtype=np.int64)
         rows[sites] = side
         middle = np.arange(K * len(inner)).reshape(K, len(inner))
-        rows[: K * width**2].reshape(K, width**2)[:, inner] = len(chosen) + middle
+        rows[: K * width].reshape(K, width)[:, inner] = len(chosen) + middle
         return rows, np.concatenate([known[chosen], grid(inner)])
 
 

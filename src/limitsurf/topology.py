@@ -68,9 +68,11 @@ class ChildConnectivity(Connectivity):
     @derived
     def edge_table(self) -> tuple[IntArray, IntArray, IntArray]:
         """Without sorting half-edges, unless nothing is compiled."""
+        if self.coarse.compiled:
+            return _child_edges(self.coarse, self.lattice)
         if not self.lattice.face_points:
             return _edges_without_centres(self.coarse, self.lattice, self.twin)
-        return _child_edges(self.coarse) if self.coarse.compiled else super().edge_table
+        return super().edge_table
 
     @derived
     def parallel(self) -> bool:
@@ -81,30 +83,22 @@ class ChildConnectivity(Connectivity):
         return bool((edges[1:] == edges[:-1]).all(axis=1).any())
 
 
-def _child_edges(cage: Connectivity) -> tuple[Array, Array, Array]:
+def _child_edges(cage: Connectivity, lattice: Lattice) -> tuple[Array, Array, Array]:
     """``edges``, ``corner_edge`` and ``edge_corners`` of the refined mesh, without sorting."""
     from limitsurf._kernels import refinement
 
     V, E, H = cage.n_vertices, cage.n_edges, cage.n_corners
     halves, edges, sides = (np.empty((n, 2), np.int64) for n in (E, 2 * E + H, 2 * E + H))
     corner_edge = np.empty(4 * H, np.int64)
-    starts = [
-        np.cumsum(count) - count
-        for count in (np.bincount(cage.edges.ravel(), minlength=V), np.bincount(cage.corner_edge))
-    ]
-    refinement.child_edges(
-        cage.indices,
-        cage.varying_offsets,
-        cage.twin,
-        cage.edges,
-        cage.corner_edge,
-        starts[0],
-        2 * E + starts[1],
-        halves,
-        edges,
-        corner_edge,
-        sides,
-    )
+    count = np.bincount(cage.edges.ravel(), minlength=V)
+    known, first = (cage.twin, cage.edges, cage.corner_edge), np.cumsum(count) - count
+    made = halves, edges, corner_edge, sides
+    if lattice.face_points:
+        count = np.bincount(cage.corner_edge)
+        middle = 2 * E + np.cumsum(count) - count
+        refinement.child_edges(cage.indices, cage.varying_offsets, *known, first, middle, *made)
+    else:
+        refinement.triangle_edges(cage.indices, *known, first, np.zeros(E, np.int64), *made)
     return edges, corner_edge, sides
 
 
@@ -209,20 +203,23 @@ class _Split:
 
 
 def all_regular(mesh: Mesh, lattice: Lattice) -> bool:
-    """Whether all faces have as many corners as those of the lattice, which may have to."""
-    return not lattice.face_points or mesh.connectivity.uniform_size == lattice.face_size
+    """Whether all faces have as many corners as those of the lattice."""
+    return mesh.connectivity.uniform_size == lattice.face_size
 
 
 def child_faces(cage: Connectivity, lattice: Lattice) -> Array:
     """Faces of the refined mesh, (n, face_size); see `refined`."""
     V, E = cage.n_vertices, cage.n_edges
-    if cage.compiled and lattice.face_points:
+    if cage.compiled:
         from limitsurf._kernels import refinement
 
-        result = np.empty((cage.n_corners, 4), np.int64)
-        known = cage.indices, cage.varying_offsets, cage.corner_edge, V, E
-        refinement.child_faces(*known, result.ravel())
-        return result
+        result = np.empty(4 * cage.n_corners, np.int64)
+        if lattice.face_points:
+            known = cage.indices, cage.varying_offsets, cage.corner_edge, V, E
+            refinement.child_faces(*known, result)
+        else:
+            refinement.triangle_children(cage.indices, cage.corner_edge, V, result)
+        return result.reshape(-1, lattice.face_size)
     return at_children(cage, cage.indices, V + cage.corner_edge, V + E + cage.corner_face, lattice)
 
 
@@ -278,6 +275,15 @@ def child_halves(
 
 def child_twins(cage: Connectivity, lattice: Lattice) -> Array:
     """The twins of the refined mesh, without sorting edges."""
+    if cage.compiled:
+        from limitsurf._kernels import refinement
+
+        result = np.empty(4 * cage.n_corners, np.int64)
+        if lattice.face_points:
+            refinement.child_twins(cage.varying_offsets, cage.twin, result)
+        else:
+            refinement.triangle_twins(cage.twin, result)
+        return result
     if not lattice.face_points:
         split, twin = _Split.of(lattice), cage.twin
         first, second = child_halves(cage, None, lattice)
@@ -288,12 +294,6 @@ def child_twins(cage: Connectivity, lattice: Lattice) -> Array:
         result = twins.ravel()
         result[first] = np.where(twin < 0, -1, second[twin])
         result[second] = np.where(twin < 0, -1, first[twin])
-        return result
-    if cage.compiled:
-        from limitsurf._kernels import refinement
-
-        result = np.empty(4 * cage.n_corners, np.int64)
-        refinement.child_twins(cage.varying_offsets, cage.twin, result)
         return result
     after, before, twin = cage.next_corner, cage.previous_corner, cage.twin
     entering = twin[before]  # across the edge that ends at the corner

@@ -4,8 +4,11 @@ A mesh has V vertices, E edges, F faces and H corners, numbered face by face. Co
 half-edge to the next corner of its face; ``twin`` (H,) is the one in the opposite direction or -1.
 Faces are given by ``offsets`` (F + 1,) and ``corner_face`` (H,); both are empty if all are quads.
 Vertices of the refined mesh are those of the mesh, then a point for each edge, then for each face;
-its faces are one for each corner. Every function passes over the faces once, and fills the arrays
-that it is given last.
+its faces are one for each corner. Where triangles are cut into triangles, faces have no points, and
+face f has the children 4 f to 4 f + 3: those at its corners, then the middle one; of half-edge
+h = 3 f + k the first half is half-edge 0 of child 4 f + k, the second half-edge 2 of child
+4 f + (k + 1) % 3, and half-edge 1 of child 4 f + k is inside, across (k + 1) % 3 of the middle.
+Every function passes over the faces once, and fills the arrays that it is given last.
 """
 
 from __future__ import annotations
@@ -129,6 +132,116 @@ def child_edges(
                 new_edge_corners[number, 0] = min(least, corner)
                 if twin[h] >= 0 and least < 4 * n_corners:
                     new_edge_corners[number, 1] = max(least, corner)
+
+
+@lean
+def triangle_children(indices: Array, corner_edge: Array, n_vertices: int, result: Array) -> None:
+    """Vertices of the children of triangles, (4 H,)."""
+    for h in range(0, len(indices), 3):
+        a, b, c = indices[h], indices[h + 1], indices[h + 2]
+        x, y = n_vertices + corner_edge[h], n_vertices + corner_edge[h + 1]
+        z = n_vertices + corner_edge[h + 2]
+        at = 4 * h
+        result[at], result[at + 1], result[at + 2] = a, x, z
+        result[at + 3], result[at + 4], result[at + 5] = b, y, x
+        result[at + 6], result[at + 7], result[at + 8] = c, z, y
+        result[at + 9], result[at + 10], result[at + 11] = y, z, x
+
+
+@lean
+def triangle_twins(twin: Array, result: Array) -> None:
+    """Twins of the half-edges of the children of triangles, (4 H,)."""
+    for begin in range(0, len(twin), 3):
+        for k in range(3):
+            after = 0 if k == 2 else k + 1
+            inner, middle = 4 * begin + 3 * k + 1, 4 * begin + 9 + after
+            result[inner], result[middle] = middle, inner
+            across = twin[begin + k]
+            if across < 0:
+                result[4 * begin + 3 * k] = result[4 * begin + 3 * after + 2] = -1
+            else:
+                other = across % 3
+                begin_there = 4 * (across - other)
+                last = 0 if other == 2 else other + 1
+                result[4 * begin + 3 * k] = begin_there + 3 * last + 2
+                result[4 * begin + 3 * after + 2] = begin_there + 3 * other
+
+
+@lean
+def triangle_edges(
+    indices: Array,
+    twin: Array,
+    edges: Array,
+    corner_edge: Array,
+    half: Array,
+    cut: Array,
+    halves: Array,
+    new_edges: Array,
+    new_corner_edge: Array,
+    new_edge_corners: Array,
+) -> None:
+    """``edges``, ``corner_edge`` and ``edge_corners`` of the children of triangles.
+
+    As in `child_edges`; those inside of faces come by the two edges that they join, then by face.
+    On entry ``cut`` (E,) is 0.
+    """
+    n_vertices, n_corners, n_edges = len(half), len(twin), len(edges)
+    for edge in range(n_edges):
+        for side in range(2):
+            vertex = edges[edge, side]
+            number = half[vertex]
+            half[vertex] += 1
+            halves[edge, side] = number
+            new_edges[number, 0] = vertex
+            new_edges[number, 1] = n_vertices + edge
+            new_edge_corners[number, 0] = 4 * n_corners
+            new_edge_corners[number, 1] = -1
+    for begin in range(0, n_corners, 3):
+        for k in range(3):
+            before = begin + 2 if k == 0 else begin + k - 1
+            cut[min(corner_edge[begin + k], corner_edge[before])] += 1
+    total = 2 * n_edges
+    for edge in range(n_edges):
+        count = cut[edge]
+        cut[edge] = total  # where its next one goes
+        total += count
+    for number in range(2 * n_edges, total):
+        new_edges[number, 0] = -1  # none yet
+    for begin in range(0, n_corners, 3):
+        for k in range(3):
+            h = begin + k
+            before = begin + 2 if k == 0 else h - 1
+            after = 0 if k == 2 else k + 1
+            edge = corner_edge[h]
+            # into order: few cuts end at an edge
+            low, high = min(edge, corner_edge[before]), max(edge, corner_edge[before])
+            number = cut[low]
+            cut[low] += 1
+            while (
+                new_edges[number - 1, 0] == n_vertices + low
+                and new_edges[number - 1, 1] > n_vertices + high
+            ):
+                for side in range(2):
+                    new_edges[number, side] = new_edges[number - 1, side]
+                    new_edge_corners[number, side] = new_edge_corners[number - 1, side]
+                number -= 1
+            new_edges[number, 0] = n_vertices + low
+            new_edges[number, 1] = n_vertices + high
+            new_edge_corners[number, 0] = 4 * begin + 3 * k + 1
+            new_edge_corners[number, 1] = 4 * begin + 9 + after
+            side = 0 if edges[edge, 0] == indices[h] else 1
+            for number, corner in (
+                (halves[edge, side], 4 * begin + 3 * k),
+                (halves[edge, 1 - side], 4 * begin + 3 * after + 2),
+            ):
+                new_corner_edge[corner] = number
+                least = new_edge_corners[number, 0]
+                new_edge_corners[number, 0] = min(least, corner)
+                if twin[h] >= 0 and least < 4 * n_corners:
+                    new_edge_corners[number, 1] = max(least, corner)
+    for number in range(2 * n_edges, total):
+        new_corner_edge[new_edge_corners[number, 0]] = number
+        new_corner_edge[new_edge_corners[number, 1]] = number
 
 
 @lean
@@ -283,29 +396,86 @@ def refined_points(
 
 
 @lean
+def refined_triangles(
+    points: Array,
+    indices: Array,
+    twin: Array,
+    corner_edge: Array,
+    vertex_faces: Array,
+    masks: tuple[Array, Array],
+    first: int,
+    channels: tuple[int, ...],
+    result: Array,
+) -> None:
+    """Smooth points of refined triangles, (V + E, d), midpoints at edges without a twin.
+
+    `masks` are by number of faces at a vertex the weight of edge neighbours; and those of each end,
+    and of each opposite corner, in edge points. Channels are as in `refined_points`.
+    """
+    weights, (end, across) = masks[0], (masks[1][0], masks[1][1])
+    n_vertices, last = len(points), first + len(channels)
+    for vertex in range(n_vertices):
+        for c in range(first, last):
+            result[vertex, c] = 0.0
+    for begin in range(0, len(indices), 3):
+        for k in range(3):
+            h = begin + k
+            # unsigned: never counted from the end
+            tail = np.uint64(indices[h])
+            head = np.uint64(indices[begin if k == 2 else h + 1])
+            near = weights[vertex_faces[tail]]
+            for c in range(first, last):
+                result[tail, c] += near * (points[head, c] - points[tail, c])
+            other = twin[h]
+            if other >= h:
+                continue  # when the other face has its point
+            edge = n_vertices + corner_edge[h]
+            if other < 0:
+                for c in range(first, last):
+                    result[edge, c] = 0.5 * (points[tail, c] + points[head, c])
+                continue
+            one = np.uint64(indices[begin + 2 if k == 0 else h - 1])
+            two = np.uint64(indices[other + 2 if other % 3 == 0 else other - 1])
+            for c in range(first, last):
+                ends = end * (points[tail, c] + points[head, c])
+                result[edge, c] = ends + across * (points[one, c] + points[two, c])
+    for vertex in range(n_vertices):
+        for c in range(first, last):
+            result[vertex, c] += points[vertex, c]
+
+
+@lean
 def limit_points(
     points: Array,
     indices: Array,
     vertex_faces: Array,
     weights: Array,
+    corners: tuple[int, ...],
     first: int,
     channels: tuple[int, ...],
     result: Array,
 ) -> None:
-    """Limits of the vertices of quads that are smooth all around, (V, d); of others nonsense.
+    """Limits of vertices that are smooth all around, (V, d); of others nonsense.
 
-    `weights` are, by number of faces at a vertex, those of edge neighbours and face corners.
-    Channels are as in `refined_points`.
+    `weights` are, by number of faces at a vertex, those of edge neighbours and, in quads, of face
+    corners. Faces have as many corners as `corners` is long, 3 or 4; channels are as in
+    `refined_points`.
     """
+    size = len(corners)
     n_vertices, last = len(points), first + len(channels)
     for vertex in range(n_vertices):
         for c in range(first, last):
             result[vertex, c] = 0.0
     for h in range(len(indices)):
-        begin = h // 4 * 4
-        tail, head = np.uint64(indices[h]), np.uint64(indices[begin + (h + 1) % 4])
-        opposite = np.uint64(indices[begin + (h + 2) % 4])
-        near, far = weights[vertex_faces[tail], 0], weights[vertex_faces[tail], 1]
+        begin = h // size * size
+        tail, head = np.uint64(indices[h]), np.uint64(indices[begin + (h - begin + 1) % size])
+        near = weights[vertex_faces[tail], 0]
+        if size == 3:
+            for c in range(first, last):
+                result[tail, c] += near * (points[head, c] - points[tail, c])
+            continue
+        opposite = np.uint64(indices[begin + (h - begin + 2) % size])
+        far = weights[vertex_faces[tail], 1]
         for c in range(first, last):
             own = points[tail, c]
             step = near * (points[head, c] - own) + far * (points[opposite, c] - own)
@@ -324,15 +494,19 @@ def limit_normals(
     vertex_faces: Array,
     start: Array,
     masks: Array,
+    corners: tuple[int, ...],
     seen: Array,
     result: Array,
 ) -> None:
-    """Unit limit normals (V, 3) of the vertices of quads but those already `seen`.
+    """Unit limit normals (V, 3) of the vertices but those already `seen`.
 
-    By number of faces at a vertex, `start` is where two masks begin, over its edge neighbours and
-    face corners counter-clockwise, itself first; or -1. NaN where the vectors might be dependent
+    By number of faces at a vertex, `start` is where two masks begin, over its edge neighbours and,
+    in quads, face corners counter-clockwise, itself first; or -1. Faces have as many corners as
+    `corners` is long. NaN where the vectors might be dependent
     within their rounding errors; `errors` are those of the points, as in the reference.
     """
+    size = len(corners)
+    stride = size - 2
     for vertex in range(len(points)):
         for c in range(3):
             result[vertex, c] = np.nan
@@ -347,20 +521,20 @@ def limit_normals(
         x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
         ax = ay = az = bx = by = bz = noise = other_noise = 0.0
         h, at = first, start[valence] + 1
-        beside = at + 2 * valence + 1
+        beside = at + stride * valence + 1
         for _ in range(valence):
-            begin = h // 4 * 4
-            for k in range(2):
-                other = indices[begin + (h + 1 + k) % 4]
+            begin = h // size * size
+            for k in range(stride):
+                other = indices[begin + (h - begin + 1 + k) % size]
                 dx, dy, dz = points[other, 0] - x, points[other, 1] - y, points[other, 2] - z
-                size = max(abs(dx), abs(dy), abs(dz)) + errors[vertex] + errors[other]
+                far = max(abs(dx), abs(dy), abs(dz)) + errors[vertex] + errors[other]
                 a, b = masks[at + k], masks[beside + k]
-                noise, other_noise = noise + abs(a) * size, other_noise + abs(b) * size
+                noise, other_noise = noise + abs(a) * far, other_noise + abs(b) * far
                 ax, ay, az = ax + a * dx, ay + a * dy, az + a * dz
                 bx, by, bz = bx + b * dx, by + b * dy, bz + b * dz
-            at += 2
-            beside += 2
-            h = twin[begin + (h + 3) % 4]
+            at += stride
+            beside += stride
+            h = twin[begin + (h - begin + size - 1) % size]
         noise, other_noise = NOISE * noise, NOISE * other_noise
         # largest component first: neither overflow nor underflow in the squares
         a, b = max(abs(ax), abs(ay), abs(az)), max(abs(bx), abs(by), abs(bz))
@@ -370,9 +544,9 @@ def limit_normals(
         bx, by, bz = bx / b, by / b, bz / b
         scale = sqrt(ax * ax + ay * ay + az * az) * sqrt(bx * bx + by * by + bz * bz)
         nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        size = max(abs(nx), abs(ny), abs(nz))
-        if not size > UNIT * (noise / a + other_noise / b) * scale:
+        far = max(abs(nx), abs(ny), abs(nz))
+        if not far > UNIT * (noise / a + other_noise / b) * scale:
             continue
-        nx, ny, nz = nx / size, ny / size, nz / size
+        nx, ny, nz = nx / far, ny / far, nz / far
         scale = sqrt(nx * nx + ny * ny + nz * nz)
         result[vertex, 0], result[vertex, 1], result[vertex, 2] = nx / scale, ny / scale, nz / scale

@@ -152,8 +152,10 @@ class Connectivity:
 
     def after(self, corners: IntArray) -> IntArray:
         """The next corners in the same faces."""
-        size, after, _ = self.steps
-        return corners & ~3 | corners + 1 & 3 if size == 4 else after[corners]
+        size, after = self.uniform_size, corners + 1
+        if size == 4:
+            return corners & ~3 | after & 3
+        return after - size * (after % size == 0) if size else self.next_corner[corners]
 
     @derived
     def around(self) -> tuple[IntArray, IntArray, bool]:

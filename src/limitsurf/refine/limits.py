@@ -144,11 +144,15 @@ def limit_normals(
 
 
 def ring_weights(mesh: Mesh, rules: Rules, rough: Array) -> Array:
-    """Weights of each edge neighbour and face corner in a limit, by number of faces at a vertex."""
+    """Weights of what each face brings to a limit, by number of faces at a vertex.
+
+    Of its edge neighbour and, where that is in the ring, of the corner beyond.
+    """
     most, valences = smooth_valences(mesh, rough)
-    weights = np.zeros((most + 1, 2))
+    weights = np.zeros((most + 1, len(rules.scheme.lattice.orbits)))
     for N in valences:
-        weights[N] = tables.limit_mask(rules.scheme, "interior", N, numbers.FLOAT64)[1:3]
+        mask = tables.limit_mask(rules.scheme, "interior", N, numbers.FLOAT64)
+        weights[N] = mask[1 : 1 + weights.shape[1]]
     return read_only(weights)
 
 

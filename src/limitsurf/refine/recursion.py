@@ -115,7 +115,7 @@ class RefinedMesh(Mesh):
         points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
         rules = self._rules
         sharpness = Sharpness.of(self, rules, numbers.type_of(points))
-        if sharpness.number.exact or not (self.connectivity.large and lattice.face_points):
+        if sharpness.number.exact or not self.connectivity.large:
             result = limit_points(sharpness, rules, points, self.vertex_faces > 0)
         else:
             from limitsurf._kernels import refinement
@@ -123,7 +123,7 @@ class RefinedMesh(Mesh):
             result = np.empty_like(points)
             masks = ring_weights(self, rules, sharpness.concerned)
             for first, channels in channel_groups(points.shape[1]):
-                known = points, self.indices, self.vertex_faces, masks
+                known = points, self.indices, self.vertex_faces, masks, (0,) * lattice.face_size
                 refinement.limit_points(*known, first, channels, result)
             result[self.vertex_faces == 0] = np.nan
             rough = sharpness.sharp_vertices
@@ -168,7 +168,7 @@ class RefinedMesh(Mesh):
         points = np.ldexp(self.points, kernels.balance(self.points))
         # what refinement rounded; a cage is exact
         errors = np.abs(points).max(axis=1) * self._rounded
-        if not (self.connectivity.large and lattice.face_points):
+        if not self.connectivity.large:
             result = limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
         else:
             from limitsurf._kernels import refinement
@@ -176,7 +176,7 @@ class RefinedMesh(Mesh):
             by_vertex, seen = np.empty((self.n_vertices, 3)), sharpness.sharp_vertices
             masks = normal_weights(self, rules, sharpness.concerned)
             known = points, errors, self.indices, self.twin
-            refinement.limit_normals(*known, *masks, seen, by_vertex)
+            refinement.limit_normals(*known, *masks, (0,) * lattice.face_size, seen, by_vertex)
             result = by_vertex.take(self.indices, axis=0)
             # sharp ones, and those for which the first pair of vectors will not do
             rough = sharpness.sharp_vertices

@@ -16,7 +16,7 @@ from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
 from limitsurf.refine.operators import csr, sparse_operator
 from limitsurf.rules import DART, Rules, Sharpness
-from limitsurf.topology import vertex_numbers
+from limitsurf.topology import child_vertices, vertex_numbers
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -277,7 +277,7 @@ def refined_values(
     mesh: Mesh, rules: Rules, sharpness: Sharpness, values: Array, compiled: bool
 ) -> Array:
     """One level of refinement of values at the vertices, (n_vertices, d)."""
-    if not (compiled and rules.scheme.lattice.face_points and not callable(rules.scheme.edge)):
+    if not compiled or callable(rules.scheme.edge):
         faces, vertices = refinement_stages(mesh, rules, sharpness, numbers.type_of(values), False)
         return np.asarray(vertices @ np.concatenate([values, faces @ values]))
     from limitsurf._kernels import refinement
@@ -285,21 +285,20 @@ def refined_values(
     smooth, _, along = (x.astype(float, copy=False) for x in sharpness.vertex_masks)
     middle = sharpness.edge_masks.astype(float, copy=False)
     _, crease_edge, crease_vertex = tables.rule_weights(rules.scheme, numbers.FLOAT64)
-    offsets = mesh.connectivity.varying_offsets
-    result = np.empty((mesh.n_vertices + mesh.n_edges + mesh.n_faces, values.shape[1]))
-    known = (
-        read_only(values),
-        mesh.indices,
-        offsets,
-        mesh.corner_face if len(offsets) else offsets,
-        mesh.twin,
-        mesh.corner_edge,
-        mesh.vertex_faces,
-        mesh.n_edges,
-        _smooth_masks(mesh, rules, sharpness.concerned[smooth == 0]),
-    )
+    lattice = rules.scheme.lattice
+    result = np.empty((child_vertices(mesh.connectivity, lattice), values.shape[1]))
+    masks = _smooth_masks(mesh, rules, sharpness.concerned[smooth == 0])
+    given, around = (read_only(values), mesh.indices), (mesh.twin, mesh.corner_edge)
+    if lattice.face_points:
+        offsets = mesh.connectivity.varying_offsets
+        faces = offsets, mesh.corner_face if len(offsets) else offsets
+        known: Any = *given, *faces, *around, mesh.vertex_faces, mesh.n_edges, masks
+        refine: Any = refinement.refined_points
+    else:
+        known = *given, *around, mesh.vertex_faces, (masks[2][:, 0], masks[3])
+        refine = refinement.refined_triangles
     for first, channels in channel_groups(values.shape[1]):
-        refinement.refined_points(*known, first, channels, result)
+        refine(*known, first, channels, result)
     # what is sharp moves less towards the smooth point, and along creases
     place, (end, other) = sharpness.concerned, sharpness.sharp_ends
     result[place] = values[place] + smooth[:, None] * (result[place] - values[place])
@@ -336,13 +335,19 @@ def _smooth_masks(mesh: Mesh, rules: Rules, rough: Array) -> tuple[Array, Array,
 def _rounded_masks(
     rules: Rules, sizes: tuple[int, ...], most: int, valences: tuple[int, ...]
 ) -> tuple[Array, Array, Array, Array]:
-    """Masks in float64 of faces of some sizes, and of vertices of some numbers of faces."""
+    """Masks in float64 of faces of some sizes, and of vertices of some numbers of faces.
+
+    Where faces have no points, the last are those of edges.
+    """
     number, corners = numbers.FLOAT64, np.array(sizes)
     start = np.zeros(corners[-1] + 1, dtype=np.int64)
     start[corners] = np.cumsum(corners) - corners
-    weights = np.zeros((most + 1, 2))
+    weights = np.zeros((most + 1, len(rules.scheme.lattice.orbits)))
     faces = np.array(valences, dtype=int)
     weights[faces] = tables.vertex_weights(rules.scheme, faces, number)[:, 1:]
+    if not rules.scheme.lattice.face_points:
+        edge, _, _ = tables.rule_weights(rules.scheme, number)
+        return read_only((start, np.zeros(0), weights, edge))
     contribution = tables.edge_face_weights(rules.scheme, rules.triangles == "smooth", number)
     masks = start, tables.corner_weights(rules.scheme, corners, number), weights, contribution
     return read_only(masks)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.cage.mesh import Mesh
-from limitsurf.scheme.lattice import QUADS
+from limitsurf.scheme.net import Net
 from limitsurf.spectra.basis import eigenbasis
 from limitsurf.surface import LimitSurface
 from limitsurf.tables import EigenTable, FourierRing, grid_index
@@ -55,10 +55,11 @@ class Mode:
 
 
 class Fan:
-    """The two-ring of a vertex: k sectors of 2 x 2 faces, the vertex at corner 0 of the inner ones.
+    """The two-ring of a vertex: k sectors of 4 faces, the vertex at corner 0 of the inner ones.
 
     Sector s lies between axes s and s + 1; its point (i, j) is i steps along the one and j along
-    the other. Limit face s is the inner face of sector s, with u along axis s.
+    the other. In triangles, i + j is at most 2, and what is beyond repeats (1, 1). Limit face s is
+    the inner face of sector s, with u along axis s.
 
     Examples
     --------
@@ -76,23 +77,24 @@ class Fan:
         self.basis = eigenbasis(scheme, kind=kind, faces=faces)  # checks all three
         sector = self.basis.sector
         self.place = sector.place
-        if sector.lattice is not QUADS:
-            raise ValueError(
-                f"eigenfunctions are drawn around vertices of quads, but scheme "
-                f"{self.basis.scheme.name!r} is of {sector.lattice.name}"
-            )
+        self.lattice = sector.lattice
+        self.corners = self.lattice.corners
+        net = Net(self.lattice, 2)
+        self._own = sorted(zip(*(x.tolist() for x in net.steps), strict=True))
         axes = faces + sector.open
         s = np.arange(faces)
         number = np.zeros((faces, 3, 3), dtype=np.int64)
         steps = np.arange(1, 3)
         number[:, 1:, 0] = 1 + 2 * s[:, None] + steps - 1
         number[:, 0, 1:] = 1 + 2 * ((s + 1) % axes)[:, None] + steps - 1
-        number[:, 1:, 1:] = 1 + 2 * axes + np.arange(4 * faces).reshape(faces, 2, 2)
+        inside = [place for place in self._own if 0 not in place]
+        for k, (i, j) in enumerate(inside):
+            number[:, i:, j:] = (1 + 2 * axes + len(inside) * s + k)[:, None, None]
         self.number = number  # (k, 3, 3)
-        quads = [number[:, :-1, :-1], number[:, 1:, :-1], number[:, 1:, 1:], number[:, :-1, 1:]]
-        cells = np.stack(quads, axis=-1).reshape(faces, 4, 4)
+        u, v = net.steps
+        cells = number[:, u, v][:, net.cells]
         # inner faces first: their numbers are those of the sectors
-        self._cells = np.concatenate([cells[:, 0], cells[:, 1:].reshape(-1, 4)])
+        self._cells = np.concatenate([cells[:, 0], *cells[:, 1:]])
         self._tags: dict[str, Any] = {"boundary": "edge_only"}
         if kind == "dart":
             ray = [0, *number[0, 1:, 0].tolist()]
@@ -148,7 +150,8 @@ class Fan:
         """The table of one face, and its vectors at the points of the sector, (3, 3, K)."""
         basis = eigenbasis(self.scheme, kind=self.kind, faces=self.faces, position=position)
         at = grid_index(basis.sector)
-        rows = basis.float64.right_rows([at[1 + i, 1 + j] for i in range(3) for j in range(3)])
+        points = ((i, j) if (i, j) in self._own else (1, 1) for i in range(3) for j in range(3))
+        rows = basis.float64.right_rows([at[1 + i, 1 + j] for i, j in points])
         return basis.float64, rows.reshape(3, 3, -1)
 
     def _waves(self) -> Iterator[tuple[float, int, int, Array]]:
@@ -177,26 +180,49 @@ class Fan:
 
     def _outer_waves(self) -> Iterator[tuple[float, int, int, Array]]:
         """As `_waves`, those that vanish on the ring: waves of what is of one axis, or one face."""
-        table, near = self._table(0)
-        beyond = table.right_rows([grid_index(self.basis.sector)[3, 0]])[0]  # across the first axis
         N, s = self.faces, np.arange(self.faces)[:, None, None]
-        for k in np.flatnonzero(table.order >= self.basis.sector.ring):
-            here, eigenvalue = near[..., k], float(table.rates[0, k])
-            if here[0, 2] or here[1, 2]:  # of the other axis of this face
-                continue
-            of_axis = here[2, 0] or here[2, 1]
-            sign = -1 if beyond[k] * here[2, 1] < 0 else 1  # mirrored at the axis
+        for eigenvalue, here, sign in self._outer():
             for f in range(N // 2 + 1):
                 for sine, wave in enumerate((np.cos, np.sin)):
                     # of a sine in the middle of a wave, or of a cosine between, nothing is left
-                    if (f == 0 and sine) or (2 * f == N and bool(sine) == bool(of_axis)):
+                    if (f == 0 and sine) or (2 * f == N and bool(sine) == bool(sign)):
                         continue
-                    if of_axis:
+                    if sign:
                         first, last = (wave(2 * np.pi * f / N * x) for x in (s, s + 1))
                         values = first * here + sign * last * here.T
                         yield eigenvalue, f, sine ^ (sign < 0), values
                     else:
-                        yield eigenvalue, f, sine, wave(np.pi * f / N * (2 * s + 1)) * here
+                        before, own, after = (wave(np.pi * f / N * (2 * s + x)) for x in (-1, 1, 3))
+                        values = own * here
+                        # an axis has something of the faces on both its sides
+                        values[:, 1:, :1] += before * here[:1, 1:].T
+                        values[:, :1, 1:] += after * here[1:, :1].T
+                        yield eigenvalue, f, sine, values
+
+    def _outer(self) -> Iterator[tuple[float, Array, int]]:
+        """What vanishes on the ring, and is of the first axis or the first face alone.
+
+        Its eigenvalue, its values (3, 3), and its sign when mirrored at the axis, 0 for the face.
+        """
+        table, near = self._table(0)
+        at = grid_index(self.basis.sector)
+        outer = np.flatnonzero(table.order >= self.basis.sector.ring)
+        # across the first axis, across the other one
+        beyond, far = table.right_rows([at[3, 0], at[0, 3]])
+        mixed = outer[:0]
+        if self.lattice.sloped:
+            # functions of several faces have one eigenvalue: the sum that is of the first alone
+            across = np.stack([near[1, 1], beyond, far])
+            mixed = outer[across[:, outer].any(axis=0)]
+            weights = np.linalg.solve(across[:, mixed], [1.0, 0.0, 0.0])
+            yield float(table.rates[0, mixed[0]]), near[..., mixed] @ weights, 0
+        for k in np.setdiff1d(outer, mixed):
+            here, eigenvalue = near[..., k], float(table.rates[0, k])
+            if here[0, 2] or here[1, 2]:  # of the other axis of this face
+                continue
+            of_axis = here[2, 0] or here[2, 1]
+            mirrored = -1 if beyond[k] * here[2, 1] < 0 else 1
+            yield eigenvalue, here, mirrored if of_axis else 0
 
     def characteristic_map(self) -> Array:
         """Control points (M, 2) of the characteristic map.

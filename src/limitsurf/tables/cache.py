@@ -163,7 +163,8 @@ def write_shipped(directory: Path) -> list[Path]:
     """Write the tables that ship with the package into `directory`; return their paths."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
-    for scheme, sector in product(SCHEMES.values(), SHIPPED_SECTORS):
+    for scheme, like in product(SCHEMES.values(), SHIPPED_SECTORS):
+        sector = scheme.sector(like.kind, like.faces, like.position)
         tables = [(_key(scheme, sector), _table_formats(scheme, sector), _derive)]
         if sector.kind not in _FOURIER and sector.position == 0:
             key = {**tables[0][0], "position": "all"}
@@ -331,8 +332,8 @@ def rational_table(scheme: Scheme, sector: Sector, rounded: bool = False) -> Rat
     """
     matrix = subdivision_matrix(scheme, sector)
     if rounded and not all(isinstance(w, Fraction) for row in matrix.rows for w in row.values()):
-        matrix = subdivision_matrix(scheme, sector, _rational)
-    return _rational_table(matrix, scheme)
+        return _rational_table(subdivision_matrix(scheme, sector, _rational), scheme, True)
+    return _rational_table(matrix, scheme, False)
 
 
 def _rational(weight: Any) -> Fraction:
@@ -340,7 +341,7 @@ def _rational(weight: Any) -> Fraction:
 
 
 @lru_cache(maxsize=64)
-def _rational_table(matrix: SubdivisionMatrix, scheme: Scheme) -> RationalTable:
+def _rational_table(matrix: SubdivisionMatrix, scheme: Scheme, rounded: bool) -> RationalTable:
     from limitsurf.exact.sectors import limit_weights
 
     entries = sorted((c, r, w) for r, row in enumerate(matrix.rows) for c, w in row.items())
@@ -354,7 +355,8 @@ def _rational_table(matrix: SubdivisionMatrix, scheme: Scheme) -> RationalTable:
     numerators[:] = [int(w * denominator) for _, _, w in entries]
     columns, rows = np.array([(c, r) for c, r, _ in entries]).T
     pieces, sector = np.array(matrix.pieces), matrix.sector
-    mask = np.full(sector.size, Fraction(0), dtype=object)
-    mask[: sector.ring] = list(map(_rational, limit_weights(scheme, sector)))
+    mask = np.full(0 if rounded else sector.size, Fraction(0), dtype=object)
+    if not rounded:
+        mask[: sector.ring] = limit_weights(scheme, sector)
     count = len(matrix.rows)
     return RationalTable(sector, count, rows, columns, numerators, denominator, pieces, mask)

@@ -381,7 +381,7 @@ class RationalTable:
         Rows that are the control points of the three regular pieces, in the order of the lattice's
         template, in quads ``4 j + i``.
     limit_mask : (K,) of Fraction
-        Weights of the control points in the limit.
+        Weights of the control points in the limit; (0,) if irrational masks have been rounded.
     """
 
     sector: Sector

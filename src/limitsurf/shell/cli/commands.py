@@ -196,11 +196,11 @@ def evaluate(
                 "in NPY, Parquet or Zarr, and an --output in Parquet or Zarr"
             )
         surface = cage.surface(channels)
-        faces = len(surface.limit_faces)
+        faces, lattice = len(surface.limit_faces), surface.patches.lattice
         if grid is not None:
-            asked = sources.grid_queries(faces, grid)
+            asked = sources.grid_queries(faces, grid, lattice)
         elif random is not None:
-            asked = sources.random_queries(faces, random, seed)
+            asked = sources.random_queries(faces, random, seed, lattice)
         assert asked is not None
         threads = workers if scheduler is None else 1
         question = targets.Question(order, normals, channels, threads)
@@ -231,7 +231,7 @@ def evaluate(
     default=8,
     show_default=True,
     metavar="N",
-    help="N x N quads per limit face.",
+    help="N x N polygons per limit face.",
 )
 @output_option
 @to_option

@@ -65,7 +65,8 @@ def run(folder: Path, n: int, seed: int, quiet: bool = False) -> dict[str, Any]:
 
 def _answers(surface: ls.LimitSurface, n: int, seed: int) -> list[Batch]:
     """Position, first derivatives and normal of random queries, batch by batch."""
-    asked, found = queries.random_queries(len(surface.limit_faces), n, seed).batches, []
+    faces = len(surface.limit_faces)
+    asked, found = queries.random_queries(faces, n, seed, surface.patches.lattice).batches, []
     with terminal.counting("evaluating", n) as done:
         for batch in answers.answered(surface, asked, answers.Question(order=1, normals=True)):
             found.append(batch)

@@ -18,6 +18,7 @@ from typing import IO, Any, NoReturn, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.scheme.lattice import Lattice
 from limitsurf.shell import terminal
 from limitsurf.shell.files import checked_suffix, needed, opened
 
@@ -156,21 +157,24 @@ def reading(path: str | os.PathLike[str]) -> Iterator[Queries]:
             yield _from_columns(name, columns, again)
 
 
-def grid_queries(faces: int, n: int) -> Queries:
+def grid_queries(faces: int, n: int, lattice: Lattice) -> Queries:
     """The centres of n x n equal cells of each limit face; no two of these points coincide."""
     if faces * n * n >= 2**63:
         raise ValueError(f"a grid of {n} x {n} on {faces} limit faces has too many points")
+
+    # of the cell at corner 0
+    x, y = np.mean(lattice.corners, axis=0)
 
     def batches() -> Iterator[Batch]:
         for start, stop in spans(faces * n * n, BATCH):
             face, cell = np.divmod(np.arange(start, stop), n * n)
             i, j = np.divmod(cell, n)
-            yield Batch(face, (i + 0.5) / n, (j + 0.5) / n)
+            yield Batch(face, *_folded((i + x) / n, (j + y) / n, lattice))
 
     return Queries(batches(), faces * n * n)
 
 
-def random_queries(faces: int, n: int, seed: int) -> Queries:
+def random_queries(faces: int, n: int, seed: int, lattice: Lattice) -> Queries:
     """Uniform in limit face, u and v; the same for the same seed, whatever the batches."""
 
     def batches() -> Iterator[Batch]:
@@ -182,9 +186,16 @@ def random_queries(faces: int, n: int, seed: int) -> Queries:
         for_v.bit_generator.advance(n)  # type: ignore[attr-defined]
         for start, stop in spans(n, BATCH):
             size = stop - start
-            yield Batch(for_face.integers(faces, size=size), for_u.random(size), for_v.random(size))
+            face, u, v = for_face.integers(faces, size=size), for_u.random(size), for_v.random(size)
+            yield Batch(face, *_folded(u, v, lattice))
 
     return Queries(batches(), n)
+
+
+def _folded(u: Array, v: Array, lattice: Lattice) -> tuple[Array, Array]:
+    """Places of the unit square, those beyond a triangle turned into it by half a turn."""
+    beyond = (u + v > 1) & lattice.sloped
+    return np.where(beyond, 1 - u, u), np.where(beyond, 1 - v, v)
 
 
 def spans(total: int, size: int) -> Iterator[tuple[int, int]]:

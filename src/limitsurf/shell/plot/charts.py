@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -76,19 +77,17 @@ def draw_characteristic_map(figure: Any, fan: Fan, isolines: int, rings: int) ->
     axes = figure.add_axes((0.03, 0.03, 0.94, 0.87), aspect="equal")
     axes.set_axis_off()
     face = np.arange(fan.faces)[:, None]
-    at = np.linspace(0.0, 1.0, 33)
-    one = np.ones_like(at)
-    # once around the sector: along u, the far sides, back along v
-    u, v = np.concatenate([at, one, at[::-1], 0 * at]), np.concatenate([0 * at, at, one, at[::-1]])
+    at, corners = np.linspace(0.0, 1.0, 33), fan.corners
+    u, v = _path([*corners, corners[0]])
     for k, outline in enumerate(surface.evaluate(face, u, v)):
         axes.fill(*outline.T, color=SECTORS[k % 2], lw=0)
-    _draw_isolines(axes, surface, face, isolines, rings)
+    _draw_isolines(axes, fan, surface, isolines, rings)
     for s in range(fan.faces):
         axes.plot(*surface.evaluate(s, at, 0 * at).T, color=AXIS, lw=1.4, solid_capstyle="round")
         axes.plot(*surface.evaluate(s, 0 * at, at).T, color=AXIS, lw=1.4, solid_capstyle="round")
     first, second = fan.basis.float64.rates[0, fan.basis.float64.normal].tolist()
     similar = abs(first - second) < 1e-9
-    _draw_rings(axes, surface, face, rings, r"\lambda" if similar else "")
+    _draw_rings(axes, fan, surface, rings, r"\lambda" if similar else "")
     axes.plot(0, 0, "o", color=INK, ms=4.5)
     spectrum = (
         rf"$\lambda = {first:.5f}$"
@@ -99,40 +98,51 @@ def draw_characteristic_map(figure: Any, fan: Fan, isolines: int, rings: int) ->
     axes.set_title(title(fan, spectrum), color=INK, size=12, pad=8)
 
 
-def _draw_isolines(axes: Any, surface: Any, face: NDArray[Any], isolines: int, rings: int) -> None:
-    """Lines of constant u and v on the faces (k, 1).
+def _path(corners: Sequence[tuple[int, int]]) -> Array:
+    """The u and v along straight lines between corners, (2, p)."""
+    at = np.linspace(0.0, 1.0, 33)[:, None]
+    ends = np.array(corners)
+    return np.concatenate([a + at * (b - a) for a, b in pairwise(ends)]).T
 
-    In the n-th ring, where the larger of u and v is from 2^-n-1 to 2^-n, they are 2^-n as dense.
+
+def _draw_isolines(axes: Any, fan: Fan, surface: Any, isolines: int, rings: int) -> None:
+    """Lines of constant u and v on all faces.
+
+    In the n-th ring, where the larger of u and v, in triangles their sum, is from 2^-n-1 to 2^-n,
+    they are 2^-n as dense.
     """
     from matplotlib.collections import LineCollection
 
     at = np.linspace(0.0, 1.0, 33)
     steps = np.arange(1, isolines + 1) / (isolines + 1)
-    low = np.where(steps < 0.5, 0.5, 0.0)[:, None]
-    along = low + at * (1 - low)  # (isolines, 33)
-    fixed = np.broadcast_to(steps[:, None], along.shape)
+    fixed, high = steps[:, None], np.ones((len(steps), 1))
+    low = np.where(fixed < 0.5, 0.5, 0.0)
+    if fan.lattice.sloped:
+        low, high = np.maximum(0.5 - fixed, 0), 1 - fixed
+    along = low + at * (high - low)  # (isolines, 33)
+    fixed = np.broadcast_to(fixed, along.shape)
+    face = np.arange(fan.faces)[:, None, None]
     for ring in range(rings + 1):
         scale = 2.0**-ring
         for x, y in ((fixed, along), (along, fixed)):
-            lines = surface.evaluate(face[:, None], scale * x, scale * y)  # (k, isolines, 33, 2)
+            lines = surface.evaluate(face, scale * x, scale * y)  # (k, isolines, 33, 2)
             width = 0.7 * 0.8**ring
             axes.add_collection(
                 LineCollection(list(lines.reshape(-1, len(at), 2)), colors=LINE, linewidths=width)
             )
 
 
-def _draw_rings(axes: Any, surface: Any, face: NDArray[Any], rings: int, factor: str) -> None:
-    """The far sides of the faces (k, 1) in each ring, named by a power of the factor, if any."""
+def _draw_rings(axes: Any, fan: Fan, surface: Any, rings: int, factor: str) -> None:
+    """The far sides of all faces in each ring, named by a power of the factor, if any."""
     from matplotlib.collections import LineCollection
 
-    at = np.linspace(0.0, 1.0, 33)
-    one = np.ones_like(at)
-    reach = np.abs(surface.evaluate(face, 1.0, at)).max()
-    u, v = np.concatenate([one, at[::-1]]), np.concatenate([at, one])
+    face = np.arange(fan.faces)[:, None]
+    u, v = _path(fan.corners[1:])
+    reach = np.abs(surface.evaluate(face, u, v)).max()
     named = math.inf  # the largest distance of a name from the vertex
     for ring in range(rings + 1):
         scale = 2.0**-ring
-        edge = surface.evaluate(face, scale * u, scale * v)  # (k, 66, 2)
+        edge = surface.evaluate(face, scale * u, scale * v)  # (k, p, 2)
         axes.add_collection(LineCollection(list(edge), colors=RING, linewidths=1.8 * 0.88**ring))
         place = surface.evaluate(0, scale, 0.0)
         far = float(np.hypot(*place))

@@ -56,12 +56,13 @@ def painted(scene: Scene, width: int, height: int) -> Image:
     shade = np.linspace(to_rgb(scene.ground[0]), to_rgb(scene.ground[1]), 256)[:, None]
     axes.imshow(shade, extent=(0, width, 0, height), origin="lower", aspect="auto")
 
-    # All is quads: a line is one pinched to its ends, a dot a star of two, and both get a rounded
-    # edge of their thickness. They stand in front of the quad that they lie on.
+    # All has four corners: of a triangle the last is twice there, a line is pinched to its ends, a
+    # dot is a star of two squares, and both get a rounded edge of their thickness. They stand in
+    # front of what they lie on.
     focal = height / 2 / math.tan(math.radians(scenes.VIEW_ANGLE / 2))  # pixels
     dot = scene.dot * height / 1000
-    # Quads (k, 4, 3), colours (k or 1, 3), width of the edge in pixels, how much nearer.
-    layers = [(scene.points[scene.quads], _lit(scene), 0.6, 0.0)]
+    # Corners (k, 4, 3), colours (k or 1, 3), width of the edge in pixels, how much nearer.
+    layers = [(scene.points[scene.cells[:, [0, 1, 2, -1]]], _lit(scene), 0.6, 0.0)]
     for lines in scene.lines:
         pieces = _cut(lines.ends)[:, [0, 1, 1, 0]]
         layers.append((pieces, np.array([to_rgb(lines.color)]), lines.width * height / 1000, 0.001))
@@ -216,10 +217,10 @@ def _cut(ends: Array) -> Array:
 
 
 def _lit(scene: Scene) -> Array:
-    """The colour of each quad, (q, 3), under a key light, a fill light and a back light."""
-    normal = scene.normals[scene.quads].mean(axis=1)
+    """The colour of each cell, (q, 3), under a key light, a fill light and a back light."""
+    normal = scene.normals[scene.cells].mean(axis=1)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-    toward = scene.eye - scene.points[scene.quads].mean(axis=1)
+    toward = scene.eye - scene.points[scene.cells].mean(axis=1)
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
     normal *= np.where(np.sum(normal * toward, axis=1, keepdims=True) < 0, -1.0, 1.0)
     light = np.array([place for place, _ in LIGHTS]) @ scene.axes
@@ -231,7 +232,7 @@ def _lit(scene: Scene) -> Array:
     shine = gloss * np.maximum(np.sum(normal * half, axis=1), 0.0) ** SHARPNESS
     colors: Array = np.asarray(scene.color)
     if scene.field is not None:
-        shade = scene.field.shades[scene.quads].mean(axis=1)  # (q,)
+        shade = scene.field.shades[scene.cells].mean(axis=1)  # (q,)
         colors = colormap(scene.field)(np.ma.masked_invalid(shade))[:, :3]
     colors = lit[:, None] * colors + shine[:, None]
     return np.clip(colors, 0.0, 1.0)

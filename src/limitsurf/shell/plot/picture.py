@@ -14,9 +14,9 @@ from limitsurf.shell import files
 from limitsurf.shell.files import Path
 from limitsurf.shell.plot import paint, render
 from limitsurf.shell.plot.paint import Image
-from limitsurf.shell.plot.scene import QUADS, Scene
+from limitsurf.shell.plot.scene import POLYGONS, Scene
 
-PAGE_QUADS = 30_000  # of a page, whose size they make up
+PAGE_POLYGONS = 30_000  # of a page, whose size they make up
 
 
 class Drawing(Protocol):
@@ -158,7 +158,7 @@ class Interactive:
 
 
 class SceneDrawing:
-    """A scene, of more quads for a picture than for a page; ``build(aspect, quads)`` makes it."""
+    """A scene; ``build(aspect, polygons)`` makes it, of more for a picture than for a page."""
 
     suffixes = (".png", ".html")
 
@@ -172,27 +172,27 @@ class SceneDrawing:
 
     def prepare(self, suffix: str) -> None:
         """Make the scene of such a file, or raise what is wrong with it."""
-        self._of(PAGE_QUADS if suffix == ".html" else QUADS)
+        self._of(PAGE_POLYGONS if suffix == ".html" else POLYGONS)
 
-    def _of(self, quads: int) -> Scene:
-        if quads not in self._scenes:
-            width = self.size[0] - self._strip * (2 if quads == PAGE_QUADS else 1)
-            self._scenes[quads] = self.build(max(1, width) / self.size[1], quads)
-        return self._scenes[quads]
+    def _of(self, polygons: int) -> Scene:
+        if polygons not in self._scenes:
+            width = self.size[0] - self._strip * (2 if polygons == PAGE_POLYGONS else 1)
+            self._scenes[polygons] = self.build(max(1, width) / self.size[1], polygons)
+        return self._scenes[polygons]
 
     def pixels(self) -> Image:
         """The picture, (height, width, 3)."""
         width = max(1, self.size[0] - self._strip)
-        image = render.pixels(self._of(QUADS), width, self.size[1])
-        return paint.explained(image, self._of(QUADS))
+        image = render.pixels(self._of(POLYGONS), width, self.size[1])
+        return paint.explained(image, self._of(POLYGONS))
 
     def content(self, suffix: str) -> bytes:
         """A page of HTML."""
-        return render.page(self._of(PAGE_QUADS), *self.size).encode()
+        return render.page(self._of(PAGE_POLYGONS), *self.size).encode()
 
     def window(self) -> Image:
         """Show it in a window until that is closed; the last picture."""
-        return render.window(self._of(QUADS), *self.size)
+        return render.window(self._of(POLYGONS), *self.size)
 
 
 def _suffix(file: Path, known: tuple[str, ...]) -> str:

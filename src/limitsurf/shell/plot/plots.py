@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from limitsurf import memory
 from limitsurf.cage.checks import checked_integer
 from limitsurf.query import POLYGON, validate
+from limitsurf.scheme.net import Net
 from limitsurf.shell.files import Path
 from limitsurf.shell.io.vtk import imported_pyvista
 from limitsurf.shell.plot import charts
@@ -85,16 +86,16 @@ def plot(
         A file to write, off screen: ``.png``, or ``.html`` for a page that needs nothing else and
         turns in a browser. It appears whole or not at all.
     n : int, optional
-        Each limit face is drawn as n x n quads; by default as many as make a smooth picture, and
+        Each limit face is drawn as n x n polygons; by default as many as make a smooth picture, and
         fewer in a page.
     cage, curves, poles, normals : bool
         Whether to draw the cage, its creases in thick lines; the edges of the limit faces; the
-        limits of extraordinary vertices and the centres of faces that are no quads; normals in
+        limits of extraordinary vertices and the centres of faces that are n-gons; normals in
         the middle of each limit face, and between if these are few. By default all but the normals
         are drawn unless they would hide the surface or its scalars.
     isolines : int
-        How many lines of constant u, and as many of constant v, to draw within each limit face,
-        evenly spaced.
+        How many lines of constant u, and as many of constant v, in triangles also of constant
+        1 - u - v, to draw within each limit face, evenly spaced.
     scalars : str, callable or array_like, optional
         What to colour the surface by. "mean", "gaussian", "k1" or "k2" is that of its
         `LimitSurface.curvature`, in units of its points; where there is none, as at extraordinary
@@ -184,7 +185,7 @@ def plot(
         raise ValueError(f"up must be 'x', 'y' or 'z', got {up!r}")
     _check_view(view)
     width, height = _checked_size(window_size)
-    memory.refuse_beyond(len(surface.limit_faces) * (n or 1) ** 2, POLYGON, "quads")
+    memory.refuse_beyond(len(surface.limit_faces) * (n or 1) ** 2, POLYGON, "polygons")
     memory.refuse_beyond(width * height, 100, "pixels")
     pyvista = imported_pyvista()
     try:
@@ -360,8 +361,8 @@ def _graph(
     fan: Fan, plane: NDArray[Any], mode: Mode, size: tuple[int, int], alone: bool
 ) -> pictures.SceneDrawing:
     """An eigenfunction over the characteristic map, with a colour bar if it is alone."""
-    at = np.linspace(0.0, 1.0, 17)
-    limits = fan.surface(mode.values).evaluate(np.arange(fan.faces)[:, None, None], at[:, None], at)
+    places = Net(fan.lattice, 16).places
+    limits = fan.surface(mode.values).evaluate(np.arange(fan.faces)[:, None], *places)
     height = mode.values / np.abs(limits).max()
     surface = fan.surface(np.column_stack([plane, HEIGHT * height]))
     wishes = Wishes(

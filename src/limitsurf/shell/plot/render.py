@@ -195,12 +195,12 @@ def _add_surface(pyvista: Any, plotter: Any, scene: Scene, page: bool) -> None:
     values, limits = np.zeros(len(scene.points)), (0.0, 1.0)
     if field is not None:  # a page counts in 24 bits, a window shows the values
         values, limits = (field.shades, limits) if page else (field.values, field.limits)
-    quads = scene.quads
+    cells = scene.cells
     vertices: NDArray[Any] = np.column_stack([scene.points, scene.normals, values])
     if page:
         vertices, number = _joined(vertices)
-        quads = number[quads]
-    body = pyvista.PolyData.from_regular_faces(vertices[:, :3], quads)
+        cells = number[cells]
+    body = pyvista.PolyData.from_regular_faces(vertices[:, :3], cells)
     body.point_data.active_normals = vertices[:, 3:6]
     look: dict[str, Any] = {"color": scene.color}
     if field is not None:

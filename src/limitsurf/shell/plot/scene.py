@@ -16,7 +16,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from limitsurf.scheme.net import Net
+
 if TYPE_CHECKING:
+    from limitsurf.scheme.lattice import Lattice
     from limitsurf.surface import LimitSurface
 
 Array: TypeAlias = NDArray[np.float64]
@@ -30,7 +33,7 @@ COLOR = "#e8805f"
 GROUND, SKY, INK = "#dde5ec", "#ffffff", "#263442"
 PAPER = "#f1f4f7"  # the ground of a page
 MISSING = "#b8bcc0"  # where a scalar is NaN
-QUADS = 200_000  # drawn in all, unless told otherwise
+POLYGONS = 200_000  # drawn in all, unless told otherwise
 # Where the camera stands, for z up, where the front faces -y. Another axis that is up takes z's
 # place by a turn about the third one, under which the front faces +z if y is up (as in glTF and
 # Maya), and -y if x is.
@@ -56,6 +59,7 @@ FEW = 1_000  # limit faces; of more, dots are smaller
 VALENCES = {  # the largest of each class: its name and colour
     2: ("valence 2", "#17becf"),
     3: ("valence 3", "#1f6fc4"),
+    4: ("valence 4", "#9acd32"),
     5: ("valence 5", "#f5b82e"),
     6: ("valence 6", "#2e9e5b"),
     7: ("valence 7", "#e377c2"),
@@ -120,7 +124,7 @@ class Scene:
 
     points: Array  # (p, 3)
     normals: Array  # (p, 3)
-    quads: IntArray  # (q, 4)
+    cells: IntArray  # (q, 3 or 4)
     color: RGB
     field: Field | None
     lines: list[Lines]
@@ -154,22 +158,23 @@ class Wishes:
     ground: tuple[str, str] | None = None
 
 
-def build(surface: LimitSurface, wishes: Wishes, aspect: float, quads: int) -> Scene:
-    """The scene of a surface, of about so many quads unless ``wishes.n`` says how many."""
+def build(surface: LimitSurface, wishes: Wishes, aspect: float, polygons: int) -> Scene:
+    """The scene of a surface, of about so many polygons unless ``wishes.n`` says how many."""
     drawn = surface.of_channel(wishes.channel)
     places, _ = unit_points(drawn.mesh)
     drawn = drawn.with_points(places)
     faces = len(drawn.limit_faces)
-    at = _steps(faces, wishes, quads)
-    query = (np.arange(faces)[:, None, None], at[:, None], at)
+    net = Net(drawn.patches.lattice, _steps(faces, wishes, polygons))
+    query = (np.arange(faces)[:, None], *net.places)
     points = drawn.evaluate(*query).reshape(-1, 3)
-    normals = filled(drawn.normal, query).reshape(-1, 3)
+    normals = filled(drawn.normal, query, net.lattice).reshape(-1, 3)
     normals[np.isnan(normals).any(axis=-1)] = (0.0, 0.0, 1.0)
-    cells = _cells(faces, len(at))
+    width = len(net.places[0])
+    cells = (width * np.arange(faces)[:, None, None] + net.cells).reshape(-1, net.cells.shape[1])
     cells = cells[np.isfinite(points[cells]).all(axis=(1, 2))]
     if not len(cells):
         raise ValueError("nothing to draw: no limit face has a surface")
-    lines = [k for k in map(_drawable, _lines(drawn, wishes, at)) if len(k.ends)]
+    lines = [k for k in map(_drawable, _lines(drawn, wishes, net)) if len(k.ends)]
     poles = wishes.poles or (wishes.poles is None and wishes.scalars is None)
     seen = [points[cells].reshape(-1, 3), *(k.ends.reshape(-1, 3) for k in lines)]
     axes, eye, distance = camera(np.concatenate(seen), wishes.up, wishes.view, aspect)
@@ -181,7 +186,7 @@ def build(surface: LimitSurface, wishes: Wishes, aspect: float, quads: int) -> S
     return Scene(
         points=points,
         normals=normals,
-        quads=cells,
+        cells=cells,
         color=wishes.color,
         field=field,
         lines=lines,
@@ -194,24 +199,17 @@ def build(surface: LimitSurface, wishes: Wishes, aspect: float, quads: int) -> S
     )
 
 
-def _steps(faces: int, wishes: Wishes, quads: int) -> Array:
-    """The u and v of the points on each of so many limit faces, from 0 to 1."""
+def _steps(faces: int, wishes: Wishes, polygons: int) -> int:
+    """Into how many parts each edge of so many limit faces is cut."""
     n = wishes.n
     if n is None:
-        n = int(np.clip(math.sqrt(quads / faces), 1, 32))
+        n = int(np.clip(math.sqrt(polygons / faces), 1, 32))
         strips = wishes.isolines + 1
         n = -(-n // strips) * strips  # so that the curves follow the grid
-    return np.linspace(0.0, 1.0, n + 1)
+    return n
 
 
-def _cells(faces: int, side: int) -> IntArray:
-    """The quads (q, 4) between the points of so many limit faces, side x side each."""
-    number = np.arange(faces * side**2).reshape(faces, side, side)
-    corners = [number[:, :-1, :-1], number[:, 1:, :-1], number[:, 1:, 1:], number[:, :-1, 1:]]
-    return np.stack(corners, axis=-1).reshape(-1, 4)
-
-
-def _lines(drawn: LimitSurface, wishes: Wishes, at: Array) -> list[Lines]:
+def _lines(drawn: LimitSurface, wishes: Wishes, net: Net) -> list[Lines]:
     """Curves on the surface, normals and cage.
 
     What would hide the surface, or its colours, is drawn only if it is asked for.
@@ -223,10 +221,11 @@ def _lines(drawn: LimitSurface, wishes: Wishes, at: Array) -> list[Lines]:
     dark = (0.42 * red, 0.42 * green, 0.42 * blue) if wishes.scalars is None else (0.15, 0.17, 0.2)
     if wishes.isolines:
         between = np.arange(1, wishes.isolines + 1) / (wishes.isolines + 1)
-        lines.append(_isolines(drawn, between, at, dark, 0.6))
+        lines.append(_isolines(drawn, between, net, dark, 0.6))
     if wishes.curves or (wishes.curves is None and (plain or wishes.isolines)):
         width = 1.4 if wishes.isolines else 0.9
-        lines.append(_isolines(drawn, np.array([0.0, 1.0]), at, dark, width))
+        rims = np.array([0.0] if net.lattice.sloped else [0.0, 1.0])
+        lines.append(_isolines(drawn, rims, net, dark, width))
     if wishes.normals:
         lines.append(_needles(drawn))
     if wishes.cage or (wishes.cage is None and plain):
@@ -240,8 +239,8 @@ def _needles(drawn: LimitSurface) -> Lines:
     """Normals at some places of each limit face."""
     faces = len(drawn.limit_faces)
     every = int(np.clip(math.sqrt(NEEDLES / faces), 1, 6))
-    inside = (np.arange(every) + 0.5) / every
-    places = (np.arange(faces)[:, None, None], inside[:, None], inside)
+    net = Net(drawn.patches.lattice, every)
+    places = (np.arange(faces)[:, None], *(x[net.cells].mean(axis=1) for x in net.places))
     foot, length = drawn.evaluate(*places), 0.6 / every / math.sqrt(faces)
     tip = foot + np.clip(length, 0.01, 0.1) * drawn.normal(*places)
     return Lines(np.stack([foot, tip], axis=-2).reshape(-1, 2, 3), NORMAL, 1.6)
@@ -267,30 +266,39 @@ def unit_points(mesh: Any) -> tuple[Array, float]:
         return scaled, float(extent * largest)
 
 
-def filled(function: Callable[..., Array], query: Query) -> Array:
+def filled(function: Callable[..., Array], query: Query, lattice: Lattice) -> Array:
     """Values of a function of (face, u, v), with that of a nearby place where one is not finite."""
+    middle = np.mean(lattice.corners, axis=0).tolist()
     values = np.array(function(*query))  # (...), or (..., d)
     face, u, v = np.broadcast_arrays(*query)
     for inward in (0.02, 0.5):
         bad = ~np.isfinite(values)
         missing = bad.any(axis=-1) if values.ndim > face.ndim else bad
-        u, v = u + inward * (0.5 - u), v + inward * (0.5 - v)
+        u, v = (x + inward * (at - x) for x, at in zip((u, v), middle, strict=True))
         values[missing] = function(face[missing], u[missing], v[missing])
     return values
 
 
-def _isolines(surface: LimitSurface, where: Array, along: Array, color: RGB, width: float) -> Lines:
-    """Curves u = where and v = where of all limit faces, between exact points."""
+def _curves(where: Array, net: Net) -> list[tuple[Array, Array]]:
+    """Places (w, n + 1) on the lines u = where and v = where; in triangles, 1 - u - v = where."""
+    where, along = where[:, None], np.arange(net.n + 1) / net.n
+    if not net.lattice.sloped:
+        return [(where, along), (along, where)]
+    end = 1 - where
+    along = np.minimum(along, end)  # the last points may be one
+    return [(where, along), (along, where), (along, end - along)]
+
+
+def _isolines(surface: LimitSurface, where: Array, net: Net, color: RGB, width: float) -> Lines:
+    """The `_curves` on all limit faces, between exact points."""
     face = np.arange(len(surface.limit_faces))[:, None, None]
     ends: list[Array] = []
     normals: list[Array] = []
-    for query in (
-        (face, where[:, None], along),
-        (face, along, where[:, None]),
-    ):  # (faces, w, n + 1)
+    for place in _curves(where, net):
+        query = (face, *place)  # (faces, w, n + 1)
         for found, to in (
             (surface.evaluate(*query), ends),
-            (filled(surface.normal, query), normals),
+            (filled(surface.normal, query, net.lattice), normals),
         ):
             to.append(np.stack([found[:, :, :-1], found[:, :, 1:]], axis=-2).reshape(-1, 2, 3))
     return Lines(np.concatenate(ends), color, width, np.nan_to_num(np.concatenate(normals)))
@@ -304,23 +312,25 @@ def _drawable(lines: Lines) -> Lines:
 
 
 def extraordinary(surface: LimitSurface) -> list[Dots]:
-    """Limits of the interior vertices of valence other than 4, and centres of other polygons.
+    """Limits of the extraordinary interior vertices, and centres of faces that are cut.
 
-    The centre of a face that is no quad is such a vertex of the refined cage.
+    The centre of such a face is such a vertex of the refined cage.
     """
+    lattice = surface.patches.lattice
     mesh, first = surface.mesh, surface.limit_faces.first
     inside = ~(mesh.boundary_vertex | mesh.nonmanifold_vertex)
-    valence = np.where(inside, mesh.vertex_faces, 4)
-    corner = np.flatnonzero(valence[mesh.indices] != 4)
+    valence = np.where(inside, mesh.vertex_faces, lattice.valence)
+    corner = np.flatnonzero(valence[mesh.indices] != lattice.valence)
     vertex, face = mesh.indices[corner], mesh.corner_face[corner]
     place = corner - mesh.offsets[face]  # of the vertex in its face
-    quad = mesh.sizes[face] == 4
-    polygon = np.flatnonzero(mesh.sizes != 4)
+    whole = mesh.sizes[face] == lattice.face_size
+    polygon = np.flatnonzero(mesh.sizes != lattice.face_size)
     centre = np.ones(len(polygon))
+    u, v = np.array(lattice.corners)[np.where(whole, place, 0)].T
     at = surface.evaluate(
-        np.concatenate([first[face] + np.where(quad, 0, place), first[polygon]]),
-        np.concatenate([quad & np.isin(place, (1, 2)), centre]),
-        np.concatenate([quad & np.isin(place, (2, 3)), centre]),
+        np.concatenate([first[face] + np.where(whole, 0, place), first[polygon]]),
+        np.concatenate([u, centre]),
+        np.concatenate([v, centre]),
     )  # (k, 3)
     # One face with a limit is enough, and all of them agree.
     finite = np.flatnonzero(np.isfinite(at).all(axis=1))
@@ -425,7 +435,8 @@ def _curvature(surface: LimitSurface, kind: str, query: Query) -> tuple[Array, f
         corner = np.isin(at[1], (0, 1)) & np.isin(at[2], (0, 1))
         return np.where(corner & (found == 0), np.nan, found)
 
-    values, least = filled(curvature, query), np.float64(FLATNESS)
+    values = filled(curvature, query, unit.patches.lattice)
+    least = np.float64(FLATNESS)
     # one after the other: the power of an extent can be 0 or infinite where quotients are not
     with np.errstate(over="ignore", under="ignore", divide="ignore", invalid="ignore"):
         for _ in range(power):
@@ -468,11 +479,12 @@ def real_numbers(values: Any, name: str) -> Array:
     raise ValueError(f"{name} must be real numbers, got {reprlib.repr(values)}")
 
 
-def _areas(points: Array, quads: IntArray) -> Array:
-    """The area of the quads around each point, (p,), never 0 where there are any."""
-    a, b, c, d = (points[quads[:, k]] for k in range(4))
+def _areas(points: Array, cells: IntArray) -> Array:
+    """The area of the polygons around each point, (p,), never 0 where there are any."""
+    a, b, c, d = (points[cells[:, k]] for k in (0, 1, 2, -1))
     area = np.linalg.norm(np.cross(c - a, d - b), axis=1) + np.finfo(float).tiny
-    return np.bincount(quads.ravel(), np.repeat(area, 4), len(points)).astype(np.float64)
+    shares = np.repeat(area, cells.shape[1])
+    return np.bincount(cells.ravel(), shares, len(points)).astype(np.float64)
 
 
 def _robust_range(values: Array, areas: Array) -> tuple[float, float]:
