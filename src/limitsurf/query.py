@@ -147,7 +147,7 @@ def on_refined(
     mesh, limit_faces, lattice = surface.mesh, surface.limit_faces, surface.patches.lattice
     parent, corner = limit_faces.face[face], limit_faces.corner[face]
     flipped = np.zeros(len(face), dtype=bool) if lattice.flips else None
-    part, s, t, _ = neighbourhood.part(lattice, u, v, flipped)
+    part, s, t, _ = neighbourhood.child_at(lattice, u, v, flipped)
     child = np.argsort(lattice.parts)[part]
     more = len(lattice.children) - lattice.face_size  # children that are at no corner
     whole = corner < 0

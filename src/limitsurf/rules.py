@@ -202,7 +202,7 @@ class Sharpness:
         )
 
     def typed(self, mesh: Mesh, number: NumberType, exact: bool = False) -> Self:
-        """The same on a copy of the mesh, at least as exact as another number type."""
+        """Sharpness of a copy of the mesh, at least as exact as another number type."""
         if self.exact or not (exact or number.exact):
             return replace(self, mesh=mesh, number=number)
         edges, vertices = (
@@ -267,7 +267,7 @@ class Sharpness:
 
     @cached_property
     def _ends(self) -> tuple[Array, Array, Array, Array]:
-        """The same, with the sharpness of these edges, and that of their halves there: (2 S,)."""
+        """The `_incident` edges, their sharpness, and that of their halves there: (2 S,) each."""
         edge, place = self._incident
         return edge, place, self.edge_sharpness[edge], self._halves[0]
 

@@ -105,7 +105,7 @@ def _child_edges(cage: Connectivity, lattice: Lattice) -> tuple[Array, Array, Ar
 def _edges_without_centres(
     cage: Connectivity, lattice: Lattice, twin: Array
 ) -> tuple[Array, Array, Array]:
-    """The same where a face is cut along lines between the points of its edges.
+    """Edges of the refined mesh where faces are cut along lines between points of their edges.
 
     First come the two halves of each edge, then the cuts. Faces that have two edges in common have
     cuts between the same points, each its own: they are in the order of the faces. The twins are

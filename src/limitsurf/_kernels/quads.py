@@ -124,7 +124,7 @@ def cubic_weights(t: float, order: int, at: int, weights: Array) -> None:
 def strip_weights(
     t: float, order: int, up: bool, pieces: Array, first: int, depth: int, at: int, weights: Array
 ) -> None:
-    """The same across a semi-sharp crease."""
+    """Weights of four points across a semi-sharp crease, derivatives 0 to `order` in rows."""
     k = min(halvings(t, up), depth)
     level = min(k + 1, depth)
     T = scale_by_two(t, level)
@@ -151,7 +151,7 @@ def spline_weights(s: float, t: float, order: int, weights: Array) -> None:
 def patch_weights(
     code: int, s: float, t: float, order: int, patches: Patches, weights: Array
 ) -> None:
-    """The same of any patch that is a spline, strips included."""
+    """Weights of a patch that has no special corner, strips included."""
     cubic_weights(s, order, 0, weights)
     if code >> KIND == 1:
         row, turn = code & ROW, code >> TURN & TURNS

@@ -252,7 +252,7 @@ def spline_weights(s: float, t: float, order: int, weights: Array) -> None:
 def patch_weights(
     code: int, s: float, t: float, order: int, patches: Patches, weights: Array
 ) -> None:
-    """The same of any patch that is a spline: there are no others."""
+    """Weights of a patch that is a spline, as all are that have no special corner."""
     spline_weights(s, t, order, weights)
 
 

@@ -79,7 +79,7 @@ class Groups:
         assert isinstance(strip, Strip)
         return strip.tables
 
-    def part(
+    def by_kind(
         self, face: Array, u: Array, v: Array, width: int = 1, dense: bool = True
     ) -> tuple[Array, list[Group]]:
         """Queries (Q,) of a chunk without a value (NaN), and the others by kind of patch.

@@ -225,7 +225,7 @@ class Strip(Spline):
 
 
 @dataclass(slots=True)
-class _Part:
+class _Around:
     """Queries of a group around extraordinary corners, with what their patches have in common."""
 
     query: Array  # (q,) places in the group
@@ -359,7 +359,7 @@ class Corners(Kind):
                     bounds[here, *nu] += abs(factor) * error[here, *order]
         return turned, bounds, exponent
 
-    def parts(self, values: Values, g: Group) -> list[_Part]:
+    def parts(self, values: Values, g: Group) -> list[_Around]:
         """Queries parted by the first eigenfunction that occurs in their patch at all.
 
         That is the second, but for degenerate points.
@@ -377,10 +377,10 @@ class Corners(Kind):
             here = place[query] if len(found) > 1 else place
             powers = basis.EigenPowers.of(self.table, here, lead)
             own = origin, low, points, ids, modes
-            parts.append(_Part(query, here, powers, *own, which[query]))
+            parts.append(_Around(query, here, powers, *own, which[query]))
         return parts
 
-    def _added(self, values: Values, c: _Part) -> Array:
+    def _added(self, values: Values, c: _Around) -> Array:
         """Sizes (P, K) of what was added up to coefficients."""
         return self.table.coefficient_sizes(values.sizes(c.points, c.ids))
 
@@ -495,7 +495,7 @@ def curvatures(
 
 
 def _principal(form: Array, exponent: Array, axis: Array, normal: Array) -> Array:
-    """The same from second fundamental forms (3, q), times 2 ** exponent."""
+    """Curvatures and directions (q, 10) from second forms (3, q), times 2 ** exponent."""
     form[:, np.isnan(normal).any(axis=1)] = np.nan
     found = kernels.principal(form, axis, normal)
     found[:, :3] = kernels.scale_by_two(found[:, :3], exponent[:, None])

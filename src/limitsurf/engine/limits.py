@@ -64,7 +64,7 @@ class Limits:
         limits = np.full((len(here), 3), np.nan)
         for start in range(0, len(here), CHUNK):
             part = slice(start, start + CHUNK)
-            for g in topology.groups.part(face[part], u[part], v[part], 64)[1]:
+            for g in topology.groups.by_kind(face[part], u[part], v[part], 64)[1]:
                 given = side[part][g.query], nearest[part][g.query]
                 limits[start + g.query] = self._at_side(g, *given)
         found[here] = limits

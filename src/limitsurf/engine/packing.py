@@ -364,7 +364,7 @@ class Packing:
         orders: Sequence[int] | None,
         workers: int,
     ) -> tuple[Array, Array] | None:
-        """The same for all parameters on all faces, (faces,), (places,), (places,).
+        """Derivatives, or normals, at all parameters on all faces, (faces,), (places,), (places,).
 
         None where a face or a parameter is out of range or not finite.
         """
@@ -461,7 +461,7 @@ class Packing:
         orders: Sequence[int] | None,
         workers: int,
     ) -> tuple[Array, Array] | None:
-        """The same, each query by itself."""
+        """Derivatives, or normals, each query by itself."""
         from limitsurf._kernels import evaluation
 
         total, normals = queries[0].size, orders is None

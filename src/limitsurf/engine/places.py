@@ -121,7 +121,7 @@ def jets(
 def _corner_jets(
     kind: Corners, values: Values, g: Group, ring: Array, here: Array, found: PlaceJets
 ) -> None:
-    """The same of a group around special corners, into `found`."""
+    """Derivatives of a group around special corners, into `found`."""
     table, back = kind.table, -values.balance
     for c in kind.parts(values, g):
         at, level = here[c.query], c.place.level
@@ -160,7 +160,7 @@ def characteristic(
 def _corner_characteristic(
     kind: Corners, values: Values, g: Group, ring: Array, here: Array, found: CharacteristicJets
 ) -> None:
-    """The same of a group around special corners, into `found`.
+    """Characteristic jets of a group around special corners, into `found`.
 
     With eigenfunctions f, of derivatives f_s and so on in s and t, and coordinates (x, y) = f of
     the pair, a function h of the others has h_s = x_s h_x + y_s h_y, and h_ss - x_ss h_x - y_ss h_y

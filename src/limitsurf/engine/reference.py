@@ -91,7 +91,7 @@ class Reference:
         for start in range(0, max(len(face), 1), CHUNK):
             part = slice(start, start + CHUNK)
             here = face[part]
-            undefined, groups = self._groups.part(here, u[part], v[part])
+            undefined, groups = self._groups.by_kind(here, u[part], v[part])
             rows, columns = [undefined], [self._topology.own_vertices[here[undefined]]]
             values = [np.full(len(undefined), np.nan, dtype=self._dtype)]
             for g in groups:
@@ -142,7 +142,7 @@ class Reference:
             results.append(np.full((face.size, own), np.nan, dtype=self._dtype))
         for start in range(0, max(face.size, 1), CHUNK):
             part = slice(start, start + CHUNK)
-            _, groups = self._groups.part(face[part], u[part], v[part], width, self._exact)
+            _, groups = self._groups.by_kind(face[part], u[part], v[part], width, self._exact)
             for g in groups:
                 with np.errstate(over="ignore", under="ignore", invalid="ignore"):
                     found = getattr(g.kind, method)(values, g, *more)

@@ -52,7 +52,7 @@ class Topology:
 
     @cached_property
     def exact_groups(self) -> Groups:
-        """The same in Fractions."""
+        """Queries by kind of patch, in Fractions."""
         patches = PatchTable(self.mesh, self.rules, numbers.RATIONAL)
         return Groups(patches, self.rules.scheme, numbers.RATIONAL)
 

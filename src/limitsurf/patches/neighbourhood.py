@@ -211,7 +211,7 @@ def specials(
     return np.concatenate([np.stack(parts, axis=1).astype(np.int32), grid[:, outer]], axis=1)
 
 
-def part(
+def child_at(
     lattice: Lattice, u: Array, v: Array, flipped: Array | None
 ) -> tuple[Array, Array, Array, Array | None]:
     """Find the children that hold (u, v), (Q,): number, s, t in it, and whether it is flipped.
@@ -220,7 +220,7 @@ def part(
     if there are no `flips`, that is the one nearer its other corners. Numbers are `Lattice.parts`.
     """
     if flipped is None:
-        return *squares.part(u, v), None
+        return *squares.child_at(u, v), None
     both, third = (2 * u, 2 * v), 2 * (u + v)
     right, upper = ((x > 1) | (flipped & (x == 1)) for x in both)
     low = (third < 1) | (~flipped & (third == 1))

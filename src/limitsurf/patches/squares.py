@@ -22,7 +22,7 @@ def fit(lattice: Lattice) -> bool:
     return lattice.corners == ((0, 0), (1, 0), (1, 1), (0, 1))
 
 
-def part(u: Array, v: Array) -> tuple[Array, Array, Array]:
+def child_at(u: Array, v: Array) -> tuple[Array, Array, Array]:
     """Quarters ``i + 2 j`` that hold (u, v), of two the lower one, and the place in them, (Q,)."""
     i, j = u * 2 > 1, v * 2 > 1
     return i + 2 * j, u * 2 - i.astype(np.int64), v * 2 - j.astype(np.int64)

@@ -371,7 +371,7 @@ class PatchTable:
         u, v = u.copy(), v.copy()
         while (inside := np.flatnonzero(code <= -2)).size:
             given = u[inside], v[inside], None if flipped is None else flipped[inside]
-            part, u[inside], v[inside], turned = neighbourhood.part(self.lattice, *given)
+            part, u[inside], v[inside], turned = neighbourhood.child_at(self.lattice, *given)
             if flipped is not None:
                 flipped[inside] = turned
             depth[inside] += 1

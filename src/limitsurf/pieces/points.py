@@ -132,7 +132,7 @@ class FloatPoints:
 
 
 class ExactPoints:
-    """The same from Fractions (n_vertices, d)."""
+    """Bernstein coefficients from Fractions (n_vertices, d)."""
 
     dtype = np.dtype(object)
 

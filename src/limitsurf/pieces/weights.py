@@ -229,7 +229,7 @@ def _steps(scheme: Scheme, table: RationalTable) -> Iterator[tuple[Array, int]]:
 
 
 def _float_steps(table: RationalTable, rows: Array) -> Iterator[tuple[Array, int]]:
-    """The same in float64, from those of ring 0: sums of products of numbers >= 0."""
+    """Rings 0, 1, 2, ... in float64, from those of ring 0: sums of products of numbers >= 0."""
     sources, values, starts = _square(table)
     values = (values / table.denominator).astype(float)
     while True:

@@ -403,7 +403,7 @@ def _cage_parameters(mesh: Mesh, lattice: Lattice) -> tuple[Array, Array]:
 def _child_parameters(
     mesh: Mesh, limit_face: Array, uv: Array, lattice: Lattice
 ) -> tuple[Array, Array]:
-    """The same for the corners of the children, from those of `mesh`."""
+    """Limit face and parameters of every corner of the children, from those of `mesh`."""
     after = mesh.next_corner
     middle = (uv + uv[after]) / 2
     opposite = (uv + uv[after[after]]) / 2
