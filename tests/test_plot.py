@@ -397,7 +397,7 @@ def test_curvature_is_in_units_of_the_points():
     surface = dented()
     for name, power in (("mean", 1), ("k1", 1), ("k2", 1), ("gaussian", 2)):
         field = scene_of(surface, scalars=name, n=2).field
-        there = np.arange(len(surface.limit_faces))[:, None, None], [[0], [0.5], [1]], [0, 0.5, 1]
+        there = np.arange(len(surface.limit_faces))[:, None, None], [0, 0.5, 1], [[0], [0.5], [1]]
         found = getattr(surface.curvature(*there), name)
         known = np.isfinite(found) & (found != 0)
         assert known.sum() > 100

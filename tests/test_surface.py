@@ -1149,7 +1149,7 @@ def test_refinement_parts_all_patches_in_time(monkeypatch):
         mesh = ls.Mesh(*zoo.single_face(5), corners={0: sharpness}, boundary="edge_only")
         table = ls.LimitSurface(mesh).patches
         assert table.locate(np.arange(5), np.zeros(5), np.zeros(5))[3].max() == 9
-    monkeypatch.setattr("limitsurf.patches._DEEPEST", 8)
+    monkeypatch.setattr("limitsurf.patches.table._DEEPEST", 8)
     with pytest.raises(RuntimeError, match="internal fault: after 8 refinements limit face 0 "):
         ls.LimitSurface(mesh)
 
