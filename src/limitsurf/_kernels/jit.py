@@ -197,6 +197,30 @@ def of_bits(typing: Any, x: Any) -> Any:
     return types.float64(types.int64), generate
 
 
+def _points(context: Any, builder: Any, given: Any, arguments: Any) -> Callable[[int], Any]:
+    """Four channels of the k-th control point, from (points, ids, at, base, channel, ...)."""
+    data, ids = (_data(context, builder, given[k], arguments[k]) for k in (0, 1))
+    array = context.make_array(given[0])(context, builder, arguments[0])
+    width = builder.extract_value(array.shape, 1)
+
+    def point(k: int) -> Any:
+        place = builder.gep(ids, [builder.add(arguments[2], _I64(k))])
+        number = builder.add(builder.sext(builder.load(place), _I64), arguments[3])
+        start = builder.add(builder.mul(number, width), arguments[4])
+        return builder.load(_vector(builder, data, start), align=8)
+
+    return point
+
+
+def _largest(builder: Any, largest: Any, values: Any) -> Any:
+    """The larger ones of four values and the sizes of four others."""
+    absolute = cgutils.get_or_insert_function(
+        builder.module, ir.FunctionType(_FOUR, [_FOUR]), "llvm.fabs.v4f64"
+    )
+    sizes = builder.call(absolute, [values])
+    return builder.select(builder.fcmp_ordered(">", sizes, largest), sizes, largest)
+
+
 def bicubic(order: int, sized: bool = False) -> Any:
     """An intrinsic for derivatives up to an order of a bicubic patch, four channels at once.
 
@@ -215,18 +239,8 @@ def bicubic(order: int, sized: bool = False) -> Any:
     ) -> Any:  # fmt: skip
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             given = signature.args
-            data, ids, weights, out = (
-                _data(context, builder, given[k], arguments[k]) for k in (0, 1, 5, 6)
-            )
-            array = context.make_array(given[0])(context, builder, arguments[0])
-            width = builder.extract_value(array.shape, 1)
-
-            def point(k: int) -> Any:
-                place = builder.gep(ids, [builder.add(arguments[2], _I64(k))])
-                number = builder.add(builder.sext(builder.load(place), _I64), arguments[3])
-                start = builder.add(builder.mul(number, width), arguments[4])
-                return builder.load(_vector(builder, data, start), align=8)
-
+            point = _points(context, builder, given, arguments)
+            weights, out = (_data(context, builder, given[k], arguments[k]) for k in (5, 6))
             origin = point(5)
             along, across = (
                 [
@@ -237,17 +251,12 @@ def bicubic(order: int, sized: bool = False) -> Any:
             )
             found: list[Any] = [None] * len(terms)
             largest = ir.Constant(_FOUR, None)
-            size = cgutils.get_or_insert_function(
-                builder.module, ir.FunctionType(_FOUR, [_FOUR]), "llvm.fabs.v4f64"
-            )
             for j in range(4):
                 rows: list[Any] = [None] * (order + 1)
                 for i in range(4):
                     own = builder.fsub(point(4 * j + i), origin)
                     if sized:
-                        far = builder.call(size, [own])
-                        larger = builder.fcmp_ordered(">", far, largest)
-                        largest = builder.select(larger, far, largest)
+                        largest = _largest(builder, largest, own)
                     for m in range(order + 1):
                         rows[m] = _added(builder, rows[m], along[m][i], own)
                 for k, (m, n) in enumerate(terms):
@@ -278,32 +287,17 @@ def gathered(size: int, own: int, count: int, sized: bool = False) -> Any:
     ) -> Any:  # fmt: skip
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             given = signature.args
-            data, ids, weights, out = (
-                _data(context, builder, given[k], arguments[k]) for k in (0, 1, 5, 7)
-            )
-            array = context.make_array(given[0])(context, builder, arguments[0])
-            width = builder.extract_value(array.shape, 1)
-
-            def point(k: int) -> Any:
-                place = builder.gep(ids, [builder.add(arguments[2], _I64(k))])
-                number = builder.add(builder.sext(builder.load(place), _I64), arguments[3])
-                start = builder.add(builder.mul(number, width), arguments[4])
-                return builder.load(_vector(builder, data, start), align=8)
-
+            point = _points(context, builder, given, arguments)
+            weights, out = (_data(context, builder, given[k], arguments[k]) for k in (5, 7))
             origin = point(own)
             found: list[Any] = [None] * count
             largest = ir.Constant(_FOUR, None)
-            absolute = cgutils.get_or_insert_function(
-                builder.module, ir.FunctionType(_FOUR, [_FOUR]), "llvm.fabs.v4f64"
-            )
             for k in range(size):
                 if k == own:
                     continue
                 near = builder.fsub(point(k), origin)
                 if sized:
-                    far = builder.call(absolute, [near])
-                    larger = builder.fcmp_ordered(">", far, largest)
-                    largest = builder.select(larger, far, largest)
+                    largest = _largest(builder, largest, near)
                 for row in range(count):
                     weight = _spread(builder, weights, _I64(row * size + k))
                     found[row] = _added(builder, found[row], weight, near)
