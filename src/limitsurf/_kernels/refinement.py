@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf._kernels.doubt import NOISE, UNIT
-from limitsurf._kernels.jit import lean
+from limitsurf._kernels.jit import inlined, lean
 
 Array = NDArray[Any]
 
@@ -74,6 +74,23 @@ def child_twins(offsets: Array, twin: Array, result: Array) -> None:
                 result[4 * across] = 4 * after + 3
 
 
+@inlined
+def _halve(
+    edges: Array, half: Array, halves: Array, new_edges: Array, new_edge_corners: Array, most: int
+) -> None:
+    """Number the halves of edges by vertex, then edge, with `most` for the corner of none."""
+    for edge in range(len(edges)):
+        for side in range(2):
+            vertex = edges[edge, side]
+            number = half[vertex]
+            half[vertex] += 1
+            halves[edge, side] = number
+            new_edges[number, 0] = vertex
+            new_edges[number, 1] = len(half) + edge
+            new_edge_corners[number, 0] = most
+            new_edge_corners[number, 1] = -1
+
+
 @lean
 def child_edges(
     indices: Array,
@@ -98,16 +115,7 @@ def child_edges(
     quads = len(offsets) == 0
     n_vertices, n_corners, n_edges = len(half), len(twin), len(edges)
     n_faces = n_corners // 4 if quads else len(offsets) - 1
-    for edge in range(n_edges):
-        for side in range(2):
-            vertex = edges[edge, side]
-            number = half[vertex]
-            half[vertex] += 1
-            halves[edge, side] = number
-            new_edges[number, 0] = vertex
-            new_edges[number, 1] = n_vertices + edge
-            new_edge_corners[number, 0] = 4 * n_corners
-            new_edge_corners[number, 1] = -1
+    _halve(edges, half, halves, new_edges, new_edge_corners, 4 * n_corners)
     for face in range(n_faces):
         begin = 4 * face if quads else offsets[face]
         end = begin + 4 if quads else offsets[face + 1]
@@ -186,16 +194,7 @@ def triangle_edges(
     On entry ``cut`` (E,) is 0.
     """
     n_vertices, n_corners, n_edges = len(half), len(twin), len(edges)
-    for edge in range(n_edges):
-        for side in range(2):
-            vertex = edges[edge, side]
-            number = half[vertex]
-            half[vertex] += 1
-            halves[edge, side] = number
-            new_edges[number, 0] = vertex
-            new_edges[number, 1] = n_vertices + edge
-            new_edge_corners[number, 0] = 4 * n_corners
-            new_edge_corners[number, 1] = -1
+    _halve(edges, half, halves, new_edges, new_edge_corners, 4 * n_corners)
     for begin in range(0, n_corners, 3):
         for k in range(3):
             before = begin + 2 if k == 0 else begin + k - 1
