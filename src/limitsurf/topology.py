@@ -248,11 +248,18 @@ def children_of(mesh: Mesh, faces: Array, lattice: Lattice) -> Array:
     if not lattice.face_points:
         count = len(lattice.children)
         return np.asarray((count * faces[:, None] + np.arange(count)).ravel())
-    if not len(faces):
-        return faces
+    return corners_of(mesh, faces)[0]
+
+
+def corners_of(mesh: Mesh, faces: Array) -> tuple[Array, Array]:
+    """All corners of some faces, and which of its face each is."""
+    size = mesh.connectivity.uniform_size
+    if size:
+        corner = np.tile(np.arange(size), len(faces))
+        return np.repeat(size * faces, size) + corner, corner
     sizes = mesh.sizes[faces]
-    place = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    return np.asarray(np.repeat(mesh.offsets[faces], sizes) + place)
+    corner = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return np.repeat(mesh.connectivity.first(faces), sizes) + corner, corner
 
 
 def child_halves(

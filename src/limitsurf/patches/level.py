@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from limitsurf.cage.mesh import Mesh
 from limitsurf.rules import Sharpness
-from limitsurf.topology import MeshPart
+from limitsurf.topology import MeshPart, corners_of
 
 Array = NDArray[Any]
 
@@ -63,14 +63,3 @@ class Level:
         sharpness, numbers = self.sharpness.part(near), self.numbers[near.corners]
         faces = np.searchsorted(near.faces, self.faces)
         return replace(self, sharpness=sharpness, numbers=numbers, faces=faces)
-
-
-def corners_of(mesh: Mesh, faces: Array) -> tuple[Array, Array]:
-    """All corners of some faces, and which of its face each is."""
-    size = mesh.connectivity.uniform_size
-    if size:
-        corner = np.tile(np.arange(size), len(faces))
-        return np.repeat(size * faces, size) + corner, corner
-    sizes = mesh.sizes[faces]
-    corner = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    return np.repeat(mesh.connectivity.first(faces), sizes) + corner, corner

@@ -89,10 +89,10 @@ def sharp_faces(
     state = np.minimum(sectors.kind + 1, 1).clip(0) + sectors.regular
     if mesh.connectivity.uniform_size != size:
         state[fans.fan[mesh.sizes[mesh.corner_face] != size]] = -1
-    around = np.where(fans.closed, fans.sizes, 0)
     if mesh.connectivity.compiled and strips and squares.fit(lattice):
         from limitsurf._kernels import connectivity
 
+        around = np.where(fans.closed, fans.sizes, 0)
         known = sectors.twin, fans.fan, state, around, *sharpness.codes, first, turn
         return connectivity.sharp_faces(
             mesh.indices, mesh.connectivity.steps, *map(read_only, known)

@@ -25,10 +25,10 @@ from limitsurf import numbers, tables
 from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
 from limitsurf.patches import neighbourhood
-from limitsurf.patches.level import Level, corners_of
+from limitsurf.patches.level import Level
 from limitsurf.refine import ExactOperator, refinement_stages
 from limitsurf.rules import Rules, Sectors, Sharpness
-from limitsurf.topology import child_mesh, first_limit_face
+from limitsurf.topology import child_mesh, children_of, corners_of, first_limit_face
 
 Array = NDArray[Any]
 
@@ -318,7 +318,7 @@ class PatchTable:
         count = len(self.lattice.children)
         corner = np.tile(np.arange(count), len(faces))
         middle = corner >= self.lattice.face_size
-        return (count * faces[:, None] + np.arange(count)).ravel(), corner, middle
+        return children_of(mesh, faces, self.lattice), corner, middle
 
     def _drop_unused(self) -> None:
         """Leave out control points that no patch needs, and number the others anew."""
