@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import memory, numbers
+from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.faces import Faces
@@ -151,8 +152,8 @@ def on_refined(
     child = np.argsort(lattice.parts)[part]
     more = len(lattice.children) - lattice.face_size  # children that are at no corner
     whole = corner < 0
-    # a child at a corner has its own corner 0 there; rounding may leave one coordinate below 0
-    turn, sides = child % lattice.face_size, [np.maximum(x, 0) for x in lattice.coordinates(s, t)]
+    # a child at a corner has its own corner 0 there
+    turn, sides = child % lattice.face_size, kernels.coordinates(s, t, lattice.sides)
     return (
         mesh.offsets[parent] + more * parent + np.where(whole, child, corner),
         np.where(whole, np.choose(turn, sides), u),

@@ -128,7 +128,7 @@ def split_flipped_corner(
 
 
 def coordinates(u: Array, v: Array, sides: Sequence[tuple[int, int, int]]) -> list[Array]:
-    """The values (Q,) of `Lattice.sides`, as `Lattice.coordinates`, but none below 0 by rounding.
+    """The values (Q,) of `Lattice.sides`, of any number type; none is below 0 by rounding.
 
     Parameters on the edge of a triangle, where u + v is 1 but for their rounding, stay there; and
     1 - u - v is rounded once, so that what is on a line between pieces is so from every corner.

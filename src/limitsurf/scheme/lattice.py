@@ -21,9 +21,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
-
-import numpy as np
 
 from limitsurf.caching import cached_property
 
@@ -137,16 +134,6 @@ class Lattice:
     def sides(self) -> tuple[tuple[int, int, int], ...]:
         """(a, b, c) of the coordinates: as seen from corner k, s is number k and t the next."""
         return self.edges[-1:] + self.edges[:-1]
-
-    def coordinates(self, u: Any, v: Any) -> list[Any]:
-        """The values of `sides` in arrays of any type: u, then v, then 1 - u, or 1 - u - v."""
-        found = [u, v]
-        for _, b, c in self.sides[2:]:
-            if b and c:  # the larger one first: what is left has all its digits
-                found.append(1 - np.maximum(u, v) - np.minimum(u, v))
-            else:
-                found.append(1 - (u if b else v))
-        return found
 
     @cached_property
     def sloped(self) -> bool:
