@@ -86,6 +86,26 @@ def test_derivatives(name):
                     assert np.abs(found[nu][k] - x).max() <= most, (query, nu)
 
 
+@pytest.mark.parametrize("engine", ["reference", "compiled"])
+def test_sums_that_round_to_a_half(engine):
+    """Third derivatives jump on the lines between the children of a face that is split."""
+    points, faces = zoo_triangles.ZOO["crowded"]()
+    surface = ls.LimitSurface(ls.Mesh(points, faces), scheme=LOOP, engine=engine)
+    u, v = np.array([[0.5 - 2.0**-54, 2.0**-54 + 2.0**-106], [0.5 - 2.0**-54, 2.0**-55]]).T
+    assert (u + v == 0.5).all()
+    assert [F(x) + F(y) > F(1, 2) for x, y in zip(u, v, strict=True)] == [True, False]
+    (face,) = np.flatnonzero(surface.patches.codes[: len(faces)] <= -2)[:1]
+    jumped = False
+    for nu in [(3, 0), (2, 1), (1, 2), (0, 3)]:
+        for s, t in ((u, v), (v, u)):
+            found = surface.evaluate(face, s, t, nu=nu)
+            wanted = [surface.evaluate(face, F(x), F(y), nu=nu) for x, y in zip(s, t, strict=True)]
+            wanted = np.array(wanted, dtype=float)
+            assert np.abs(found - wanted).max() <= 1e-12 * np.abs(wanted).max()
+            jumped |= np.abs(wanted[0] - wanted[1]).max() > 0.1
+    assert jumped
+
+
 @pytest.mark.parametrize("valence", CASES)
 def test_reference_cases(valence):
     case = CASES[valence]

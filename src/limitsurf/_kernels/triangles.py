@@ -101,7 +101,8 @@ def located(face: int, s: float, t: float, patches: Patches) -> tuple[int, int, 
         # on lines between children the one nearer corner 0 of the limit face is taken
         first = s > 0.5 or (flipped and s == 0.5)
         second = t > 0.5 or (flipped and t == 0.5)
-        lowest = s + t < 0.5 or (not flipped and s + t == 0.5)
+        third = max(s, t) - 0.5 + min(s, t)  # its sign is exact
+        lowest = third < 0 or (not flipped and third == 0)
         child = patches.n_faces + 4 * (-2 - code)
         s, t = 2 * s, 2 * t
         if first:

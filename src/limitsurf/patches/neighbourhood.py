@@ -221,9 +221,10 @@ def child_at(
     """
     if flipped is None:
         return *squares.child_at(u, v), None
-    both, third = (2 * u, 2 * v), 2 * (u + v)
+    both = 2 * u, 2 * v
+    third = np.maximum(*both) - 1 + np.minimum(*both)  # its sign is exact
     right, upper = ((x > 1) | (flipped & (x == 1)) for x in both)
-    low = (third < 1) | (~flipped & (third == 1))
+    low = (third < 0) | (~flipped & (third == 0))
     number = np.where(right, 1, np.where(upper, 2, np.where(low, 0, 3)))
     middle = number == 3
     s, t = (
