@@ -53,7 +53,7 @@ class Topology:
     @cached_property
     def exact_groups(self) -> Groups:
         """Queries by kind of patch, in Fractions."""
-        patches = PatchTable(self.mesh, self.rules, numbers.RATIONAL)
+        patches = self.patches.typed(self.mesh, self.rules, numbers.RATIONAL)
         return Groups(patches, self.rules.scheme, numbers.RATIONAL)
 
     @cached_property

@@ -9,8 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.cage.mesh import Mesh
-from limitsurf.rules import Sharpness
-from limitsurf.topology import MeshPart, corners_of
+from limitsurf.numbers import NumberType
+from limitsurf.patches.points import Rows, rows_of
+from limitsurf.refine import refinement_stages
+from limitsurf.rules import Rules, Sharpness
+from limitsurf.scheme.lattice import Lattice
+from limitsurf.topology import (
+    MeshPart,
+    child_mesh,
+    children_of,
+    corners_of,
+    first_limit_face,
+)
 
 Array = NDArray[Any]
 
@@ -38,6 +48,14 @@ class Level:
     slot: Array
     turn: Array
 
+    @classmethod
+    def first(cls, cage: Mesh, rules: Rules, number: NumberType) -> Level:
+        """All faces of a cage that have limits."""
+        faces = np.flatnonzero(~rules.without_limit(cage))
+        sharpness, turn = Sharpness.of(cage, rules, number), np.zeros(len(faces), dtype=np.int8)
+        slot = first_limit_face(cage, rules.scheme.lattice)[faces]
+        return cls(sharpness, cage.indices, faces, slot, turn)
+
     @property
     def mesh(self) -> Mesh:
         """The mesh of the faces."""
@@ -63,3 +81,44 @@ class Level:
         sharpness, numbers = self.sharpness.part(near), self.numbers[near.corners]
         faces = np.searchsorted(near.faces, self.faces)
         return replace(self, sharpness=sharpness, numbers=numbers, faces=faces)
+
+    def refined(self, rules: Rules, n_points: int, n_codes: int) -> tuple[list[Rows], Level]:
+        """Refine the mesh: rows of the new control points in turn, and the children of the faces.
+
+        Those of faces of the lattice become parts of splits, whose codes begin at `n_codes`; the
+        limit faces of other polygons go straight to their children.
+        """
+        mesh, sharpness, lattice = self.mesh, self.sharpness, rules.scheme.lattice
+        # points of the mesh, then its face points, then its vertex and edge points, all numbered
+        face_points, stage = refinement_stages(mesh, rules, sharpness, sharpness.number)
+        F, others = face_points.shape[0], stage.shape[0] - face_points.shape[0]
+        centres = np.arange(n_points, n_points + F, dtype=np.int32)
+        points = np.concatenate([self.points, centres])
+        rows = [rows_of(face_points, self.points), rows_of(stage, points, others)]
+        new = np.concatenate([n_points + F + np.arange(others), centres])
+        children = child_mesh(mesh, np.arange(len(new)), lattice)
+        child, corner, middle = _children(mesh, self.faces, lattice)
+        count, size = len(lattice.children), lattice.face_size
+        sizes = mesh.sizes[self.faces]
+        each = sizes + count - size
+        whole = np.repeat(sizes == size, each)
+        before = np.repeat(self.turn, each)
+        turn = np.where(middle, before, (before + corner) % size)
+        part = np.array(lattice.parts)[np.where(middle, corner, turn)]
+        # only the first level has other polygons: there their slot is the first limit face
+        slot = np.repeat(self.slot, each) + corner
+        splits = np.arange((sizes == size).sum())
+        slot[whole] = n_codes + np.repeat(count * splits, count) + part[whole]
+        turn = np.where(whole, turn, 0).astype(np.int8)
+        inner = sharpness.children(children, lattice)
+        return rows, Level(inner, new[children.indices], child, slot, turn)
+
+
+def _children(mesh: Mesh, faces: Array, lattice: Lattice) -> tuple[Array, Array, Array | bool]:
+    """Children of faces in the refined mesh, which of each they are, whether in the middle."""
+    if lattice.face_points:
+        return *corners_of(mesh, faces), False
+    count = len(lattice.children)
+    corner = np.tile(np.arange(count), len(faces))
+    middle = corner >= lattice.face_size
+    return children_of(mesh, faces, lattice), corner, middle

@@ -15,20 +15,28 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import numbers, tables
+from limitsurf import tables
 from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
 from limitsurf.patches import neighbourhood
 from limitsurf.patches.level import Level
-from limitsurf.refine import ExactOperator, refinement_stages
-from limitsurf.rules import Rules, Sectors, Sharpness
-from limitsurf.topology import child_mesh, children_of, corners_of, first_limit_face
+from limitsurf.patches.points import (
+    Rows,
+    chosen,
+    converted,
+    numbered,
+    operator_of,
+    without_unused,
+)
+from limitsurf.rules import Rules, Sectors
+from limitsurf.topology import first_limit_face
 
 Array = NDArray[Any]
 
@@ -76,8 +84,7 @@ class PatchTable:
 
     def __init__(self, mesh: Mesh, rules: Rules, number: NumberType) -> None:
         self.lattice, self._scheme = rules.scheme.lattice, rules.scheme
-        limit_faces = first_limit_face(mesh, self.lattice)
-        self.n_limit_faces = int(limit_faces[-1])
+        self.n_limit_faces = int(first_limit_face(mesh, self.lattice)[-1])
         self.n_vertices = self.n_points = mesh.n_vertices
         self.extras: list[Any] = []
         self._number = number
@@ -89,22 +96,23 @@ class PatchTable:
         self.rings: dict[int, SharedRings] = {}
         self.sharpness = np.zeros(0, dtype=number.dtype)
         self._kinds: dict[tables.Sector, int] = {}
-        self._combined: list[tuple[Array, Array, Array]] = []
+        self._combined: list[Rows] = []
         self._early: list[int] = []  # rows of `controls` from before there was any of these
-        self._build(mesh, rules, limit_faces)
+        # for each refinement, how many there were before it: patches of smooth faces and others,
+        # all patches, points, codes
+        self._splits: list[tuple[int, int, int, int]] = []
+        self._build(mesh, rules)
         self._drop_unused()
-        del self._kinds, self._combined, self._early
+        del self._kinds, self._combined, self._early, self._number
 
-    def _build(self, cage: Mesh, rules: Rules, limit_faces: Array) -> None:
+    def _build(self, cage: Mesh, rules: Rules) -> None:
         """Fill the table level by level; most faces of most cages end at the first."""
-        faces = np.flatnonzero(~rules.without_limit(cage))
-        sharpness = Sharpness.of(cage, rules, self._number)
-        turn = np.zeros(len(faces), dtype=np.int8)
-        level = Level(sharpness, cage.indices, faces, limit_faces[faces], turn)
+        level, smooth = Level.first(cage, rules, self._number), 0
         for depth in range(_DEEPEST + 1):
             if depth:
-                level = self._split(level, rules)
+                level = self._split(level, rules, smooth)
             rest, many = self._add_smooth(level)
+            smooth = len(self.kind)
             level = level.of_faces(rest)
             if len(level.faces) == 0:
                 return
@@ -278,47 +286,20 @@ class PatchTable:
         self.n_points += len(counts)
         return np.arange(start, self.n_points, dtype=np.int32)
 
-    def _split(self, level: Level, rules: Rules) -> Level:
-        """Refine the mesh of a level; return it with the children of the faces.
-
-        Faces of the lattice become splits, and the limit faces of other polygons go straight to
-        their children.
-        """
-        mesh, sharpness, slot = level.mesh, level.sharpness, level.slot
-        # points of the mesh, then its face points, then its vertex and edge points, all numbered
-        face_points, refined = refinement_stages(mesh, rules, sharpness, self._number)
-        centres = self._extend(*_rows(face_points, level.points))
-        points = np.concatenate([level.points, centres])
-        others = self._extend(*_rows(refined, points, refined.shape[0] - len(centres)))
-        new = np.concatenate([others, centres]).astype(np.int64)
-        children = child_mesh(mesh, np.arange(len(new)), self.lattice)
-        child, corner, middle = self._children(mesh, level.faces)
-        count, size = len(self.lattice.children), self.lattice.face_size
-        sizes = mesh.sizes[level.faces]
-        each = sizes + count - size
-        whole = np.repeat(sizes == size, each)
-        # only the first level has other polygons: there their slot is the first limit face
-        n_codes, n_splits = len(self.codes), int((sizes == size).sum())
+    def _split(self, level: Level, rules: Rules, smooth: int) -> Level:
+        """Refine a level; the first `smooth` patches were found before it was made smaller."""
+        size, count = self.lattice.face_size, len(self.lattice.children)
+        n_codes = len(self.codes)
+        self._splits.append((smooth, len(self.kind), self.n_points, n_codes))
+        whole = level.mesh.sizes[level.faces] == size
+        n_splits = int(whole.sum())
         split = (n_codes - self.n_limit_faces) // count + np.arange(n_splits)
-        self.codes[slot[sizes == size]] = -2 - split
+        self.codes[level.slot[whole]] = -2 - split
         self.codes = np.append(self.codes, np.full(count * n_splits, NO_LIMIT, dtype=np.int32))
-        before = np.repeat(level.turn, each)
-        turn = np.where(middle, before, (before + corner) % size)
-        part = np.array(self.lattice.parts)[np.where(middle, corner, turn)]
-        slot = np.repeat(slot, each) + corner
-        slot[whole] = n_codes + np.repeat(count * np.arange(n_splits), count) + part[whole]
-        turn = np.where(whole, turn, 0).astype(np.int8)
-        inner = sharpness.children(children, self.lattice)
-        return Level(inner, new[children.indices], child, slot, turn)
-
-    def _children(self, mesh: Mesh, faces: Array) -> tuple[Array, Array, Array | bool]:
-        """Children of faces in the refined mesh, which of each they are, whether in the middle."""
-        if self.lattice.face_points:
-            return *corners_of(mesh, faces), False
-        count = len(self.lattice.children)
-        corner = np.tile(np.arange(count), len(faces))
-        middle = corner >= self.lattice.face_size
-        return children_of(mesh, faces, self.lattice), corner, middle
+        rows, level = level.refined(rules, self.n_points, n_codes)
+        for each in rows:
+            self._extend(*each)
+        return level
 
     def _drop_unused(self) -> None:
         """Leave out control points that no patch needs, and number the others anew."""
@@ -331,21 +312,63 @@ class PatchTable:
         late += [rings.points for rings in self.rings.values()]
         for control in late:
             needed[control] = True
-        kept = []
-        end = self.n_points
-        for counts, columns, values in self._combined[::-1]:
-            start = end - len(counts)
-            kept.append(_needed_rows(counts, columns, values, needed, start))
-            end = start
-        number = np.cumsum(needed, dtype=np.int32) - np.int32(1)
-        self.n_points = self.n_vertices
-        for counts, columns, values in kept[::-1]:
-            if len(counts):
-                rows = counts, number[columns], values
-                self.extras.append(_operator(*rows, self.n_points))
-                self.n_points += len(counts)
+        self.extras, number = without_unused(self._combined, needed)
+        self.n_points = int(np.count_nonzero(needed))
         for control in late:
             np.take(number, control, out=control, mode="clip")
+        self._needed = np.packbits(needed)
+
+    def typed(self, cage: Mesh, rules: Rules, number: NumberType) -> PatchTable:
+        """The table of the same cage for numbers of another type, which shares all integers.
+
+        This one is of float64. Whatever the type, sharpness decides exactly which patches there
+        are: the levels are refined again for the values of operators alone.
+        """
+        made = self._refined(cage, rules, number)
+        if made is None:
+            return PatchTable(cage, rules, number)
+        found = copy(self)
+        found.sharpness = number.array(self.sharpness)
+        # what refinement does not make has integers and halves, exact in float64
+        found.extras = [
+            made[x.shape[1]] if x.shape[1] in made else converted(x, number) for x in self.extras
+        ]
+        return found
+
+    def _refined(self, cage: Mesh, rules: Rules, number: NumberType) -> dict[int, Any] | None:
+        """Those `extras` that refinement makes, by the number of their first row.
+
+        None where they combine points that have been left out, because float64 rounded all their
+        weights to 0. No cage is known for that: around a face that is split, all is needed that its
+        points may ever depend on.
+        """
+        made: dict[int, Any] = {}
+        if not self._splits:
+            return made
+        needed = np.unpackbits(self._needed).astype(bool)
+        place = numbered(needed)
+        level = Level.first(cage, rules, number)
+        for smooth, patches, n_points, n_codes in self._splits:
+            # what is left by smooth patches, and by all patches of the level
+            level = level.of_faces(self._beyond(level, smooth)).part()
+            level = level.of_faces(self._beyond(level, patches))
+            rows, level = level.refined(rules, n_points, n_codes)
+            for each in rows:
+                new = slice(n_points, n_points + len(each[0]))
+                counts, columns, values = chosen(each, needed[new])
+                columns = place[columns]
+                if (columns < 0).any():
+                    return None
+                if len(counts):
+                    width = int(place[new][needed[new]][0])
+                    made[width] = operator_of((counts, columns, values), width)
+                n_points = new.stop
+        return made
+
+    def _beyond(self, level: Level, n: int) -> Array:
+        """Faces of a level that the first patches do not cover, (n_faces,) bool."""
+        code = self.codes[level.slot]
+        return np.asarray((code < 0) | (code >= n))
 
     def locate(
         self, face: Array, u: Array, v: Array
@@ -444,41 +467,6 @@ def _appended(array: Array, more: Array) -> Array:
     array.resize((start + len(more), *array.shape[1:]), refcheck=False)
     array[start:] = more
     return array
-
-
-def _rows(operator: Any, numbers: Array, n: int | None = None) -> tuple[Array, Array, Array]:
-    """The first rows of an operator, as `PatchTable._extend` takes them; its columns' numbers."""
-    if isinstance(operator, ExactOperator):
-        starts, columns, values = operator.indptr, operator.columns, operator.values
-    else:
-        starts, columns, values = operator.indptr, operator.indices, operator.data
-    counts = np.diff(starts[: None if n is None else n + 1])
-    end = starts[len(counts)]
-    return counts, numbers[columns[:end]], values[:end]
-
-
-def _needed_rows(
-    counts: Array, columns: Array, values: Array, needed: Array, start: int
-) -> tuple[Array, Array, Array]:
-    """Those of some rows, numbered from `start` on, that are needed; so are then their columns."""
-    used = needed[start : start + len(counts)]
-    if not used.all():
-        entries = np.repeat(used, counts)
-        counts, columns, values = counts[used], columns[entries], values[entries]
-    needed[columns] = True
-    return counts, columns, values
-
-
-def _operator(counts: Array, columns: Array, values: Array, width: int) -> Any:
-    """An operator from the number of entries of each row, their columns and values."""
-    shape = len(counts), width
-    if numbers.type_of(values).exact:
-        return ExactOperator(np.repeat(np.arange(len(counts)), counts), columns, values, shape)
-    from scipy.sparse import csr_array
-
-    starts = np.zeros(len(counts) + 1, dtype=np.int32)
-    np.cumsum(counts, out=starts[1:])
-    return csr_array((values, columns, starts), shape=shape)
 
 
 # outer control points of shared rings, as (i, j)
