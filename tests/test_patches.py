@@ -38,20 +38,21 @@ SHARPNESSES = {
 }
 
 
-def quads(points, faces, tags=None, **options):
+def mesh_of(points, faces, tags=None, **options):
     return ls.Mesh(np.array(points, dtype=float), faces, **(tags or {}), **options)
 
 
 def tagged(made, sharpness, seed, **options):
     """A cage with a third of its edges and some vertices tagged."""
-    mesh, rng = quads(*made), random.Random(seed)
+    (points, faces), rng = made, random.Random(seed)
+    mesh = mesh_of(points, faces)
     edges = rng.sample(mesh.edges.tolist(), len(mesh.edges) // 3)
     corners = rng.sample(range(mesh.n_vertices), mesh.n_vertices // 6)
     tags = {
         "creases": {tuple(edge): rng.choice(sharpness) for edge in edges},
         "corners": {corner: rng.choice(sharpness) for corner in corners},
     }
-    return quads(*made, tags, **options)
+    return mesh_of(points, faces, tags, **options)
 
 
 def assert_shared(mesh, scheme=None):
@@ -98,13 +99,13 @@ TRIANGLES = {
 
 @pytest.mark.parametrize("name", QUADS)
 def test_quads(name):
-    assert_shared(quads(*QUADS[name]()))
+    assert_shared(mesh_of(*QUADS[name]()))
 
 
 @pytest.mark.parametrize("scheme", [SCHEMES["loop"], WARREN], ids=lambda scheme: scheme.name)
 @pytest.mark.parametrize("name", TRIANGLES)
 def test_triangles(scheme, name):
-    mesh = quads(*TRIANGLES[name]())
+    mesh = mesh_of(*TRIANGLES[name]())
     try:
         assert_shared(mesh, scheme)
     except TypeError:  # Fractions are refused alike
@@ -127,7 +128,7 @@ def test_sharpness_that_float64_rounds(sharpness, creasing):
 @settings(max_examples=8)
 @given(zoo.tagged_cages())
 def test_random_cages(cage):
-    assert_shared(quads(*cage))
+    assert_shared(mesh_of(*cage))
 
 
 @pytest.mark.parametrize("sharpness", [1 - TINY, 1 + TINY, F(7, 3)])
@@ -159,7 +160,7 @@ def test_built_once(monkeypatch):
     """However it is asked, also after a journey."""
     built = []
     monkeypatch.setattr(PatchTable, "_build", counting(PatchTable._build, built))
-    surface = ls.LimitSurface(quads(*zoo.TAGGED["crossed_grid_2.5"]()))
+    surface = ls.LimitSurface(mesh_of(*zoo.TAGGED["crossed_grid_2.5"]()))
     half = F(1, 2)
     surface.evaluate(0, half, half)
     surface.evaluate(0, 0.5, 0.5)
@@ -186,7 +187,7 @@ def counting(method, calls):
 
 def test_own_table_where_points_are_missing():
     """No cage is known that needs it: here a point is taken away by hand."""
-    mesh = quads(*zoo.TAGGED["crossed_grid_2.5"]())
+    mesh = mesh_of(*zoo.TAGGED["crossed_grid_2.5"]())
     rules = Rules.resolve(mesh)
     table = PatchTable(mesh, rules, numbers.FLOAT64)
     assert table.extras[0].indices.min() == 0
