@@ -79,7 +79,8 @@ class PatchTable:
     sharpness : (strips,)
         Sharpness of the creases of strips.
     extras : list of operators
-        Sparse rows, float64 or exact, over all control points of lower number.
+        Sparse rows, float64 or exact, over all control points of lower number. Integers are those
+        of all types of numbers, see `typed`; these values and `sharpness` are of one.
     """
 
     def __init__(self, mesh: Mesh, rules: Rules, number: NumberType) -> None:
