@@ -117,7 +117,7 @@ def test_bad_usage_is_one_line(arguments):
 
 
 def test_defects_are_not_dressed_up_as_errors_of_the_user(cage, monkeypatch):
-    monkeypatch.setattr(ls, "validate", lambda *_: {}["bug"])
+    monkeypatch.setattr(ls, "validate", lambda *_, **__: {}["bug"])
     assert isinstance(run("validate", cage).exception, KeyError)
 
 
@@ -1248,8 +1248,8 @@ def test_validate_as_json(cage, tmp_path):
 def test_validate_fails_when_the_refiner_disagrees(cage, monkeypatch):
     validate = ls.validate
 
-    def shaken(surface, levels):
-        found = validate(surface, levels)
+    def shaken(surface, levels, **options):
+        found = validate(surface, levels, **options)
         found["limit_error"][-1] = 1e-9
         return found
 

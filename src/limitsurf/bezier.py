@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from limitsurf import numbers
 from limitsurf.cage.checks import checked_integer
-from limitsurf.engine.protocol import Request
+from limitsurf.engine.packing import over_chunks
+from limitsurf.engine.protocol import Request, threads
 from limitsurf.pieces.cells import BezierPatches as BezierPatches
 from limitsurf.pieces.cells import BezierRest as BezierRest
 from limitsurf.pieces.cells import cut
@@ -26,6 +28,7 @@ def bezier_patches(
     depth: int | None = None,
     weights: bool = False,
     channel: str | None = None,
+    workers: int = 1,
 ) -> BezierPatches:
     """Limit faces as Bezier patches: polynomial pieces that are the surface itself.
 
@@ -51,6 +54,8 @@ def bezier_patches(
         Whether to give the coefficients also as sparse rows over the vertices of the cage.
     channel : str, optional
         A face-varying channel of the mesh, to give the patches of instead of the points.
+    workers : int
+        Threads, as for `LimitSurface.evaluate`, among which float64 patches are divided.
 
     Returns
     -------
@@ -109,7 +114,12 @@ def bezier_patches(
     topology = found.topology
     patches = topology.exact_groups.patches if exact else topology.patches
     points = numbers.type_of(found.points).array(found.points)
-    return cut(patches, topology.rules.scheme, points, faces, rings, weights)
+    count = threads(workers)
+
+    def divided(jobs: int, work: Callable[[slice], Any]) -> Iterator[Any]:
+        return over_chunks(jobs, count, work, 1)
+
+    return cut(patches, topology.rules.scheme, points, faces, rings, weights, divided)
 
 
 def _faces(surface: LimitSurface, face: ArrayLike | None) -> np.ndarray[Any, Any]:
