@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from limitsurf.engine.protocol import Request, threads
 from limitsurf.pieces.cells import BezierPatches as BezierPatches
 from limitsurf.pieces.cells import BezierRest as BezierRest
 from limitsurf.pieces.cells import cut
+from limitsurf.refine import sparse_operator
+from limitsurf.refine.operators import entries
 from limitsurf.surface import LimitSurface
 
 _DEPTH = 8
@@ -51,7 +54,8 @@ def bezier_patches(
         edges, there is one less, and as many less as a face is split, so that what remains at a
         vertex is of one size on all of its faces.
     weights : bool
-        Whether to give the coefficients also as sparse rows over the vertices of the cage.
+        Whether to give the coefficients also as sparse rows over the vertices of the cage; with
+        `channel` over its values, ``surface.mesh.channels[channel][0]``.
     channel : str, optional
         A face-varying channel of the mesh, to give the patches of instead of the points.
     workers : int
@@ -119,7 +123,16 @@ def bezier_patches(
     def divided(jobs: int, work: Callable[[slice], Any]) -> Iterator[Any]:
         return over_chunks(jobs, count, work, 1)
 
-    return cut(patches, topology.rules.scheme, points, faces, rings, weights, divided)
+    made = cut(patches, topology.rules.scheme, points, faces, rings, weights, divided)
+    if channel is None or made.weights is None:
+        return made
+    # a value as it was given is one column, at however many vertices it is
+    values, corner_rows, _ = surface.mesh.channels[channel]
+    column = np.empty(found.mesh.n_vertices, dtype=np.int64)
+    column[found.mesh.indices] = corner_rows
+    rows, columns, entry = entries(made.weights)
+    shape = made.weights.shape[0], len(values)
+    return replace(made, weights=sparse_operator(rows, column[columns], entry, shape))
 
 
 def _faces(surface: LimitSurface, face: ArrayLike | None) -> np.ndarray[Any, Any]:
