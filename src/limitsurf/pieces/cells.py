@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from limitsurf import memory, numbers
+from limitsurf.numbers import Numbers
 from limitsurf.patches import STRIP, PatchTable
 from limitsurf.pieces import bernstein, cover
 from limitsurf.pieces.bernstein import Bernstein
@@ -135,7 +136,7 @@ class BezierPatches:
         """The degree d of the polynomials: in each direction of rectangles, in all of triangles."""
         return int(self.exponents.max())
 
-    def evaluate(self, s: ArrayLike, t: ArrayLike) -> Array:
+    def evaluate(self, s: Numbers, t: Numbers) -> Array:
         """Points of every patch at the same places (s, t) in them.
 
         Parameters
