@@ -79,9 +79,9 @@ def info(cage: Cage, as_json: bool) -> None:
     often which number of corners, or of faces at a vertex, occurs); creases, corners (number,
     infinite, least, most); holes; channels (of each name values, numbers, interpolation); scheme,
     units (metres), up (as the cage says, else null); schemes (of each mesh in a USD file, if they
-    differ, else null); rules (of each value, by_default); limit_faces; patches (how many limit
-    faces are covered how); special_corners (kind, faces, patches); no_surface (why there is none,
-    else null).
+    differ, else null); rules (of each that the scheme has value, by_default); limit_faces; patches
+    (how many limit faces are covered how); special_corners (kind, faces, patches); no_surface (why
+    there is none, else null).
     """
     from limitsurf.shell.cli import facts
     from limitsurf.shell.io.parts import MIXED
@@ -499,8 +499,13 @@ def basis(
     help="A .png to write, or an .html to turn in a browser; without, a window opens.",
 )
 @click.option(
-    "--quads", type=click.IntRange(1, MANY), metavar="N", help="N x N drawn per limit face."
+    "-n",
+    "n",
+    type=click.IntRange(1, MANY),
+    metavar="N",
+    help="N x N polygons drawn per limit face.",
 )
+@click.option("--quads", type=click.IntRange(1, MANY), hidden=True, help="Another name of -n.")
 @click.option("--cage/--no-cage", "wires", default=None, help="Draw the cage.")
 @click.option("--curves/--no-curves", default=None, help="Draw the edges of the limit faces.")
 @click.option("--poles/--no-poles", default=None, help="Mark extraordinary points.")
@@ -547,6 +552,7 @@ def plot(
     *,
     cage: Cage,
     output: str | None,
+    n: int | None,
     quads: int | None,
     wires: bool | None,
     channel: str | None,
@@ -572,7 +578,9 @@ def plot(
     faces = len(surface.limit_faces)
     given = {name: value for name, value in options.items() if value is not None}
     with terminal.working("drawing"):
-        ls.plot(surface, output, n=quads, cage=wires, channel=channel, window_size=size, **given)
+        ls.plot(
+            surface, output, n=n or quads, cage=wires, channel=channel, window_size=size, **given
+        )
     report(output, as_json, width=size[0], height=size[1], limit_faces=faces)
 
 
