@@ -89,7 +89,7 @@ def test_every_command_has_help_with_examples_that_work(command, cage, tmp_path,
         ("basis", ls.plot_characteristic_map, {"scheme": "scheme"}),
         ("basis", ls.plot_eigenfunctions, {"scheme": "scheme"}),
         ("info", ls.LimitSurface, {name: name for name in ("scheme", "boundary", "creasing")}),
-        ("plot", ls.plot, {"quads": "n", "wires": "cage", "size": "window_size"}),
+        ("plot", ls.plot, {"n": "n", "wires": "cage", "size": "window_size"}),
     ],
 )
 def test_defaults_are_those_of_the_library(command, call, names):
@@ -117,7 +117,7 @@ def test_bad_usage_is_one_line(arguments):
 
 
 def test_defects_are_not_dressed_up_as_errors_of_the_user(cage, monkeypatch):
-    monkeypatch.setattr(ls, "validate", lambda *_: {}["bug"])
+    monkeypatch.setattr(ls, "validate", lambda *_, **__: {}["bug"])
     assert isinstance(run("validate", cage).exception, KeyError)
 
 
@@ -161,7 +161,7 @@ def test_cages_of_every_kind(name, suffix, tmp_path):
     _, *rows = succeed("validate", path, "--levels", 2).splitlines()
     assert all(float(row.split()[-1]) < 1e-13 for row in rows)
     picture = tmp_path / "a.png"
-    succeed("plot", path, "-o", picture, "--size", 80, 60, "--quads", 3)
+    succeed("plot", path, "-o", picture, "--size", 80, 60, "-n", 3)
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
@@ -272,7 +272,7 @@ def test_triangles(tmp_path):
     succeed("tessellate", path, "-n", 3, "-o", out)
     assert (ls.read(out).sizes == 3).all()
     assert ls.read(out).n_faces == 36
-    succeed("validate", path)
+    succeed("validate", path, "--workers", 2)
     ls.write(path, ls.Mesh(*zoo.cube(), scheme="loop"))
     assert "face 0" in fail("tessellate", path, "-o", out)
 
@@ -307,7 +307,7 @@ def test_keys_of_json_are_documented(cage, tmp_path):
         "tessellate": [cage, "-n", 2, "-o", target],
         "refine": [cage, "-o", target],
         "convert": [cage, target],
-        "plot": [cage, "-o", tmp_path / "a.png", "--size", 60, 40, "--quads", 2],
+        "plot": [cage, "-o", tmp_path / "a.png", "--size", 60, 40, "-n", 2],
         "demo": ["-o", tmp_path, "--queries", 1000],
         "evaluate": [cage, "--grid", 2, "-o", tmp_path / "a.npy"],
     }.items():
@@ -328,6 +328,9 @@ def test_rules_are_options(tmp_path):
         "creasing": "chaikin",
         "triangles": "smooth",
     }
+    # where all edges have one mask there is nothing to choose
+    assert list(facts("info", path, "--scheme", "loop")["rules"]) == [*rules][:3]
+    assert "triangles" not in told(succeed("info", path, "--scheme", "loop"))
     assert not any(rule["by_default"] for rule in rules.values())
     smooth = ls.LimitSurface(ls.read(path), triangles="smooth")
     found = table(succeed("evaluate", path, "--grid", 2, "--triangles", "smooth"))
@@ -1057,7 +1060,7 @@ def test_cages_come_from_the_standard_input(cage, tmp_path):
         named = [cage if word == "-" else word for word in command]
         named[2:3] = ["-"] if command[0] == "convert" else named[2:3]
         assert succeed(*command, stdin=text) == succeed(*named), command
-    succeed("plot", "-", "-o", tmp_path / "a.png", "--size", 60, 40, "--quads", 2, stdin=text)
+    succeed("plot", "-", "-o", tmp_path / "a.png", "--size", 60, 40, "-n", 2, stdin=text)
 
 
 def test_other_formats_in_pipes(cage, tmp_path):
@@ -1245,11 +1248,19 @@ def test_validate_as_json(cage, tmp_path):
     assert found["levels"][0]["error"] is None  # there is no surface
 
 
+def test_validate_a_channel(painted):
+    found = facts("validate", painted, "--levels", 1, "--channel", "st", "--workers", 2)
+    surface = ls.LimitSurface(ls.read(painted))
+    expected = ls.validate(surface, 1, channel="st")["error"][0]
+    assert (found["agrees"], found["levels"][0]["error"]) == (True, expected)
+    assert "it has 'heat', 'st'" in fail("validate", painted, "--channel", "uv")
+
+
 def test_validate_fails_when_the_refiner_disagrees(cage, monkeypatch):
     validate = ls.validate
 
-    def shaken(surface, levels):
-        found = validate(surface, levels)
+    def shaken(surface, levels, **options):
+        found = validate(surface, levels, **options)
         found["limit_error"][-1] = 1e-9
         return found
 
@@ -1279,15 +1290,25 @@ def test_pictures_of_every_kind(options, cage, tmp_path):
     pictures = []
     for k, more in enumerate([[], options]):
         path = tmp_path / f"{k}.png"
-        found = facts("plot", cage, "-o", path, "--size", 80, 60, "--quads", 4, *more)
+        found = facts("plot", cage, "-o", path, "--size", 80, 60, "-n", 4, *more)
         assert found == {"output": str(path), "width": 80, "height": 60, "limit_faces": 15}
         pictures.append(path.read_bytes())
     assert pictures[0] != pictures[1]
 
 
+def test_another_name_of_n_is_taken_but_not_shown(cage, tmp_path):
+    pictures = []
+    for name in ("-n", "--quads"):
+        path = tmp_path / f"{name}.png"
+        succeed("plot", cage, "-o", path, "--size", 80, 60, name, 2)
+        pictures.append(path.read_bytes())
+    assert pictures[0] == pictures[1]
+    assert "--quads" not in succeed("plot", "--help")
+
+
 def test_plot_as_a_page(cage, tmp_path):
     path = tmp_path / "a.html"
-    assert succeed("plot", cage, "-o", path, "--quads", 2) == f"{path}\n"
+    assert succeed("plot", cage, "-o", path, "-n", 2) == f"{path}\n"
     assert "<html" in path.read_text()[:2000].lower()
 
 
@@ -1295,7 +1316,7 @@ def test_plot_of_a_channel(painted, tmp_path):
     pictures = []
     for k, options in enumerate([[], ["--channel", "st"]]):
         path = tmp_path / f"{k}.png"
-        succeed("plot", painted, "-o", path, "--size", 80, 60, "--quads", 4, *options)
+        succeed("plot", painted, "-o", path, "--size", 80, 60, "-n", 4, *options)
         pictures.append(path.read_bytes())
     assert pictures[0] != pictures[1]
     assert "shape" in fail("plot", painted, "-o", tmp_path / "a.png", "--channel", "heat")
@@ -1306,7 +1327,7 @@ def test_plot_of_a_channel(painted, tmp_path):
     [
         ["-o", "a.gif"],
         ["-o", "a.png", "--size", 0, 9],
-        ["-o", "a.png", "--quads", 0],
+        ["-o", "a.png", "-n", 0],
         ["-o", "a.png", "--color", "no such color"],
         ["-o", "a.png", "--up", "w"],
     ],

@@ -40,7 +40,7 @@ READING = {
     "tessellate": ["tessellate", "CAGE", "-n", "2", "-o", "OUT.ply"],
     "refine": ["refine", "CAGE", "-o", "OUT.obj"],
     "validate": ["validate", "CAGE", "--levels", "1"],
-    "plot": ["plot", "CAGE", "-o", "OUT.png", "--size", "60", "40", "--quads", "2"],
+    "plot": ["plot", "CAGE", "-o", "OUT.png", "--size", "60", "40", "-n", "2"],
     "convert": ["convert", "CAGE", "OUT.obj"],
 }
 WRITING = [name for name, words in READING.items() if any("OUT" in word for word in words)]
@@ -365,7 +365,7 @@ def test_a_disk_that_is_full_in_the_end(cage, tmp_path, untouched, monkeypatch):
         ["refine", "CAGE", "--levels", "40"],
         ["validate", "CAGE", "--levels", "40"],
         ["refine", "CAGE", "--levels", "30"],
-        ["plot", "CAGE", "-o", "a.png", "--quads", "10000000"],
+        ["plot", "CAGE", "-o", "a.png", "-n", "10000000"],
     ],
 )
 def test_what_no_memory_holds_is_refused(words, cage):
@@ -381,7 +381,7 @@ def test_what_no_memory_holds_is_refused(words, cage):
         ["evaluate", "CAGE", "--grid", str(2**62)],
         ["tessellate", "CAGE", "-n", "0"],
         ["tessellate", "CAGE", "-n", "9" * 500],
-        ["plot", "CAGE", "-o", "a.png", "--quads", "9" * 500],
+        ["plot", "CAGE", "-o", "a.png", "-n", "9" * 500],
         ["tessellate", "CAGE", "-n", "-3"],
         ["tessellate", "CAGE", "-n", "2.5"],
         ["refine", "CAGE", "--levels", "-1"],

@@ -119,6 +119,43 @@ def test_channels_in_every_query():
         surface.normal(0, 0.5, 0.5, channel="d")
 
 
+FUNCTIONS = {
+    "bezier_patches": lambda surface, **k: ls.bezier_patches(surface, depth=3, **k).points,
+    "validate": lambda surface, **k: ls.validate(surface, 2, **k)["limit_error"],
+    "agrees": lambda surface, channel=None, workers=1: ls.agrees(
+        surface, ls.validate(surface, 1, channel=channel), channel=channel
+    ),
+    "refinement_gap": lambda surface, **k: ls.refinement_gap(surface, *queries(surface), **k),
+    "plot_convergence": lambda surface, **k: (
+        ls.plot_convergence(surface, levels=2, off_screen=True, window_size=(160, 120), **k).image
+    ),
+    "plot": lambda surface, **k: (
+        ls.plot(
+            surface, n=3, isolines=1, normals=True, off_screen=True, window_size=(160, 120), **k
+        ).image
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_channels_and_workers_in_every_function(name):
+    rng, mesh = np.random.default_rng(0), mesh_of("carved_cube_1")
+    uv = rng.random((80, 2)), rng.integers(80, size=mesh.n_corners), "corners_plus1"
+    tagged = {x: getattr(mesh, x) for x in ("creases", "corners", "holes")}
+    faces = mesh.sizes, mesh.indices
+    surface = ls.LimitSurface(ls.Mesh(mesh.points, faces, **tagged, channels={"uv": uv}))
+    function = FUNCTIONS[name]
+    for options, asked in (({}, surface), ({"channel": "uv"}, surface.of_channel("uv"))):
+        wanted = np.asarray(function(asked))
+        for workers in (2, -1):
+            assert np.array_equal(function(surface, **options, workers=workers), wanted)
+    with pytest.raises(ValueError, match="no channel 'd'"):
+        function(surface, channel="d")
+    if name != "agrees":
+        with pytest.raises(ValueError, match="workers must be a positive integer"):
+            function(surface, workers=0)
+
+
 def test_surfaces_of_other_points_share_all_but_these():
     surface = ls.LimitSurface(mesh_of("prism_7"))
     other = surface.with_points(surface.points + 1)

@@ -368,6 +368,15 @@ def test_columns_and_channels(scheme):
     assert patches.points.shape[1:] == (*shape, 2)
     value = surface.evaluate(patches.face, *places(patches, 0.2, 0.7), channel="uv")
     assert np.allclose(polynomial(patches, 0.2, 0.7), value, atol=1e-14, rtol=0)
+    # over the values as they were given, of which some are at several vertices
+    flat = patches.points.reshape(-1, 2)
+    assert np.allclose(patches.weights @ values, flat, atol=1e-14, rtol=0)
+    rational = np.array([[F(*x.as_integer_ratio()) for x in row] for row in values.tolist()])
+    exact = ls.Mesh(points, faces, channels={"uv": (rational, index, "corners_only")})
+    if scheme is None:
+        patches = ls.bezier_patches(ls.LimitSurface(exact), channel="uv", depth=1, weights=True)
+        flat = patches.points.reshape(-1, 2)
+        assert (patches.weights @ exact.channels["uv"][0] == flat).all()
     wide = np.random.default_rng(0).random((len(points), 2, 5))
     surface = surface.with_points(wide)
     patches = ls.bezier_patches(surface, depth=3)

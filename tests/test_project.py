@@ -114,6 +114,26 @@ def test_queries_are_called_alike(name: str) -> None:
     assert named == {*parameters} - {"self", "face", "u", "v"} >= {"channel", "workers"}
 
 
+ASKING = [
+    name for name in limitsurf.__all__
+    if inspect.isfunction(getattr(limitsurf, name))
+    and next(iter(inspect.signature(getattr(limitsurf, name)).parameters), "").startswith("surface")
+]  # fmt: skip
+# one asks no query, one takes channels beside the points
+CALLED = {"agrees": {"channel"}, "tessellate": {"channels", "workers"}}
+
+
+@pytest.mark.parametrize("name", ASKING)
+def test_functions_of_surfaces_are_called_like_queries(name: str) -> None:
+    parameters = inspect.signature(getattr(limitsurf, name)).parameters.values()
+    named = {x.name for x in parameters if x.kind is x.KEYWORD_ONLY}
+    assert named >= CALLED.get(name, {"channel", "workers"})
+
+
+def test_functions_of_surfaces_were_found() -> None:
+    assert {*CALLED, "bezier_patches", "plot", "refinement_gap", "validate"} <= {*ASKING}
+
+
 def test_unknown_export_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no_such_name"):
         _ = limitsurf.no_such_name

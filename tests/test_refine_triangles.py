@@ -133,7 +133,7 @@ def test_parents(name):
     fine = ls.refined(mesh, 2)
     places = oracles_loop.refined_parameters(mesh.n_faces, 2)
     found = {}
-    without = set(fine._rules.without_limit(fine).nonzero()[0].tolist())
+    without = set(fine.rules.without_limit(fine).nonzero()[0].tolist())
     for f in sorted(range(fine.n_faces), key=lambda f: f in without):
         face, corners = places[f]
         for v, (u, w) in zip(fine.faces[f].tolist(), corners, strict=True):

@@ -71,6 +71,8 @@ pieces = ls.tessellate(surface, 4, channels=["uv"])
 assert_type(pieces, ls.Tessellation)
 assert_type(pieces.uniform, Ints | None)
 assert_type(pieces.triangles, Ints)
-errors: Floats = ls.validate(surface, 2)["error"]
-assert_type(ls.bezier_patches(surface, face=[0, 1]), ls.BezierPatches)
+errors: Floats = ls.validate(surface, 2, channel="uv")["error"]
+cells = ls.bezier_patches(surface, face=[0, 1], channel="uv", workers=2)
+assert_type(cells, ls.BezierPatches)
+assert cells.evaluate([[third, 0.5], [0, 1]], 0).dtype == object
 assert_type(ls.eigenbasis(valence=5), ls.Eigenbasis)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,10 +11,13 @@ from numpy.typing import ArrayLike
 
 from limitsurf import numbers
 from limitsurf.cage.checks import checked_integer
-from limitsurf.engine.protocol import Request
+from limitsurf.engine.packing import over_chunks
+from limitsurf.engine.protocol import Request, threads
 from limitsurf.pieces.cells import BezierPatches as BezierPatches
 from limitsurf.pieces.cells import BezierRest as BezierRest
 from limitsurf.pieces.cells import cut
+from limitsurf.refine import sparse_operator
+from limitsurf.refine.operators import entries
 from limitsurf.surface import LimitSurface
 
 _DEPTH = 8
@@ -26,6 +31,7 @@ def bezier_patches(
     depth: int | None = None,
     weights: bool = False,
     channel: str | None = None,
+    workers: int = 1,
 ) -> BezierPatches:
     """Limit faces as Bezier patches: polynomial pieces that are the surface itself.
 
@@ -48,9 +54,12 @@ def bezier_patches(
         edges, there is one less, and as many less as a face is split, so that what remains at a
         vertex is of one size on all of its faces.
     weights : bool
-        Whether to give the coefficients also as sparse rows over the vertices of the cage.
+        Whether to give the coefficients also as sparse rows over the vertices of the cage; with
+        `channel` over its values, ``surface.mesh.channels[channel][0]``.
     channel : str, optional
         A face-varying channel of the mesh, to give the patches of instead of the points.
+    workers : int
+        Threads, as for `LimitSurface.evaluate`, among which float64 patches are divided.
 
     Returns
     -------
@@ -109,7 +118,21 @@ def bezier_patches(
     topology = found.topology
     patches = topology.exact_groups.patches if exact else topology.patches
     points = numbers.type_of(found.points).array(found.points)
-    return cut(patches, topology.rules.scheme, points, faces, rings, weights)
+    count = threads(workers)
+
+    def divided(jobs: int, work: Callable[[slice], Any]) -> Iterator[Any]:
+        return over_chunks(jobs, count, work, 1)
+
+    made = cut(patches, topology.rules.scheme, points, faces, rings, weights, divided)
+    if channel is None or made.weights is None:
+        return made
+    # a value as it was given is one column, at however many vertices it is
+    values, corner_rows, _ = surface.mesh.channels[channel]
+    column = np.empty(found.mesh.n_vertices, dtype=np.int64)
+    column[found.mesh.indices] = corner_rows
+    rows, columns, entry = entries(made.weights)
+    shape = made.weights.shape[0], len(values)
+    return replace(made, weights=sparse_operator(rows, column[columns], entry, shape))
 
 
 def _faces(surface: LimitSurface, face: ArrayLike | None) -> np.ndarray[Any, Any]:

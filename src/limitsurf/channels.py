@@ -21,32 +21,26 @@ from limitsurf._kernels.rationals import Digits, integers
 from limitsurf.caching import cached_property
 from limitsurf.cage.connectivity import Connectivity
 from limitsurf.cage.mesh import Mesh, valid_mesh
-from limitsurf.rules import CORNER, SMOOTH, Rationals, Rules, Sharpness, _numbered
+from limitsurf.rules import CORNER, SMOOTH, Rationals, RuledMesh, Rules, Sharpness, numbered
 from limitsurf.scheme.lattice import Lattice
 from limitsurf.topology import MeshPart, child_mesh, child_vertices
 
 Array = NDArray[Any]
 
 
-class ChannelMesh(Mesh):
-    """The values of a channel as a mesh with sharpness of its own."""
+class ChannelMesh(RuledMesh):
+    """The values of a channel as a mesh with sharpness of its own.
 
-    _base: Rules
-    _rules: Rules
-    _known: tuple[Sharpness, bool]  # its sharpness, or (True) that of the mesh it is refined from
+    Attributes
+    ----------
+    base : Rules
+        Of the mesh; `rules` are those by which the values are refined.
+    """
 
-    @property
-    def rules(self) -> Rules:
-        """By which the values are refined."""
-        return self._rules
-
-    @cached_property
-    def _sharpness(self) -> Sharpness:
-        known, coarser = self._known
-        return known.children(self, self._rules.scheme.lattice) if coarser else known
+    base: Rules
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_known": (self._sharpness, False)}
+        return {**vars(self), "origin": (self.sharpness, False)}
 
     @classmethod
     def of(
@@ -56,9 +50,10 @@ class ChannelMesh(Mesh):
 
         The `sharpness` of the mesh is found if it is not given.
         """
-        known = getattr(mesh, "_channel_meshes", {}).get(name)
-        if isinstance(known, ChannelMesh) and known._base == rules:
-            return known
+        if isinstance(mesh, RuledMesh):
+            carried = mesh.channel_meshes.get(name)
+            if isinstance(carried, ChannelMesh) and carried.base == rules:
+                return carried
         if name not in mesh.channels:
             listed = ", ".join(map(repr, mesh.channels)) or "none"
             raise ValueError(f"the mesh has no channel {name!r}; it has {listed}")
@@ -75,11 +70,11 @@ class ChannelMesh(Mesh):
         faces = Connectivity(len(row), mesh.sizes, value, **known)
         result = valid_mesh(cls, rows[row], faces, holes=holes)
         # what boundary="none" leaves without a limit are holes here: seams leave nothing
-        result._base, result._rules = rules, replace(rules, boundary="edge_only")
+        result.base, result.rules = rules, replace(rules, boundary="edge_only")
         if sharpness is None:
             sharpness = Sharpness.of(mesh, rules, numbers.FLOAT64, exact=True)
         geometry = sharpness.typed(mesh, numbers.FLOAT64, exact=True)
-        result._known = _sharpness(geometry, rules, result, vertex, mode), False
+        result.origin = _sharpness(geometry, rules, result, vertex, mode), False
         return result
 
     def refined(
@@ -90,7 +85,7 @@ class ChannelMesh(Mesh):
         The sharpness may be that of the next `coarser` mesh.
         """
         result = valid_mesh(type(self), values, mesh.connectivity, holes=holes)
-        result._base, result._rules, result._known = self._base, self._rules, (sharpness, coarser)
+        result.base, result.rules, result.origin = self.base, self.rules, (sharpness, coarser)
         return result
 
 
@@ -114,14 +109,14 @@ class ChannelSharpness(Sharpness):
     linear: bool
 
     @cached_property
-    def _halves(self) -> tuple[Array, Rationals | None]:
+    def halves(self) -> tuple[Array, Rationals | None]:
         """Sharpness of the halves of sharp edges at their ends: tails first, then heads."""
         edge, _ = self._incident
         head = np.repeat([False, True], len(edge) // 2)
         after = self.edge_sharpness[edge]
         soft = np.flatnonzero(~tables.is_infinite(after))
         there = self.geometry.halves_at(self.first[edge[soft]], head[soft])
-        halves, exact = self.geometry._halves
+        halves, exact = self.geometry.halves
         assert exact is not None
         after[soft] = halves[there]
         return after, exact.take(there).spread(soft, len(edge))
@@ -145,7 +140,7 @@ class ChannelSharpness(Sharpness):
                 vertex_tagged=np.zeros(mesh.n_vertices, dtype=bool),
                 exact=(_zeros(mesh.n_edges), _zeros(mesh.n_vertices)),
             )
-        return children._following()
+        return children.following()
 
     def neighbours(self, corners: Array) -> Array:
         """All corners at the vertices of some, (n_corners,) bool."""
@@ -158,7 +153,7 @@ class ChannelSharpness(Sharpness):
         followers = np.searchsorted(part.vertices, self.followers[inside])
         return replace(super().part(part), geometry=geometry, followers=followers)
 
-    def _following(self) -> ChannelSharpness:
+    def following(self) -> ChannelSharpness:
         """With the vertex sharpness that keeps followers sharp for as long as they should be.
 
         A follower is released together with its leader, by the same share; but one step later,
@@ -172,7 +167,7 @@ class ChannelSharpness(Sharpness):
         parent[self.concerned], child[self.concerned] = self._rules
         there = self.geometry
         decaying = np.zeros(there.mesh.n_vertices, dtype=bool)
-        _, place, _, after = there._ends
+        _, place, _, after = there.ends
         decaying[there.concerned[place[(after > 0) & ~tables.is_infinite(after)]]] = True
         at = np.zeros(self.mesh.n_vertices, dtype=np.int64)
         at[self.mesh.indices] = there.mesh.indices
@@ -214,7 +209,7 @@ def _sharpness(
     half_edges = geometry.half_edges.copy()
     half_edges[(values.twin < 0) | linear] = np.inf
     sides = np.flatnonzero(half_edges > 0)
-    known, edge = _numbered(values.corner_edge[sides], values.n_edges)
+    known, edge = numbered(values.corner_edge[sides], values.n_edges)
     side = values.edge_corners[known, 0]
     edges = half_edges[side]
     soft = np.flatnonzero(~tables.is_infinite(edges))
@@ -243,7 +238,7 @@ def _sharpness(
         geometry=geometry,
         followers=followers,
         linear=linear,
-    )._following()
+    ).following()
 
 
 def _zeros(n: int) -> Digits:

@@ -27,7 +27,9 @@ Array: TypeAlias = NDArray[Any]
 POLYGON = 200  # bytes that one of a tessellation takes, at least
 
 
-def validate(surface: LimitSurface, levels: int = 4, *, workers: int = 1) -> NDArray[np.void]:
+def validate(
+    surface: LimitSurface, levels: int = 4, *, channel: str | None = None, workers: int = 1
+) -> NDArray[np.void]:
     """Compare the closed form with recursive refinement, level by level.
 
     Every refined vertex has a parent (limit face, u, v). The refined points themselves approach
@@ -39,6 +41,8 @@ def validate(surface: LimitSurface, levels: int = 4, *, workers: int = 1) -> NDA
         Of float64 points. Memory and time grow by four with every level.
     levels : int
         How many levels to refine, at least 1.
+    channel : str, optional
+        A face-varying channel of the mesh, to compare instead of the points.
     workers : int
         Threads, as for `LimitSurface.evaluate`.
 
@@ -57,7 +61,7 @@ def validate(surface: LimitSurface, levels: int = 4, *, workers: int = 1) -> NDA
     Raises
     ------
     ValueError
-        For levels that are not an integer >= 1.
+        For levels that are not an integer >= 1, or a channel that the mesh does not have.
     TypeError
         For a surface of exact numbers, whose distances need square roots.
 
@@ -74,6 +78,7 @@ def validate(surface: LimitSurface, levels: int = 4, *, workers: int = 1) -> NDA
     levels = checked_integer("levels", levels, 1)
     if not isinstance(surface, LimitSurface):
         raise TypeError(f"validate needs a LimitSurface, got {type(surface).__name__}")
+    surface = surface.of_channel(channel)
     if numbers.type_of(surface.points).exact:
         raise TypeError("distances need square roots: give float64 points")
     table = np.zeros(
@@ -101,8 +106,8 @@ def validate(surface: LimitSurface, levels: int = 4, *, workers: int = 1) -> NDA
 ROUNDING = 1e-12  # of the largest coordinate; what refinement adds up stays far below
 
 
-def agrees(surface: LimitSurface, table: NDArray[Any]) -> bool:
-    """Whether the limit errors in a table of `validate` are rounding alone.
+def agrees(surface: LimitSurface, table: NDArray[Any], *, channel: str | None = None) -> bool:
+    """Whether the limit errors in a table of `validate`, of a `channel` if so, are rounding alone.
 
     Where no vertex has a limit, nothing disagrees.
 
@@ -113,7 +118,8 @@ def agrees(surface: LimitSurface, table: NDArray[Any]) -> bool:
     >>> ls.agrees(surface, ls.validate(surface, 2))
     True
     """
-    points = surface.mesh.points[surface.mesh.indices]
+    mesh = surface.of_channel(channel).mesh
+    points = mesh.points[mesh.indices]
     return not table["limit_error"].max() > ROUNDING * np.abs(points).max()
 
 
@@ -165,12 +171,34 @@ _PORTION = 1 << 16  # queries that are in memory at once, with all that is compa
 
 
 def refinement_gap(
-    surface: LimitSurface, face: NDArray[Any], u: NDArray[Any], v: NDArray[Any]
+    surface: LimitSurface,
+    face: NDArray[Any],
+    u: NDArray[Any],
+    v: NDArray[Any],
+    *,
+    channel: str | None = None,
+    workers: int = 1,
 ) -> tuple[float, float]:
     """Largest differences of positions and unit normals from those on the once refined cage.
 
-    The arguments, and why this is a check, are as for `on_refined`; points of shape (n, 3). NaN on
-    both sides agree; a NaN on one side alone gives NaN.
+    There the same places lie in other patches with other control points: that both agree checks
+    evaluation against refinement at any (face, u, v), not at refined vertices alone. NaN on both
+    sides agree; a NaN on one side alone gives NaN.
+
+    Parameters
+    ----------
+    surface : LimitSurface
+        Of float64 points.
+    face, u, v : (Q,) arrays
+        Queries as for `LimitSurface.evaluate`.
+    channel, workers
+        As for `LimitSurface.evaluate`.
+
+    Returns
+    -------
+    position, normal : float
+        The latter 0 if points, or the values of `channel`, are not of shape (n, 3): without normals
+        there is nothing that differs.
 
     Examples
     --------
@@ -182,18 +210,21 @@ def refinement_gap(
     True
     """
     fine = LimitSurface(refined(surface.mesh, **surface.rules))
+    options: Any = {"channel": channel, "workers": workers}
+    in_space = surface.of_channel(channel).points.shape[1:] == (3,)
     largest = np.zeros(2)
     for start in range(0, len(face), _PORTION):
         part = slice(start, start + _PORTION)
         f, x, y = face[part], u[part], v[part]
         there = on_refined(surface, f, x, y)
-        pairs = (
-            (surface.evaluate(f, x, y), fine.evaluate(*there)),
-            (surface.normal(f, x, y), fine.normal(*there)),
-        )
+        pairs = [(surface.evaluate(f, x, y, **options), fine.evaluate(*there, **options))]
+        if in_space:
+            pairs.append((surface.normal(f, x, y, **options), fine.normal(*there, **options)))
         gaps = [np.where(np.isnan(a) & np.isnan(b), 0, np.abs(a - b)) for a, b in pairs]
         # (a NaN stays)
-        largest = np.maximum(largest, [gap.max(initial=0) for gap in gaps])
+        largest[: len(gaps)] = np.maximum(
+            largest[: len(gaps)], [gap.max(initial=0) for gap in gaps]
+        )
     return float(largest[0]), float(largest[1])
 
 

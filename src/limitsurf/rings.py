@@ -70,7 +70,7 @@ class Ring:
     def of(cls, edges: Array, faces: Array) -> Ring:
         """Rings of the cage."""
         none = np.zeros(len(edges), dtype=np.int64)
-        return cls(edges, faces, np.zeros(edges.shape[:2]), none, none, none)._scaled()
+        return cls(edges, faces, np.zeros(edges.shape[:2]), none, none, none).scaled()
 
     def refined(self, masks: RingMasks) -> Ring:
         """One step."""
@@ -92,9 +92,9 @@ class Ring:
             step = w.beside * (E[:, :, 0] + E[:, :, -1])
         edges -= step[:, :, None]
         around -= step[:, :, None]
-        return Ring(edges, around, step, self.exponent, self.shift, self.size)._scaled()
+        return Ring(edges, around, step, self.exponent, self.shift, self.size).scaled()
 
-    def _scaled(self) -> Ring:
+    def scaled(self) -> Ring:
         """A ring in units in which the largest coordinate is in [1/2, 1); 0 stays."""
         parts = self.edges, self.faces
         largest = np.max([np.abs(x).max(axis=(1, 2), initial=0) for x in parts], axis=0)

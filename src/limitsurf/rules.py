@@ -1,11 +1,12 @@
-"""Which subdivision rule applies where: options, and the sharpness of edges and vertices."""
+"""Which subdivision rule applies where: the sharpness of edges and vertices, and sectors."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from math import lcm
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
@@ -14,15 +15,14 @@ from numpy.typing import NDArray
 from limitsurf import numbers, tables
 from limitsurf._kernels.rationals import Digits, Objects, counting, integers, rationals
 from limitsurf.caching import cached_property
-from limitsurf.cage import checks
 from limitsurf.cage.connectivity import Fans
 from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
+from limitsurf.options import Rules as Rules
 from limitsurf.topology import MeshPart, child_halves
 
 if TYPE_CHECKING:
     from limitsurf.scheme.lattice import Lattice
-    from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
 Rationals: TypeAlias = Digits | Objects
@@ -33,76 +33,27 @@ SMOOTH, DART, CREASE, CORNER = range(4)
 PENDING = -1
 
 
-@dataclass(frozen=True)
-class Rules:
-    """Which scheme applies to a mesh, and how at boundaries, creases and triangles."""
+class RuledMesh(Mesh):
+    """A mesh with the rules that it was made by: what is sharp is known, whatever its tags say.
 
-    scheme: Scheme
-    boundary: str
-    creasing: str
-    triangles: str
+    Attributes
+    ----------
+    rules : Rules
+    origin : (Sharpness, bool)
+        Its sharpness, or (True) that of the mesh which it is the refinement of.
+    channel_meshes : {name: RuledMesh}
+        The values of its channels.
+    """
 
-    @classmethod
-    def resolve(
-        cls,
-        mesh: Mesh,
-        scheme: str | Scheme | None = None,
-        boundary: str | None = None,
-        creasing: str | None = None,
-        triangles: str | None = None,
-    ) -> Rules:
-        """Options from the arguments, else from the mesh, else the defaults; all are checked."""
-        given = {"boundary": boundary, "creasing": creasing, "triangles": triangles}
-        allowed = {
-            "boundary": ("edge_and_corner", "edge_only", "none"),
-            "creasing": ("uniform", "chaikin"),
-            "triangles": ("catmull-clark", "smooth"),
-        }
-        chosen = {}
-        for option, values in allowed.items():
-            value = next(
-                x for x in (given[option], getattr(mesh, option), values[0]) if x is not None
-            )
-            if value not in values:
-                raise ValueError(f"{option} must be one of {', '.join(values)}, got {value!r}")
-            chosen[option] = value
-        named = scheme if scheme is not None else mesh.scheme
-        rules = cls(tables.find_scheme("catmull-clark" if named is None else named), **chosen)
-        _check_faces(mesh, rules.scheme)
-        if rules.triangles == "smooth" and rules.scheme.smooth_triangle is None:
-            raise ValueError(f'scheme {rules.scheme.name!r} has no triangle rule "smooth"')
-        return rules
+    rules: Rules
+    origin: tuple[Sharpness, bool]
+    channel_meshes: Mapping[str, RuledMesh] = MappingProxyType({})
 
-    def loose_vertices(self, mesh: Mesh) -> Array:
-        """Vertices that have no limit: on untagged boundaries under "none", (n_vertices,) bool."""
-        result = np.zeros(mesh.n_vertices, dtype=bool)
-        if self.boundary == "none":
-            loose = mesh.boundary_edge.copy()
-            edges, sharpness = mesh.creases
-            loose[mesh.edge_numbers(edges[tables.is_infinite(sharpness)])] = False
-            result[mesh.edges[loose]] = True
-        return result
-
-    def without_limit(self, mesh: Mesh) -> Array:
-        """Faces that are holes, tagged or by boundary "none", (n_faces,) bool."""
-        result = np.zeros(mesh.n_faces, dtype=bool)
-        result[mesh.holes] = True
-        if self.boundary == "none":
-            result[mesh.corner_face[self.loose_vertices(mesh)[mesh.indices]]] = True
-        return result
-
-
-def _check_faces(mesh: Mesh, scheme: Scheme) -> None:
-    """Refuse faces for which a scheme has no rule: others than regular ones get no face points."""
-    size, name = scheme.lattice.face_size, scheme.lattice.name
-    if scheme.lattice.face_points:
-        return
-
-    def wrong(face: int) -> tuple[Any, ...]:
-        corners = f"scheme {scheme.name!r} is of {name}: face {face} has {mesh.sizes[face]} corners"
-        return f"{corners}, need {size}; cut it into {name}, or take another scheme", ("face", face)
-
-    checks.check(mesh.sizes != size, wrong)
+    @cached_property
+    def sharpness(self) -> Sharpness:
+        """The sharpness of its edges and vertices."""
+        known, coarser = self.origin
+        return known.children(self, self.rules.scheme.lattice) if coarser else known
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,9 +103,8 @@ class Sharpness:
     @classmethod
     def of(cls, mesh: Mesh, rules: Rules, number: NumberType, exact: bool = False) -> Sharpness:
         """The sharpness of a cage; a refined mesh carries its own."""
-        known = getattr(mesh, "_sharpness", None)
-        if isinstance(known, Sharpness) and mesh._rules == rules:  # type: ignore[attr-defined]
-            return known.typed(mesh, number, exact)
+        if isinstance(mesh, RuledMesh) and mesh.rules == rules:
+            return mesh.sharpness.typed(mesh, number, exact)
         # rules change where a sharpness reaches 0: rounding must not decide it
         (ends, creases), (vertices, corners) = mesh.creases, mesh.corners
         exact |= rules.creasing == "chaikin" and len(creases) > 0
@@ -266,10 +216,10 @@ class Sharpness:
         return np.tile(sharp, 2), place[len(place) - 2 * len(sharp) :]
 
     @cached_property
-    def _ends(self) -> tuple[Array, Array, Array, Array]:
+    def ends(self) -> tuple[Array, Array, Array, Array]:
         """The `_incident` edges, their sharpness, and that of their halves there: (2 S,) each."""
         edge, place = self._incident
-        return edge, place, self.edge_sharpness[edge], self._halves[0]
+        return edge, place, self.edge_sharpness[edge], self.halves[0]
 
     @cached_property
     def _pairs(self) -> Array:
@@ -288,7 +238,7 @@ class Sharpness:
     def _places(self) -> tuple[Array, Array]:
         """`concerned`, and the places in there of the sharp vertices, then of `sharp_ends`."""
         sharp = self.vertex[self.vertex_sharpness > 0]
-        return _numbered(np.concatenate([sharp, self._pairs.ravel()]), self.mesh.n_vertices)
+        return numbered(np.concatenate([sharp, self._pairs.ravel()]), self.mesh.n_vertices)
 
     @cached_property
     def _own(self) -> tuple[Array, Array]:
@@ -308,10 +258,10 @@ class Sharpness:
         return _rounded(later, tables.is_infinite(self.vertex_sharpness)), later
 
     @cached_property
-    def _halves(self) -> tuple[Array, Rationals | None]:
+    def halves(self) -> tuple[Array, Rationals | None]:
         """Sharpness of the halves of sharp edges at their ends, and what it is exactly.
 
-        All (2 S,) as in `_ends`.
+        All (2 S,) as in `ends`.
         """
         edge, place = self._incident
         if self.exact is None:
@@ -320,7 +270,7 @@ class Sharpness:
         soft = np.flatnonzero(~infinite)
         after = self.exact[0].take(edge[soft])
         if self.chaikin and len(soft):
-            after = _averaged(after, _numbered(place[soft], len(self.concerned))[1])
+            after = _averaged(after, numbered(place[soft], len(self.concerned))[1])
         after = (after - _ones(len(soft))).spread(soft, len(edge))
         return _rounded(after, infinite), after
 
@@ -331,7 +281,7 @@ class Sharpness:
         return edge[corners]
 
     def halves_at(self, corners: Array, heads: Array) -> Array:
-        """Places in `_ends` of the halves of sharp half-edges at their tails, or `heads` (bool)."""
+        """Places in `ends` of the halves of sharp half-edges at their tails, or `heads` (bool)."""
         edge = self.edge_at(corners)
         sharp = self.edge_sharpness > 0
         turned = self.mesh.indices[corners] != self.mesh.indices[self.first[edge]]
@@ -347,7 +297,7 @@ class Sharpness:
     @cached_property
     def _rules(self) -> tuple[Array, Array]:
         """Rule of the `concerned` vertices and of their children: (K,)."""
-        _, place, _, after = self._ends
+        _, place, _, after = self.ends
         own, later = self._own
         counts = np.bincount(place, minlength=len(own))  # at edges that are all sharp
         parent = np.where(own > 0, CORNER, np.minimum(counts, CORNER))
@@ -364,7 +314,7 @@ class Sharpness:
         in their points, and the rest: both float64, or exact if sharpness is. Smooth vertices and
         darts never change.
         """
-        edge, place, sharpness, after = self._ends
+        edge, place, sharpness, after = self.ends
         (parent, child), (own, later) = self._rules, self._own
         if parent is child:
             nothing = np.zeros(0) if self.exact is None else _ones(0)
@@ -398,7 +348,7 @@ class Sharpness:
         The shares of the smooth and the corner mask, both (K,), and, as an array (2 S,) for the
         `sharp_ends`, those of the crease mask that runs along the edge.
         """
-        _, place, _, after = self._ends
+        _, place, _, after = self.ends
         (parent, child), (changing, *shares) = self._rules, self.shares
         one, zero = self.number.one, self.number.zero
         if not len(changing):
@@ -449,7 +399,7 @@ class Sharpness:
     @cached_property
     def edge_masks(self) -> Array:
         """Share of the midpoint in the point of each of `sharp_edges`, the rest being smooth."""
-        edge, _, sharpness, after = self._ends
+        edge, _, sharpness, after = self.ends
         half = len(sharpness) // 2
         one = self.number.one
         falling = np.flatnonzero((after[:half] == 0) | (after[half:] == 0))
@@ -463,7 +413,7 @@ class Sharpness:
     @cached_property
     def unsettled(self) -> Array:
         """Vertices that are semi-sharp or at the end of a semi-sharp edge, (n_vertices,) bool."""
-        _, place, sharpness, _ = self._ends
+        _, place, sharpness, _ = self.ends
         own = self._own[0]
         soft = (own > 0) & ~tables.is_infinite(own)
         soft[place[~tables.is_infinite(sharpness)]] = True
@@ -502,7 +452,7 @@ class Sharpness:
     def children(self, mesh: Mesh, lattice: Lattice) -> Self:
         """The sharpness of the refined mesh."""
         coarse = self.mesh
-        edge, _, _, after = self._ends
+        edge, _, _, after = self.ends
         # the halves of edge e are 2 e, at the tail of its first side, and 2 e + 1
         kept = np.full(2 * len(self.edge_sharpness), -1)
         number = (2 * edge.reshape(2, -1) + [[0], [1]]).ravel()
@@ -516,8 +466,8 @@ class Sharpness:
         sharp = np.flatnonzero(kept[half] >= 0)
         later, exact = self._later[0], None
         stay = np.flatnonzero(later > 0)
-        if self._halves[1] is not None and self._later[1] is not None:
-            exact = self._halves[1].take(ends), self._later[1].take(stay)
+        if self.halves[1] is not None and self._later[1] is not None:
+            exact = self.halves[1].take(ends), self._later[1].take(stay)
         return replace(
             self,
             mesh=mesh,
@@ -549,7 +499,7 @@ class Sharpness:
     def part(self, part: MeshPart) -> Self:
         """The sharpness of a part of the mesh."""
         inside, sides = _found(part.corners, self.sides)
-        edges, edge = _numbered(self.edge[inside], len(self.edge_sharpness))
+        edges, edge = numbered(self.edge[inside], len(self.edge_sharpness))
         here, vertex = _found(part.vertices, self.vertex)
         return replace(
             self,
@@ -588,7 +538,7 @@ class Sharpness:
         return sharpness
 
 
-def _numbered(values: Array, most: int) -> tuple[Array, Array]:
+def numbered(values: Array, most: int) -> tuple[Array, Array]:
     """The distinct ones of integers below `most`, ascending, and the place of each among them."""
     present = np.zeros(most, dtype=bool)
     present[values] = True

@@ -62,7 +62,8 @@ class LimitSurface:
     mesh : Mesh
         The cage; points of shape (n_vertices, ...), any number of channels.
     scheme : str or Scheme, optional
-        "catmull-clark" or a scheme of your own; the argument, else the mesh's, else this default.
+        "catmull-clark", "loop" or a scheme of your own; the argument, else the mesh's, else the
+        first of these.
     boundary : {"edge_and_corner", "edge_only", "none"}, optional
         Boundary vertices follow the boundary curve, those of a single face stay fixed (default);
         all follow the curve; or faces at a boundary have no limit.
@@ -107,7 +108,8 @@ class LimitSurface:
     it, up to the next infinitely sharp edge on either side, and on three eigenvalues: l1 and l2 of
     the tangent plane, l3 the next. After n halvings of the distance first derivatives are of the
     order of (2 l1)^n, second ones of (4 l1)^n, or of (4 l3)^n if l1 = 1/2, the curvature of
-    (l3 / l2^2)^n, and normals are (l3 / l2)^n from their limit, or 1 / n if these are equal:
+    (l3 / l2^2)^n, and normals are (l3 / l2)^n from their limit, or 1 / n if these are equal. In
+    Catmull-Clark's scheme that is:
 
     ====================  =====  =====  =====  =========  =========  =========  ==========
     vertex                l1     l2     l3     first      second     curvature  normal
@@ -143,7 +145,9 @@ class LimitSurface:
     is sharp; ``exact/creases.py`` tells which are. A crease of non-manifold edges can also carry a
     ring of faces that shares but the vertex with it, or faces that begin and end at one of its two
     edges: these behave as cones and corners do, without a normal. Whatever is semi-sharp becomes
-    one of all these in ceil(sharpness) refinements. Powers of n beside others are left out.
+    one of all these in ceil(sharpness) refinements. Powers of n beside others are left out. In any
+    scheme `eigenbasis` tells the same of each kind: ``ls.eigenbasis("loop", kind="crease",
+    faces=3)`` has these factors as ``growth``, and ``has_tangent_plane``.
 
     **NaN** is returned for NaN or infinite u or v, where face, u or v is masked (``numpy.ma``), on
     faces without a limit, and where a value does not exist; nowhere else.
@@ -158,7 +162,8 @@ class LimitSurface:
 
     **Numbers.** float64 points, u and v give float64. If any of them is an object array or a
     Fraction, ints and floats count as the rationals they are, and the result is exact. It is a
-    TypeError where the scheme's masks are irrational, as they can be in schemes of triangles.
+    TypeError where the scheme's masks are irrational, as they can be in schemes of triangles. To a
+    type checker, which cannot know that points are exact, answers at float u and v are float64.
 
     After Stam, "Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter
     values", SIGGRAPH 1998; sharpness after DeRose, Kass and Truong, SIGGRAPH 1998. A face is cut,

@@ -3,11 +3,13 @@
     python tests/bench/accuracy.py > accuracy.json
     python tests/bench/accuracy.py --table
 
-Around a vertex of each valence, in a cage of random points in [-1, 1]^3, surfaces are evaluated at
-random (u, v) whose distance from the vertex is 1 to 1/2 of a given power of two, and compared with
-``tests/oracles.py``: naive refinement in Fractions, then roots in 200 digits. Largest errors: of
-positions relative to the extent of the cage; of derivatives relative to the largest one of their
-order; of unit normals as lengths; of curvatures relative to the larger principal one.
+Around a vertex of each valence, in a cage of random points in [-1, 1]^3, surfaces of each scheme
+are evaluated at random (u, v) whose distance from the vertex is 1 to 1/2 of a given power of two
+(the larger of u and v, or in triangles their sum), and compared with ``tests/oracles.py`` and
+``tests/oracles_loop.py``: naive refinement in Fractions, then roots in 200 digits. Where Loop's
+weights are irrational, these and the points have 2000 binary digits after the point. Largest
+errors: of positions relative to the extent of the cage; of derivatives relative to the largest one
+of their order; of unit normals as lengths; of curvatures relative to the larger principal one.
 """
 
 from __future__ import annotations
@@ -15,9 +17,10 @@ from __future__ import annotations
 import json
 import random
 import sys
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 import mpmath
@@ -27,11 +30,47 @@ import limitsurf as ls
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import oracles
+import oracles_loop
 import zoo
+import zoo_triangles
+from oracles_creases import Cage
 
+BITS = 2000  # at 2^-300 from a vertex derivatives take some 900 of them, roots 660
 ORDERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]
 NAMES = ["position", "first derivative", "second derivative", "normal", "curvature"]
 mpmath.mp.dps = 200  # of nearly tangential derivatives more than 100 digits cancel
+
+
+class Kind(NamedTuple):
+    """What the surfaces of a scheme are compared with, and where they are evaluated."""
+
+    cage: Callable[[int], tuple[Any, list[list[int]]]]  # around vertex 0, of a valence
+    exact: Callable[[Any, list[list[int]]], Any]
+    faces: int  # of which one in so many has vertex 0, at its corner 0
+    place: Callable[[float, float], tuple[float, float]]  # from a distance and a share, both <= 1
+
+
+def of_triangles(valence: int) -> tuple[Any, list[list[int]]]:
+    """Random points around a vertex; the faces around it have limits whatever comes beyond."""
+    points, faces = zoo_triangles.disc(valence)
+    return zoo.random_points(len(points), valence), faces
+
+
+def by_loop(points: Any, faces: list[list[int]]) -> oracles_loop.LoopSurface:
+    """Loop's surface by naive refinement."""
+    exact = [tuple(map(Fraction, point)) for point in points.tolist()]
+    return oracles_loop.LoopSurface(Cage(exact, faces), bits=BITS)
+
+
+KINDS = {
+    "catmull-clark": Kind(
+        lambda valence: zoo.local_cage(valence, seed=valence),
+        oracles.ExactSurface,
+        4,
+        lambda far, near: (far, near),
+    ),
+    "loop": Kind(of_triangles, by_loop, 1, lambda far, near: (far * (1 - near), far * near)),
+}
 
 
 def roots(jet: dict[tuple[int, int], Any]) -> tuple[list[Any], list[Any]]:
@@ -49,15 +88,16 @@ def roots(jet: dict[tuple[int, int], Any]) -> tuple[list[Any], list[Any]]:
     return normal, [mean + spread, mean - spread]
 
 
-def largest_errors(valence: int, halvings: int, samples: int) -> dict[str, float]:
-    points, faces = zoo.local_cage(valence, seed=valence)
-    surface = ls.LimitSurface(ls.Mesh(points, faces))
-    exact = oracles.ExactSurface(points, faces)
+def largest_errors(scheme: str, valence: int, halvings: int, samples: int) -> dict[str, float]:
+    kind = KINDS[scheme]
+    points, faces = kind.cage(valence)
+    surface = ls.LimitSurface(ls.Mesh(points, faces), scheme=scheme)
+    exact = kind.exact(points, faces)
     rng = random.Random(halvings)
     worst = dict.fromkeys(NAMES, 0.0)
     for _ in range(samples):
-        face = 4 * rng.randrange(valence)
-        far, near = 0.5 + rng.random() / 2, rng.random()
+        face = kind.faces * rng.randrange(valence)
+        far, near = kind.place(0.5 + rng.random() / 2, rng.random())
         u, v = (far, near) if rng.random() < 0.5 else (near, far)
         u, v = u * 2.0**-halvings, v * 2.0**-halvings
         truth = {nu: exact.evaluate(face, Fraction(u), Fraction(v), nu=nu) for nu in ORDERS}
@@ -93,7 +133,8 @@ def largest_errors(valence: int, halvings: int, samples: int) -> dict[str, float
 def main(samples: int, table: bool) -> None:
     """Measure the library's errors at and far into extraordinary faces."""
     rows = [
-        {"valence": n, "distance": f"2^-{k}", **largest_errors(n, k, samples)}
+        {"scheme": name, "valence": n, "distance": f"2^-{k}", **largest_errors(name, n, k, samples)}
+        for name in KINDS
         for n in (3, 4, 5, 7, 12, 40)
         for k in (0, 10, 100, 300)
     ]
@@ -102,10 +143,11 @@ def main(samples: int, table: bool) -> None:
             json.dumps({"numpy": np.__version__, "samples": samples, "rows": rows}, indent=1)
         )
         return
-    click.echo(f"| valence | distance | {' | '.join(NAMES)} |\n|{'---|' * (2 + len(NAMES))}")
+    heads = ["scheme", "valence", "distance"]
+    click.echo(f"| {' | '.join([*heads, *NAMES])} |\n|{'---|' * (len(heads) + len(NAMES))}")
     for row in rows:
         errors = (f"{row[name]:.0e}" for name in NAMES)
-        click.echo(f"| {row['valence']} | {row['distance']} | {' | '.join(errors)} |")
+        click.echo(f"| {' | '.join([*(str(row[name]) for name in heads), *errors])} |")
 
 
 if __name__ == "__main__":

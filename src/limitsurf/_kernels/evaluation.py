@@ -29,7 +29,7 @@ from limitsurf._kernels.jit import (
     inlined,
     lean,
     of_bits,
-    part,
+    outlined,
     prefetch,
     scaling,
 )
@@ -325,7 +325,7 @@ def evaluator(shape: Any) -> Any:
             else:
                 prefetch(points.extras, (number - inner) * 2 * width)
 
-    @part
+    @outlined
     def _simple(
         simple: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
         which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,
@@ -353,7 +353,7 @@ def evaluator(shape: Any) -> Any:
                     out[j, query, c] = found[LANES * which[j] + c]
         return left
 
-    @part
+    @outlined
     def _splines(
         splines: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
         which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,
@@ -423,7 +423,7 @@ def evaluator(shape: Any) -> Any:
                 write(order, found, which, turn, piece, 1.0, 0, step, out, query, channel)
         return left
 
-    @part
+    @outlined
     def _special(
         special: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
         which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,

@@ -118,7 +118,7 @@ def _sources() -> str:
     return sha256(b"".join([*parts, repr(versions).encode()])).hexdigest()[:16]
 
 
-def part(function: F) -> F:
+def outlined(function: F) -> F:
     """Compile apart from the kernels that call it: in large loops, registers are scarce."""
     return cast(F, numba.njit(**_LEAN)(function))
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from limitsurf import memory, numbers
+from limitsurf.numbers import Numbers
 from limitsurf.patches import STRIP, PatchTable
 from limitsurf.pieces import bernstein, cover
 from limitsurf.pieces.bernstein import Bernstein
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
+# does a work for each slice of so many jobs, and gives what comes of it in order
+Divided: TypeAlias = Callable[[int, Callable[[slice], Any]], Iterator[Any]]
 
 # patches and numbers that are handled at once: what stays in cache; in memory for rows of weights
 _PATCHES, _CHUNK, _PORTION = 512, 1 << 18, 1 << 24
@@ -101,7 +104,8 @@ class BezierPatches:
     exponents : (16, 2) or (15, 2) int64
         i and j of the coefficients of a patch, in their order.
     weights : csr_array, ExactOperator or None
-        If asked for, the same as rows over the cage, (n * len(exponents), n_vertices), which give
+        If asked for, the same as rows over the cage, (n * len(exponents), n_vertices), or over the
+        values of a channel, which give
         the coefficients of the first patch, then of the next, in the order of `exponents`: of
         quads row ``16 k + 4 i + j`` gives ``points[k, i, j]``, of triangles row ``15 k + m`` gives
         ``points[k, m]``. Each sums to one.
@@ -132,7 +136,7 @@ class BezierPatches:
         """The degree d of the polynomials: in each direction of rectangles, in all of triangles."""
         return int(self.exponents.max())
 
-    def evaluate(self, s: ArrayLike, t: ArrayLike) -> Array:
+    def evaluate(self, s: Numbers, t: Numbers) -> Array:
         """Points of every patch at the same places (s, t) in them.
 
         Parameters
@@ -179,6 +183,7 @@ def cut(
     faces: Array,
     rings: Array,
     weights: bool,
+    divided: Divided,
 ) -> BezierPatches:
     """Cells of limit faces.
 
@@ -194,6 +199,8 @@ def cut(
         Rings around special corners, less one for each halving from the limit face to the patch.
     weights : bool
         Whether rows of weights are wanted.
+    divided : callable
+        Divides jobs among threads; what they are does not depend on it.
     """
     number = numbers.type_of(points)
     flat = points.reshape(len(points), -1)
@@ -214,9 +221,16 @@ def cut(
         owners = np.broadcast_to(covered.owner[g.members, None], cells.shape)
         for array, values in ((owner, owners), (origin, places[0]), (size, places[1])):
             _write(array, cells, values)
-        for part in _parts(g, _CHUNK // (form.size * max(flat.shape[1], 1)), _PATCHES):
+    width = form.size * max(flat.shape[1], 1)
+    jobs = [(g, part) for g in groups for part in _parts(g, _CHUNK // width, _PATCHES)]
+
+    def work(some: slice) -> None:
+        for g, part in jobs[some]:
             values = _turned(form, source.coefficients(g, part), g.turn[part])
-            _write(found, cells[part], values)
+            _write(found, g.cells[part], values)
+
+    for _ in divided(len(jobs), work):
+        pass
     found = found.reshape(n, *form.shape, *points.shape[1:])
     rows = _rows(local, groups, n) if weights else None
     rest = _rest(patches, source, covered, groups, faces, points.shape[1:])

@@ -19,7 +19,7 @@ from limitsurf.channels import ChannelMesh
 from limitsurf.refine.limits import limit_normals, limit_points, normal_weights, ring_weights
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
 from limitsurf.refine.stages import channel_groups, refined_values, refinement_stages
-from limitsurf.rules import Rules, Sharpness
+from limitsurf.rules import RuledMesh, Rules, Sharpness
 from limitsurf.topology import (
     MeshPart,
     all_regular,
@@ -41,7 +41,7 @@ Array = NDArray[Any]
 Floats: TypeAlias = NDArray[np.float64]
 
 
-class RefinedMesh(Mesh):
+class RefinedMesh(RuledMesh):
     """A refined mesh that remembers where it came from.
 
     Attributes
@@ -59,22 +59,19 @@ class RefinedMesh(Mesh):
     ([0, 0.5, 0.5], [4.0])
     """
 
-    _rules: Rules
-    _sharpness: Sharpness
-    _channel_meshes: dict[str, ChannelMesh]
     _lineage: tuple[Mesh, ...]  # from the cage to this mesh, without points
-    _rounded: bool  # whether the points come from refinement, and not from outside
+    rounded: bool  # whether the points come from refinement, and not from outside
 
     @cached_property
     def _parents(self) -> tuple[IntArray, Floats, Floats]:
         """Parent face and parameters, taken in a vertex's first face, one with a limit if any."""
-        lattice = self._rules.scheme.lattice
+        lattice = self.rules.scheme.lattice
         limit_face, uv = _cage_parameters(self._lineage[0], lattice)
         for mesh in self._lineage[:-1]:
             limit_face, uv = _child_parameters(mesh, limit_face, uv, lattice)
         face = np.full(self.n_vertices, -1)
         u, v = np.full((2, self.n_vertices), np.nan)
-        without = self._rules.without_limit(self)[self.corner_face]
+        without = self.rules.without_limit(self)[self.corner_face]
         # the last to be written stays
         for corners in (np.flatnonzero(without)[::-1], np.flatnonzero(~without)[::-1]):
             vertex = self.indices[corners]
@@ -108,12 +105,12 @@ class RefinedMesh(Mesh):
         Exact rationals if the points are. NaN at vertices without a limit: unused ones, and those
         on untagged boundaries under boundary="none".
         """
-        lattice = self._rules.scheme.lattice
+        lattice = self.rules.scheme.lattice
         if not all_regular(self, lattice):
-            finer = refined(self, **vars(self._rules))
+            finer = refined(self, **vars(self.rules))
             return np.asarray(finer.limit_points[: self.n_vertices])
         points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
-        rules = self._rules
+        rules = self.rules
         sharpness = Sharpness.of(self, rules, numbers.type_of(points))
         if sharpness.number.exact or not self.connectivity.large:
             result = limit_points(sharpness, rules, points, self.vertex_faces > 0)
@@ -158,16 +155,16 @@ class RefinedMesh(Mesh):
                 "limit normals need points of shape (n, 3) in numbers that have square roots, "
                 f"float64: got {self.points.dtype} {self.points.shape}"
             )
-        lattice = self._rules.scheme.lattice
+        lattice = self.rules.scheme.lattice
         if not all_regular(self, lattice):
-            finer = refined(self, **vars(self._rules))
+            finer = refined(self, **vars(self.rules))
             return np.asarray(
                 finer.limit_normals[child_halves(self.connectivity, None, lattice)[0]]
             )
-        rules, sharpness = self._rules, Sharpness.of(self, self._rules, numbers.FLOAT64)
+        rules, sharpness = self.rules, Sharpness.of(self, self.rules, numbers.FLOAT64)
         points = np.ldexp(self.points, kernels.balance(self.points))
         # what refinement rounded; a cage is exact
-        errors = np.abs(points).max(axis=1) * self._rounded
+        errors = np.abs(points).max(axis=1) * self.rounded
         if not self.connectivity.large:
             result = limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
         else:
@@ -196,7 +193,7 @@ class RefinedMesh(Mesh):
         mesh = super().with_points(points)
         for name in ("limit_points", "limit_normals"):
             vars(mesh).pop(name, None)
-        vars(mesh)["_rounded"] = False
+        vars(mesh)["rounded"] = False
         return mesh
 
 
@@ -338,11 +335,11 @@ def refined(
     }
     vars(fine).update(read_only(tags))
     vars(fine).update(
-        _rules=rules,
-        _sharpness=sharpness,
-        _channel_meshes=channels,
+        rules=rules,
+        origin=(sharpness, False),
+        channel_meshes=channels,
         _lineage=(*lineage, without_points(coarse)),
-        _rounded=levels > 0 or getattr(mesh, "_rounded", False),
+        rounded=levels > 0 or (isinstance(mesh, RefinedMesh) and mesh.rounded),
     )
     return (fine, total) if operator else fine
 

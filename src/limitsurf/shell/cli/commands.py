@@ -28,6 +28,7 @@ from limitsurf.shell.cli.program import (
     strict_option,
     time_option,
     to_option,
+    workers_option,
     write_mesh,
 )
 
@@ -78,9 +79,9 @@ def info(cage: Cage, as_json: bool) -> None:
     often which number of corners, or of faces at a vertex, occurs); creases, corners (number,
     infinite, least, most); holes; channels (of each name values, numbers, interpolation); scheme,
     units (metres), up (as the cage says, else null); schemes (of each mesh in a USD file, if they
-    differ, else null); rules (of each value, by_default); limit_faces; patches (how many limit
-    faces are covered how); special_corners (kind, faces, patches); no_surface (why there is none,
-    else null).
+    differ, else null); rules (of each that the scheme has value, by_default); limit_faces; patches
+    (how many limit faces are covered how); special_corners (kind, faces, patches); no_surface (why
+    there is none, else null).
     """
     from limitsurf.shell.cli import facts
     from limitsurf.shell.io.parts import MIXED
@@ -127,13 +128,7 @@ def info(cage: Cage, as_json: bool) -> None:
     metavar="FILE",
     help=".csv, .npz, .npy, .parquet or .zarr; CSV to the standard output without.",
 )
-@click.option(
-    "--workers",
-    type=click.IntRange(-1),
-    default=-1,
-    metavar="N",
-    help="Threads; by default one for each processor.",
-)
+@workers_option
 @click.option(
     "--scheduler", metavar="ADDRESS", help="Evaluate on the Dask cluster of this scheduler."
 )
@@ -247,6 +242,7 @@ def evaluate(
     multiple=True,
     help="A face-varying channel as well; all that the format has a place for are included anyway.",
 )
+@workers_option
 @json_option
 def tessellate(
     *,
@@ -256,6 +252,7 @@ def tessellate(
     to: str | None,
     normals: bool | None,
     channels: tuple[str, ...],
+    workers: int,
     as_json: bool,
 ) -> None:
     """Write the surface as polygons, N x N per limit face, welded.
@@ -280,7 +277,7 @@ def tessellate(
     surface = cage.surface(channels)
     channels = _with_others(surface, channels, suffix)
     with terminal.working("tessellating"):
-        made = ls.tessellate(surface, n, normals=normals, channels=channels, workers=-1)
+        made = ls.tessellate(surface, n, normals=normals, channels=channels, workers=workers)
     write_mesh(
         output,
         to,
@@ -360,9 +357,19 @@ def refine(
 @click.option(
     "--levels", type=click.IntRange(1, 99), default=4, show_default=True, help="Refinements."
 )
+@click.option("--channel", metavar="NAME", help="A channel, such as uv, instead of the points.")
+@workers_option
 @json_option
 @click.pass_context
-def validate(context: click.Context, cage: Cage, levels: int, as_json: bool) -> None:
+def validate(
+    context: click.Context,
+    *,
+    cage: Cage,
+    levels: int,
+    channel: str | None,
+    workers: int,
+    as_json: bool,
+) -> None:
     """Compare the surface with recursive refinement.
 
     \b
@@ -375,10 +382,10 @@ def validate(context: click.Context, cage: Cage, levels: int, as_json: bool) -> 
 
     Keys of --json: cage, agrees, levels (a list of objects: level, error, order, limit_error).
     """
-    surface = cage.surface()
+    surface = cage.surface(() if channel is None else (channel,))
     with terminal.working("refining"):
-        table = ls.validate(surface, levels)
-    right = ls.agrees(surface, table)
+        table = ls.validate(surface, levels, channel=channel, workers=workers)
+    right = ls.agrees(surface, table, channel=channel)
     if as_json:
         rows = terminal.validation_rows(table)
         terminal.say_json({"cage": cage.path, "agrees": right, "levels": rows})
@@ -492,8 +499,13 @@ def basis(
     help="A .png to write, or an .html to turn in a browser; without, a window opens.",
 )
 @click.option(
-    "--quads", type=click.IntRange(1, MANY), metavar="N", help="N x N drawn per limit face."
+    "-n",
+    "n",
+    type=click.IntRange(1, MANY),
+    metavar="N",
+    help="N x N polygons drawn per limit face.",
 )
+@click.option("--quads", type=click.IntRange(1, MANY), hidden=True, help="Another name of -n.")
 @click.option("--cage/--no-cage", "wires", default=None, help="Draw the cage.")
 @click.option("--curves/--no-curves", default=None, help="Draw the edges of the limit faces.")
 @click.option("--poles/--no-poles", default=None, help="Mark extraordinary points.")
@@ -534,11 +546,13 @@ def basis(
     metavar="W H",
     help="In pixels.",
 )
+@workers_option
 @json_option
 def plot(
     *,
     cage: Cage,
     output: str | None,
+    n: int | None,
     quads: int | None,
     wires: bool | None,
     channel: str | None,
@@ -564,7 +578,9 @@ def plot(
     faces = len(surface.limit_faces)
     given = {name: value for name, value in options.items() if value is not None}
     with terminal.working("drawing"):
-        ls.plot(surface, output, n=quads, cage=wires, channel=channel, window_size=size, **given)
+        ls.plot(
+            surface, output, n=n or quads, cage=wires, channel=channel, window_size=size, **given
+        )
     report(output, as_json, width=size[0], height=size[1], limit_faces=faces)
 
 

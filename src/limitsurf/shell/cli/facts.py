@@ -65,12 +65,15 @@ def cage_facts(
             raise
         facts["no_surface"] = terminal.sentence(error)
         return facts
+    in_force = {**surface.rules, "scheme": surface.rules["scheme"].name}
+    if surface.rules["scheme"].smooth_triangle is None:
+        del in_force["triangles"]  # a choice between two masks, of which the scheme has one
     facts["rules"] = {
         name: {
-            "value": surface.rules[name] if name != "scheme" else surface.rules["scheme"].name,
+            "value": value,
             "by_default": getattr(mesh, name) is None and rules.get(name) is None,
         }
-        for name in surface.rules
+        for name, value in in_force.items()
     }
     facts["limit_faces"] = len(surface.limit_faces)
     facts["patches"] = dict(surface.patches.summary())

@@ -208,6 +208,13 @@ output_option = click.option(
     metavar="FILE",
     help="What to write, in the format of its suffix; - is the standard output, the default.",
 )
+workers_option = click.option(
+    "--workers",
+    type=click.IntRange(-1),
+    default=-1,
+    metavar="N",
+    help="Threads; by default one for each processor.",
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Say it as one JSON object.")
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from limitsurf import memory
 from limitsurf.cage.checks import checked_integer
+from limitsurf.engine.protocol import threads
 from limitsurf.query import POLYGON, validate
 from limitsurf.scheme.net import Net
 from limitsurf.shell.files import Path
@@ -71,6 +72,7 @@ def plot(
     view: str | Sequence[float] | None = None,
     window_size: tuple[int, int] = (1600, 1200),
     off_screen: bool | None = None,
+    workers: int = 1,
 ) -> Picture:
     """Draw a limit surface: its cage, creases, extraordinary points, curvature or any scalar.
 
@@ -130,6 +132,8 @@ def plot(
         Whether to draw without a window. By default that is so if there is a ``file``, and in a
         notebook, which shows the picture itself; otherwise a window opens, and the call returns
         when it is closed.
+    workers : int
+        Threads that evaluate the surface, as for `LimitSurface.evaluate`.
 
     Returns
     -------
@@ -197,6 +201,7 @@ def plot(
     wishes = Wishes(
         *(n, cage, curves, poles, normals, isolines, scalars, limits, cmap, label, with_bar),
         *(channel, body, up, view),
+        workers=threads(workers),
     )
     drawing = pictures.SceneDrawing(partial(build, surface, wishes), (width, height), with_bar)
     return pictures.finished(drawing, (width, height), file, off_screen)
@@ -387,8 +392,10 @@ def plot_convergence(
     file: Path | None = None,
     *,
     levels: int = 4,
+    channel: str | None = None,
     window_size: tuple[int, int] = (1600, 1200),
     off_screen: bool | None = None,
+    workers: int = 1,
 ) -> Picture:
     """Draw how recursive refinement approaches the surface, beside what theory says it does.
 
@@ -406,6 +413,8 @@ def plot_convergence(
         A ``.png``, ``.svg`` or ``.pdf`` file to write.
     levels : int
         How many levels to refine, at least 1; memory and time grow by four with each.
+    channel, workers
+        As for `validate`.
     window_size : (int, int)
         Width and height in pixels.
     off_screen : bool, optional
@@ -438,10 +447,11 @@ def plot_convergence(
     if not named:
         raise ValueError("plot_convergence needs at least one surface, got none")
     errors, orders = {}, {}
-    for name, surface in named.items():
+    for name, of_points in named.items():
+        surface = of_points.of_channel(channel)
         used = surface.mesh.points[np.unique(surface.mesh.indices)].astype(np.float64)
         extent = np.ptp(used.reshape(len(used), -1), axis=0).max() or 1.0
-        errors[str(name)] = validate(surface, levels)["error"] / extent
+        errors[str(name)] = validate(surface, levels, workers=workers)["error"] / extent
         orders[str(name)] = predicted_order(surface)
     draw = partial(charts.draw_convergence, errors=errors, orders=orders)
     return _chart(draw, window_size, file, off_screen)

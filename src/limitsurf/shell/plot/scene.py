@@ -11,6 +11,7 @@ import math
 import reprlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -156,6 +157,7 @@ class Wishes:
     up: str = "z"
     view: str | Sequence[float] | None = None
     ground: tuple[str, str] | None = None
+    workers: int = 1
 
 
 def build(surface: LimitSurface, wishes: Wishes, aspect: float, polygons: int) -> Scene:
@@ -166,8 +168,9 @@ def build(surface: LimitSurface, wishes: Wishes, aspect: float, polygons: int) -
     faces = len(drawn.limit_faces)
     net = Net(drawn.patches.lattice, _steps(faces, wishes, polygons))
     query = (np.arange(faces)[:, None], *net.places)
-    points = drawn.evaluate(*query).reshape(-1, 3)
-    normals = filled(drawn.normal, query, net.lattice).reshape(-1, 3)
+    normal = partial(drawn.normal, workers=wishes.workers)
+    points = drawn.evaluate(*query, workers=wishes.workers).reshape(-1, 3)
+    normals = filled(normal, query, net.lattice).reshape(-1, 3)
     normals[np.isnan(normals).any(axis=-1)] = (0.0, 0.0, 1.0)
     width = len(net.places[0])
     cells = (width * np.arange(faces)[:, None, None] + net.cells).reshape(-1, net.cells.shape[1])
@@ -221,13 +224,13 @@ def _lines(drawn: LimitSurface, wishes: Wishes, net: Net) -> list[Lines]:
     dark = (0.42 * red, 0.42 * green, 0.42 * blue) if wishes.scalars is None else (0.15, 0.17, 0.2)
     if wishes.isolines:
         between = np.arange(1, wishes.isolines + 1) / (wishes.isolines + 1)
-        lines.append(_isolines(drawn, between, net, dark, 0.6))
+        lines.append(_isolines(drawn, between, net, dark, 0.6, wishes.workers))
     if wishes.curves or (wishes.curves is None and (plain or wishes.isolines)):
         width = 1.4 if wishes.isolines else 0.9
         rims = np.array([0.0] if net.lattice.sloped else [0.0, 1.0])
-        lines.append(_isolines(drawn, rims, net, dark, width))
+        lines.append(_isolines(drawn, rims, net, dark, width, wishes.workers))
     if wishes.normals:
-        lines.append(_needles(drawn))
+        lines.append(_needles(drawn, wishes.workers))
     if wishes.cage or (wishes.cage is None and plain):
         mesh = drawn.mesh
         lines.append(Lines(mesh.points[mesh.edges], INK, 1.0))
@@ -235,14 +238,14 @@ def _lines(drawn: LimitSurface, wishes: Wishes, net: Net) -> list[Lines]:
     return lines
 
 
-def _needles(drawn: LimitSurface) -> Lines:
+def _needles(drawn: LimitSurface, workers: int) -> Lines:
     """Normals at some places of each limit face."""
     faces = len(drawn.limit_faces)
     every = int(np.clip(math.sqrt(NEEDLES / faces), 1, 6))
     net = Net(drawn.patches.lattice, every)
     places = (np.arange(faces)[:, None], *(x[net.cells].mean(axis=1) for x in net.places))
-    foot, length = drawn.evaluate(*places), 0.6 / every / math.sqrt(faces)
-    tip = foot + np.clip(length, 0.01, 0.1) * drawn.normal(*places)
+    foot, length = drawn.evaluate(*places, workers=workers), 0.6 / every / math.sqrt(faces)
+    tip = foot + np.clip(length, 0.01, 0.1) * drawn.normal(*places, workers=workers)
     return Lines(np.stack([foot, tip], axis=-2).reshape(-1, 2, 3), NORMAL, 1.6)
 
 
@@ -289,16 +292,19 @@ def _curves(where: Array, net: Net) -> list[tuple[Array, Array]]:
     return [(where, along), (along, where), (along, end - along)]
 
 
-def _isolines(surface: LimitSurface, where: Array, net: Net, color: RGB, width: float) -> Lines:
+def _isolines(
+    surface: LimitSurface, where: Array, net: Net, color: RGB, width: float, workers: int
+) -> Lines:
     """The `_curves` on all limit faces, between exact points."""
     face = np.arange(len(surface.limit_faces))[:, None, None]
     ends: list[Array] = []
     normals: list[Array] = []
+    normal = partial(surface.normal, workers=workers)
     for place in _curves(where, net):
         query = (face, *place)  # (faces, w, n + 1)
         for found, to in (
-            (surface.evaluate(*query), ends),
-            (filled(surface.normal, query, net.lattice), normals),
+            (surface.evaluate(*query, workers=workers), ends),
+            (filled(normal, query, net.lattice), normals),
         ):
             to.append(np.stack([found[:, :, :-1], found[:, :, 1:]], axis=-2).reshape(-1, 2, 3))
     return Lines(np.concatenate(ends), color, width, np.nan_to_num(np.concatenate(normals)))
@@ -390,11 +396,11 @@ def _field(surface: LimitSurface, wishes: Wishes, query: Query, areas: Array) ->
     floor, name = 0.0, "value"
     if isinstance(scalars, str):
         name = CURVATURES[scalars][0]
-        values, floor = _curvature(surface, scalars, query)
+        values, floor = _curvature(surface, scalars, query, wishes.workers)
     elif callable(scalars):
         values = _of_function(scalars, query)
     else:
-        values = _of_vertices(surface, scalars, query)
+        values = _of_vertices(surface, scalars, query, wishes.workers)
     values = np.where(np.isfinite(values), values, np.nan).ravel()
     there = np.flatnonzero((areas > 0) & ~np.isnan(values))
     if not len(there):
@@ -423,14 +429,14 @@ def _field(surface: LimitSurface, wishes: Wishes, query: Query, areas: Array) ->
     )
 
 
-def _curvature(surface: LimitSurface, kind: str, query: Query) -> tuple[Array, float]:
+def _curvature(surface: LimitSurface, kind: str, query: Query, workers: int) -> tuple[Array, float]:
     """One of the `CURVATURES` at the places of a query, and how much of it counts as none."""
     power = CURVATURES[kind][1]
     places, extent = unit_points(surface.mesh)
     unit = surface.with_points(places)
 
     def curvature(*at: Any) -> Array:
-        found: Array = getattr(unit.curvature(*at), kind)
+        found: Array = getattr(unit.curvature(*at, workers=workers), kind)
         # At a vertex of valence 3 it tends to 0, but so late that nothing near is like it.
         corner = np.isin(at[1], (0, 1)) & np.isin(at[2], (0, 1))
         return np.where(corner & (found == 0), np.nan, found)
@@ -456,7 +462,7 @@ def _of_function(function: Callable[..., ArrayLike], query: Query) -> Array:
     return values
 
 
-def _of_vertices(surface: LimitSurface, scalars: Any, query: Query) -> Array:
+def _of_vertices(surface: LimitSurface, scalars: Any, query: Query, workers: int) -> Array:
     """Values of the cage's vertices, (n_vertices,), at the places of a query."""
     control = real_numbers(scalars, "scalars")
     if control.shape != (surface.mesh.n_vertices,):
@@ -464,7 +470,7 @@ def _of_vertices(surface: LimitSurface, scalars: Any, query: Query) -> Array:
             f"scalars of the cage's vertices have shape ({surface.mesh.n_vertices},), "
             f"got {control.shape}"
         )
-    values: Array = surface.with_points(control).evaluate(*query)
+    values: Array = surface.with_points(control).evaluate(*query, workers=workers)
     return values
 
 
