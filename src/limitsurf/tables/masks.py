@@ -18,23 +18,32 @@ from limitsurf.tables.records import Array, RingMasks, StripTables
 
 def strip_tables(scheme: Scheme, sharpness: Array, number: NumberType) -> StripTables:
     """Pieces of the splines across creases of the given sharpnesses, each in (0, INFINITE)."""
-    from limitsurf.exact.creases import strip_pieces
-
     depth = np.array([-(-s // 1) for s in sharpness], dtype=np.int64)
     share = sharpness - (depth - 1)
     share = number.array([Fraction(s) for s in share.tolist()])
     first = np.cumsum(depth + 1) - depth - 1
     pieces = np.zeros((int((depth + 1).sum()), 4, 4), dtype=number.dtype)
     for level in np.unique(depth).tolist():
-        smooth, sharp = (
-            number.array([x for p in strip_pieces(scheme, level, w) for row in p for x in row])
-            for w in (Fraction(0), Fraction(1))
-        )
+        smooth, sharp = _strip_ends(scheme, level, number)
         here = np.flatnonzero(depth == level)
         found = smooth + share[here, None] * (sharp - smooth)
         place = first[here, None] + np.arange(level + 1)
         pieces[place] = found.reshape(len(here), level + 1, 4, 4)
     return StripTables(first, depth, pieces)
+
+
+@lru_cache(maxsize=64)
+def _strip_ends(scheme: Scheme, depth: int, number: NumberType) -> tuple[Array, Array]:
+    """The pieces at shares 0 and 1 of the last step, (16 (depth + 1),) each, read-only."""
+    from limitsurf.exact.creases import strip_pieces
+
+    ends = []
+    for share in (Fraction(0), Fraction(1)):
+        pieces = strip_pieces(scheme, depth, share)
+        end = number.array([x for piece in pieces for row in piece for x in row])
+        end.flags.writeable = False
+        ends.append(end)
+    return ends[0], ends[1]
 
 
 def strips_of(scheme: Scheme, sharpness: Array, number: NumberType) -> tuple[StripTables, Array]:
