@@ -16,8 +16,7 @@ from limitsurf.engine.protocol import Request, threads
 from limitsurf.pieces.cells import BezierPatches as BezierPatches
 from limitsurf.pieces.cells import BezierRest as BezierRest
 from limitsurf.pieces.cells import cut
-from limitsurf.refine import sparse_operator
-from limitsurf.refine.operators import entries
+from limitsurf.refine import over_values
 from limitsurf.surface import LimitSurface
 
 _DEPTH = 8
@@ -126,13 +125,8 @@ def bezier_patches(
     made = cut(patches, topology.rules.scheme, points, faces, rings, weights, divided)
     if channel is None or made.weights is None:
         return made
-    # a value as it was given is one column, at however many vertices it is
-    values, corner_rows, _ = surface.mesh.channels[channel]
-    column = np.empty(found.mesh.n_vertices, dtype=np.int64)
-    column[found.mesh.indices] = corner_rows
-    rows, columns, entry = entries(made.weights)
-    shape = made.weights.shape[0], len(values)
-    return replace(made, weights=sparse_operator(rows, column[columns], entry, shape))
+    rows = over_values(made.weights, found.mesh, surface.mesh.channels[channel])
+    return replace(made, weights=rows)
 
 
 def _faces(surface: LimitSurface, face: ArrayLike | None) -> np.ndarray[Any, Any]:

@@ -212,7 +212,7 @@ def refinement_gap(
     fine = LimitSurface(refined(surface.mesh, **surface.rules))
     options: Any = {"channel": channel, "workers": workers}
     in_space = surface.of_channel(channel).points.shape[1:] == (3,)
-    largest = np.zeros(2)
+    largest = np.zeros(1 + in_space)
     for start in range(0, len(face), _PORTION):
         part = slice(start, start + _PORTION)
         f, x, y = face[part], u[part], v[part]
@@ -222,10 +222,8 @@ def refinement_gap(
             pairs.append((surface.normal(f, x, y, **options), fine.normal(*there, **options)))
         gaps = [np.where(np.isnan(a) & np.isnan(b), 0, np.abs(a - b)) for a, b in pairs]
         # (a NaN stays)
-        largest[: len(gaps)] = np.maximum(
-            largest[: len(gaps)], [gap.max(initial=0) for gap in gaps]
-        )
-    return float(largest[0]), float(largest[1])
+        largest = np.maximum(largest, [gap.max(initial=0) for gap in gaps])
+    return float(largest[0]), float(largest[1]) if in_space else 0.0
 
 
 def _distance(

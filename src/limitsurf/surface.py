@@ -17,7 +17,7 @@ from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.topology import Topology
 from limitsurf.numbers import Exact, Numbers, Plain
 from limitsurf.patches import PatchTable
-from limitsurf.refine import ExactOperator, refined, sparse_operator
+from limitsurf.refine import ExactOperator, over_values, refined
 from limitsurf.rules import Rules
 from limitsurf.topology import LimitFaces
 
@@ -667,21 +667,9 @@ class LimitSurface:
         surface = self.of_channel(channel)
         request = Request.of(face, u, v, surface._exact, workers)
         found = surface._answers.engine(request, [nu], True).weights(request, nu)
-        return found if channel is None else self._over_values(found, channel)
-
-    def _over_values(self, operator: Any, channel: str) -> Any:
-        """An operator over the values of a channel as they were given, not once for each vertex."""
-        values, corner_rows, _ = self.mesh.channels[channel]
-        own = self.of_channel(channel).mesh
-        row = np.empty(own.n_vertices, dtype=np.int64)
-        row[own.indices] = corner_rows
-        exact = isinstance(operator, ExactOperator)
-        columns = operator.columns if exact else operator.indices
-        rows = np.repeat(np.arange(operator.shape[0]), np.diff(operator.indptr))
-        shape = operator.shape[0], len(values)
-        return sparse_operator(
-            rows, row[columns], operator.values if exact else operator.data, shape
-        )
+        if channel is None:
+            return found
+        return over_values(found, self.of_channel(channel).mesh, self.mesh.channels[channel])
 
     def _inexact(
         self, face: ArrayLike, u: Numbers, v: Numbers, workers: int, what: str
@@ -720,8 +708,8 @@ def precompile() -> None:
     """
     _kernels.always()
     points = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
-    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    surface = LimitSurface(refined(Mesh(points, quads, creases={(0, 1): 1.5}), operator=True)[0])
+    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    surface = LimitSurface(refined(Mesh(points, faces, creases={(0, 1): 1.5}), operator=True)[0])
     face, u = np.arange(len(surface.limit_faces)), np.linspace(0, 1, 5)
     for places in (0.5, u):
         surface.jet(face[:, None], places, places)

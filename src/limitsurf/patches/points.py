@@ -28,7 +28,7 @@ def rows_of(operator: Any, numbers: Array, n: int | None = None) -> Rows:
     return counts, numbers[columns[:end]], values[:end]
 
 
-def chosen(rows: Rows, which: Array) -> Rows:
+def some_rows(rows: Rows, which: Array) -> Rows:
     """Some of the rows, by a bool for each."""
     if which.all():
         return rows
@@ -41,15 +41,15 @@ def without_unused(combined: Sequence[Rows], needed: Array) -> tuple[list[Any], 
     """Operators of those rows that are needed, over control points that are numbered anew.
 
     `needed` (n_points,) bool tells which points are, of those of the cage and then of the rows;
-    what needed rows combine is added. Also returned are the new numbers, as by `numbered`.
+    what needed rows combine is added. Also returned are the new numbers, as by `new_numbers`.
     """
     kept, end = [], len(needed)
     for rows in combined[::-1]:
         start = end - len(rows[0])
-        kept.append(chosen(rows, needed[start:end]))
+        kept.append(some_rows(rows, needed[start:end]))
         needed[kept[-1][1]] = True
         end = start
-    number, operators = numbered(needed), []
+    number, operators = new_numbers(needed), []
     for counts, columns, values in kept[::-1]:
         if len(counts):
             operators.append(operator_of((counts, number[columns], values), end))
@@ -57,7 +57,7 @@ def without_unused(combined: Sequence[Rows], needed: Array) -> tuple[list[Any], 
     return operators, number
 
 
-def numbered(needed: Array) -> Array:
+def new_numbers(needed: Array) -> Array:
     """The numbers of control points among those that are needed, -1 for the others; int32."""
     number = np.cumsum(needed, dtype=np.int32) - np.int32(1)
     number[~needed] = -1

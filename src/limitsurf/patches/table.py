@@ -29,10 +29,10 @@ from limitsurf.patches import neighbourhood
 from limitsurf.patches.level import Level
 from limitsurf.patches.points import (
     Rows,
-    chosen,
     converted,
-    numbered,
+    new_numbers,
     operator_of,
+    some_rows,
     without_unused,
 )
 from limitsurf.rules import Rules, Sectors
@@ -347,7 +347,7 @@ class PatchTable:
         if not self._splits:
             return made
         needed = np.unpackbits(self._needed).astype(bool)
-        place = numbered(needed)
+        place = new_numbers(needed)
         level = Level.first(cage, rules, number)
         for smooth, patches, n_points, n_codes in self._splits:
             # what is left by smooth patches, and by all patches of the level
@@ -356,7 +356,7 @@ class PatchTable:
             rows, level = level.refined(rules, n_points, n_codes)
             for each in rows:
                 new = slice(n_points, n_points + len(each[0]))
-                counts, columns, values = chosen(each, needed[new])
+                counts, columns, values = some_rows(each, needed[new])
                 columns = place[columns]
                 if (columns < 0).any():
                     return None

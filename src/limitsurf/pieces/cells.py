@@ -105,10 +105,9 @@ class BezierPatches:
         i and j of the coefficients of a patch, in their order.
     weights : csr_array, ExactOperator or None
         If asked for, the same as rows over the cage, (n * len(exponents), n_vertices), or over the
-        values of a channel, which give
-        the coefficients of the first patch, then of the next, in the order of `exponents`: of
-        quads row ``16 k + 4 i + j`` gives ``points[k, i, j]``, of triangles row ``15 k + m`` gives
-        ``points[k, m]``. Each sums to one.
+        values of a channel. They give the coefficients of the first patch, then of the next, in the
+        order of `exponents`: of quads row ``16 k + 4 i + j`` gives ``points[k, i, j]``, of
+        triangles row ``15 k + m`` gives ``points[k, m]``. Each sums to one.
     rest : BezierRest
         What remains of these limit faces at special corners, with bounds.
 

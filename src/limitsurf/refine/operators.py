@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import numbers
 from limitsurf.caching import cached_property
+from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
 
 if TYPE_CHECKING:
@@ -201,6 +202,19 @@ def eliminated(total: Any, operator: Any) -> Any:
     result = total[:, :n] + total[:, n:] @ operator
     result.sort_indices()
     return result
+
+
+def over_values(operator: Any, mesh: Mesh, channel: tuple[Array, Array, Any]) -> Any:
+    """An operator over the values of a channel as they were given, not once for each vertex.
+
+    Its columns are the vertices of the `mesh` of the channel, which is (values, which of them each
+    corner has, how it is interpolated).
+    """
+    values, corner_rows, _ = channel
+    column = np.empty(mesh.n_vertices, dtype=np.int64)
+    column[mesh.indices] = corner_rows
+    rows, columns, found = entries(operator)
+    return sparse_operator(rows, column[columns], found, (operator.shape[0], len(values)))
 
 
 def entries(operator: Any) -> tuple[Array, Array, Array]:
