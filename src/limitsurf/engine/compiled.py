@@ -18,7 +18,7 @@ from limitsurf.engine.topology import Topology
 from limitsurf.refine import stacked
 
 if TYPE_CHECKING:
-    from limitsurf._kernels.evaluation import Points
+    from limitsurf.engine.prepared import Prepared
 
 Array = NDArray[Any]
 
@@ -50,28 +50,48 @@ class Compiled:
         return values.channels > 0 and not values.balance
 
     @property
-    def _points(self) -> Points:
+    def _prepared(self) -> Prepared:
         """Control points as kernels want them."""
-        found: Points | None = self.__dict__.get("_packed")
+        found: Prepared | None = self.__dict__.get("_ready")
         if found is None:
             packing = self._topology.packing
             with _kernels.preparing:
-                found = self.__dict__.get("_packed")
+                from limitsurf.engine.prepared import Prepared
+
+                found = self.__dict__.get("_ready")
                 if found is None:
-                    found = packing.points(self._reference.points)
-                    self.__dict__["_packed"] = found
+                    found = self.__dict__["_ready"] = Prepared(packing, self._reference.points)
         return found
 
-    def derivatives(self, request: Request, orders: Sequence[Order]) -> Sequence[Array]:
-        """See `Engine`; orders of `PLACES`."""
-        places = list(map(PLACES.__getitem__, orders))
-        return self._answers(request, self._reference.values.channels, places, orders)
+    def one(
+        self, face: int, u: float, v: float, orders: tuple[Order, ...] | None
+    ) -> Array | None:
+        """Derivatives of orders of `PLACES`, or the normal for None, at one place: (n, 1, d).
 
-    def normals(self, request: Request, limits: bool = True) -> Array:
+        None where others know more: there `derivatives` and `normals` answer, or complain.
+        """
+        return self._prepared.one(face, u, v, orders)
+
+    def derivatives(
+        self, request: Request, orders: Sequence[Order], out: Sequence[Array] | None = None
+    ) -> Sequence[Array]:
+        """See `Engine`; orders of `PLACES`."""
+        orders = tuple(orders)
+        found, rest = self._answers(request, orders, out)
+        if len(rest):
+            parts = self._reference.derivatives(request.flat(rest), orders)
+            for result, part in zip(found, parts, strict=True):
+                result[rest] = part
+        return found
+
+    def normals(
+        self, request: Request, limits: bool = True, out: Array | None = None
+    ) -> Array:
         """See `Engine`."""
-        (normals,) = self._answers(request, 3, None, ())
-        if limits:
-            self._reference.limits.fill(request, normals)
+        (normals,), rest = self._answers(request, None, None if out is None else [out])
+        if len(rest):
+            some = request.flat(rest)
+            normals[rest] = self._reference.normals(some, limits)
         return normals
 
     def tangents(self, request: Request) -> tuple[Array, Array, Array, Array]:
@@ -129,23 +149,13 @@ class Compiled:
     def _answers(
         self,
         request: Request,
-        width: int,
-        places: list[int] | None,
-        orders: Sequence[Order],
-    ) -> Sequence[Array]:
-        """Arrays (Q, width): derivatives, or unit normals where `places` is None."""
-        found = self._topology.packing.evaluate(
-            self._points, (request.face, request.u, request.v), width, places, request.workers
-        )
+        orders: tuple[Order, ...] | None,
+        out: Sequence[Array] | None,
+    ) -> tuple[Sequence[Array], Array]:
+        """Arrays (Q, d): derivatives, or unit normals for None; and what is left to others."""
+        places = request.face, request.u, request.v
+        found = self._prepared.evaluate(places, orders, request.workers, out)
         if found is None:
             request.check(self._topology.patches.n_limit_faces, self._topology.lattice)
             raise AssertionError("kernels and checks disagree about what is in range")
-        results, rest = found
-        if len(rest):
-            some, other = request.flat(rest), self._reference
-            if places is None:
-                results[0][rest] = other.normals(some, limits=False)
-                return list(results)
-            for result, part in zip(results, other.derivatives(some, orders), strict=True):
-                result[rest] = part
-        return list(results)
+        return found

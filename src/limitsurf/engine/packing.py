@@ -29,8 +29,6 @@ Array = NDArray[Any]
 # derivatives that kernels know, in the order of `LimitSurface.jet`
 TERMS = [(m - j, j) for m in range(3) for j in range(m + 1)]
 _TOTALS = [sum(nu) for nu in TERMS]
-# faces and parameters for which a grid is worth its tables of weights
-_FACES, _PLACES = 16, range(4, 4097)
 
 CHUNK = 1 << 15  # queries; what a thread takes at a time
 # Bicubic patches with control points beyond the cage have copies of them in one place if there are
@@ -75,10 +73,11 @@ class Packing:
     ) -> None:
         self._patches, self._own = patches, own
         self._copied = np.zeros(0, dtype=np.int64)
-        self._sectors, self._spline = eigen_tables, scheme.spline
+        self.sectors, self.spline, self.lattice = eigen_tables, scheme.spline, patches.lattice
         shape = _kernels.shape(scheme.spline.directions)
         assert shape is not None
-        self._shape = _kernels.evaluating(shape)
+        self.shape = _kernels.evaluating(shape)
+        self.free: list[Array] = []  # room for single queries
         self.tables, self._n_rows, self._n_special = self._tables()
         self.patches = self._covering(strips, which)
 
@@ -103,7 +102,7 @@ class Packing:
         if len(far) <= max(_COPIED, _COPIED_SHARE * patches.n_limit_faces):
             self._copied = packed[far] & evaluation.ROW
             first = self._n_special + np.arange(len(far))
-            near[self._copied] = first * (self._shape.REFINED + 2)
+            near[self._copied] = first * (self.shape.REFINED + 2)
         return evaluation.Patches(
             info,
             patches.n_limit_faces,
@@ -119,10 +118,10 @@ class Packing:
 
         kept = [
             (kind, table)
-            for kind, table in enumerate(self._sectors)
+            for kind, table in enumerate(self.sectors)
             if table is not None and table.size <= _LARGEST
         ]
-        n, levels = len(self._sectors), evaluation.STEP + evaluation.STEPS
+        n, levels = len(self.sectors), evaluation.STEP + evaluation.STEPS
         wide = _rounded(max((table.size - 1 for _, table in kept), default=0))
         chains = max((len(table.chains) for _, table in kept), default=0)
         pairs = max((len(table.pairs) for _, table in kept), default=0)
@@ -130,7 +129,7 @@ class Packing:
         kinds[:, evaluation.MODES] = -1
         made = evaluation.Tables(
             kinds,
-            np.zeros((n, 3, self._shape.MONOMIALS, wide)),
+            np.zeros((n, 3, self.shape.MONOMIALS, wide)),
             np.zeros((n, 2, levels, wide)),
             np.zeros((n, 2)),
             np.zeros((n, levels)),
@@ -185,13 +184,13 @@ class Packing:
             start += operator.shape[0]
         errors = self._errors(high, extras) if d == 3 else np.zeros(len(extras))
         modes = _aligned((self._n_rows, width))
-        shape, each, special = self._shape, self._shape.REFINED + 2, self._n_special
+        shape, each, special = self.shape, self.shape.REFINED + 2, self._n_special
         fine = _aligned(((special + len(self._copied)) * each, width))
         grids = fine.reshape(-1, each, width)
         ids = self.patches.ids.reshape(-1, shape.POINTS)
         coefficients.copies(ids, shape.OWN, self._copied, high, extras, grids[special:])
         sums = np.empty((coefficients.SIX, evaluation.LANES))
-        for kind, table in enumerate(self._sectors):
+        for kind, table in enumerate(self.sectors):
             begin, size, patch = kinds[
                 kind, [evaluation.MODES, evaluation.ROWS, evaluation.PATCH]
             ].tolist()
@@ -226,7 +225,7 @@ class Packing:
         first = np.cumsum([0] * (STRIP + 2) + [control.size for control in special[:-1]])
         wide = _rounded(int(kinds[:, evaluation.SIZE].max()) + 1)
         left = np.zeros((len(kinds), wide, wide))
-        for kind, table in enumerate(self._sectors):
+        for kind, table in enumerate(self.sectors):
             if table is not None and kinds[kind, evaluation.MODES] >= 0:
                 left[kind, : table.size, : table.size] = _left(table)
         extra, _ = self._over_vertices
@@ -304,7 +303,7 @@ class Packing:
         indptr = np.zeros(total + 1, dtype=np.int64)
 
         def measure(part: slice) -> int:
-            found: int = self._shape.lengths(*chunk(part), *known, order, indptr[1:][part])
+            found: int = self.shape.lengths(*chunk(part), *known, order, indptr[1:][part])
             return found
 
         if any(found < 0 for found in over_chunks(total, workers, measure)):
@@ -316,10 +315,10 @@ class Packing:
         data = np.empty(indptr[-1])
 
         def fill(part: slice) -> None:
-            most = self._controls.left.shape[2] + self._shape.POINTS
+            most = self._controls.left.shape[2] + self.shape.POINTS
             room = evaluation.Room.of(self.tables), np.empty(most), np.empty(most, np.int64)
             places = indptr[:-1][part], ends[part], indices, data
-            self._shape.fill(*chunk(part), *known, order, term, *places, *room)
+            self.shape.fill(*chunk(part), *known, order, term, *places, *room)
 
         for _ in over_chunks(total, workers, fill):
             pass
@@ -328,186 +327,6 @@ class Packing:
             indices, data = indices[: indptr[-1]], data[: indptr[-1]]
         shape = total, self._patches.n_vertices
         return csr_array((data, indices, indptr.astype(indices.dtype)), shape=shape)
-
-    def evaluate(
-        self,
-        points: evaluation.Points,
-        queries: tuple[Array, Array, Array],
-        channels: int,
-        orders: Sequence[int] | None,
-        workers: int,
-    ) -> tuple[Array, Array] | None:
-        """Derivatives (orders, Q, channels), and which queries are left to the reference.
-
-        `orders` are places in the order of `LimitSurface.jet`; None asks for unit normals instead.
-        Returns None if a query is out of range.
-        """
-        grid = _grid(queries) if queries[0].ndim > 1 else None
-        if grid is not None:
-            found = self._gridded(points, grid, channels, orders, workers)
-            if found is not None:
-                out, rest = found
-                face, place = np.divmod(rest, grid[1].size)
-                some = grid[0][face], grid[1][place], grid[2][place]
-                again = self._scattered(points, some, channels, orders, workers)
-                if again is None:
-                    return None
-                out[:, rest] = again[0]
-                return out, rest[again[1]]
-        return self._scattered(points, queries, channels, orders, workers)
-
-    def _gridded(
-        self,
-        points: evaluation.Points,
-        grid: tuple[Array, Array, Array],
-        channels: int,
-        orders: Sequence[int] | None,
-        workers: int,
-    ) -> tuple[Array, Array] | None:
-        """Derivatives, or normals, at all parameters on all faces, (faces,), (places,), (places,).
-
-        None where a face or a parameter is out of range or not finite.
-        """
-        faces, u, v = grid
-        inside = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
-        if self._patches.lattice.sloped:
-            inside &= np.maximum(u, v) - 1 + np.minimum(u, v) <= 0
-        if not inside.all():
-            return None
-        normals, n = orders is None, len(u)
-        terms = [TERMS[k] for k in ((1, 2) if orders is None else orders)]
-        if faces.min() < 0 or faces.max() >= self.patches.n_faces:
-            return None
-        weights = self._grid_weights(self.patches.info[faces], u, v, terms)
-        position = terms.index((0, 0)) if (0, 0) in terms else -1
-        out = np.empty((1 if normals else len(terms), len(faces) * n, channels))
-        step = max(1, CHUNK // n)
-
-        def work(part: slice) -> Array | None:
-            face = np.array(faces[part], dtype=np.int64)
-            rest = np.empty(len(face) * n, dtype=np.int64)
-            room = np.empty(64), np.empty((6, 3, weights.places))
-            left = self._shape.gridded(
-                face, self.patches, self.tables, points, weights, len(terms), n, position, normals,
-                out, part.start, rest, *room,
-            )  # fmt: skip
-            return None if left < 0 else rest[:left]
-
-        rest = _joined(over_chunks(len(faces), workers, work, step))
-        return None if rest is None else (out, rest)
-
-    def _grid_weights(
-        self, codes: Array, u: Array, v: Array, terms: Sequence[tuple[int, int]]
-    ) -> grids.Weights:
-        """Weights for derivatives at parameters, for kinds and turns of these packed patches."""
-        from limitsurf._kernels import evaluation, grids
-
-        kinds = self.tables.kinds
-        places = -(-len(u) // grids.PLACES) * grids.PLACES
-        start = np.full((len(kinds), 4), -1)
-        parts, at = [np.zeros(0)], 0
-        there = np.bincount((codes[codes >= 0] >> evaluation.TURN) & ~np.int64(8))
-        for both in np.flatnonzero(there).tolist():
-            kind, turn = both >> (evaluation.KIND - evaluation.TURN), both & evaluation.TURNS
-            if kind == REGULAR:
-                size = self._shape.POINTS
-                weights_of = basis.regular_weights(self._spline, FLOAT64)
-                rows = [weights_of(u, v, nu) for nu in terms]
-            elif kinds[kind, evaluation.MODES] >= 0:
-                size = int(kinds[kind, evaluation.ROWS])
-                found = self._eigen_weights(kind, turn, u, v, terms)
-                if found is None:
-                    continue
-                rows = found
-            else:
-                continue
-            table = np.zeros((len(terms), size, places))
-            for k, weights in enumerate(rows):
-                table[k, : weights.shape[1], : len(u)] = weights.T
-            start[kind, turn] = at
-            at += table.size
-            parts.append(table.reshape(-1))
-        return grids.Weights(start, np.concatenate(parts), places)
-
-    def _eigen_weights(
-        self, kind: int, turn: int, u: Array, v: Array, terms: Sequence[tuple[int, int]]
-    ) -> list[Array] | None:
-        """Weights (places, K - 1) of coefficients in each derivative; None where they overflow."""
-        table = self._sectors[kind]
-        assert table is not None
-        lattice = table.sector.lattice
-        sides = kernels.coordinates(u, v, lattice.sides)
-        s, t = sides[turn], sides[(turn + 1) % len(sides)]
-        place = basis.CornerPlace.of(s, t, np.full(len(u), turn), lattice)
-        powers = basis.EigenPowers.of(table, place)
-        rows = []
-        for nu in terms:
-            parts = []
-            for order, factors in lattice.turned(nu).items():
-                if factors[turn]:
-                    found = basis.eigen_weights(table, place, powers, order)
-                    if np.abs(found.exponent).max() > 900:
-                        return None
-                    scaled = kernels.scale_by_two(found.rows, found.exponent[:, None])
-                    parts.append(factors[turn] * scaled)
-            rows.append(parts[0] if len(parts) == 1 else np.sum(parts, axis=0))
-        return rows
-
-    def _scattered(
-        self,
-        points: evaluation.Points,
-        queries: tuple[Array, Array, Array],
-        channels: int,
-        orders: Sequence[int] | None,
-        workers: int,
-    ) -> tuple[Array, Array] | None:
-        """Derivatives, or normals, each query by itself."""
-        from limitsurf._kernels import evaluation
-
-        total, normals = queries[0].size, orders is None
-        which = np.array([1] if orders is None else orders, dtype=np.int64)
-        order = max(map(_TOTALS.__getitem__, which.tolist()))
-        out = np.empty((len(which), total, channels))
-        chunk = _chunks(queries)
-        known = self.patches, self.tables, points, order, which, normals, out
-
-        def work(part: slice) -> Array | None:
-            face, u, v = chunk(part)
-            rest = np.empty(len(face), dtype=np.int64)
-            room = evaluation.Room.of(self.tables)
-            left = self._shape.scattered(face, u, v, *known, part.start, rest, room)
-            return None if left < 0 else rest[:left]
-
-        if total <= CHUNK:
-            rest = work(slice(0, total))
-        else:
-            rest = _joined(over_chunks(total, workers, work))
-        return None if rest is None else (out, rest)
-
-
-def _joined(parts: Iterable[Array | None]) -> Array | None:
-    """Queries that all chunks leave to others; None if one has a query out of range."""
-    found = list(parts)
-    if any(part is None for part in found):
-        return None
-    return np.concatenate([np.zeros(0, dtype=np.int64), *(x for x in found if x is not None)])
-
-
-def _grid(queries: tuple[Array, Array, Array]) -> tuple[Array, Array, Array] | None:
-    """Faces (F,) and parameters (n,), two, if queries are all of these at all of those.
-
-    Broadcasting tells: along the first axes only faces vary, along the others only parameters.
-    """
-    face, u, v = queries
-    for axis in range(1, face.ndim if face.size else 0):
-        before, after = range(axis), range(axis, face.ndim)
-        if all(face.shape[k] == 1 or u.strides[k] == v.strides[k] == 0 for k in before) and all(
-            face.shape[k] == 1 or face.strides[k] == 0 for k in after
-        ):
-            faces = face[(slice(None),) * axis + (0,) * len(after)].reshape(-1)
-            u, v = (np.array(x[(0,) * axis].reshape(-1), dtype=float) for x in (u, v))
-            return (faces, u, v) if len(faces) >= _FACES and len(u) in _PLACES else None
-    return None
 
 
 def _chunks(queries: tuple[Array, Array, Array]) -> Callable[[slice], tuple[Array, Array, Array]]:
