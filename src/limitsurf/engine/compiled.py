@@ -10,15 +10,17 @@ from numpy.typing import NDArray
 
 from limitsurf import _kernels
 from limitsurf._kernels import reference as kernels
+from limitsurf.caching import cached_property
 from limitsurf.engine.kinds import curvatures
-from limitsurf.engine.packing import TERMS
+from limitsurf.engine.packing import TERMS, asked
 from limitsurf.engine.protocol import JET, Order, Request
 from limitsurf.engine.reference import Reference
+from limitsurf.engine.results import Results
 from limitsurf.engine.topology import Topology
 from limitsurf.refine import stacked
 
 if TYPE_CHECKING:
-    from limitsurf.engine.prepared import Prepared
+    from limitsurf._kernels.evaluation import Points
 
 Array = NDArray[Any]
 
@@ -50,27 +52,31 @@ class Compiled:
         return values.channels > 0 and not values.balance
 
     @property
-    def _prepared(self) -> Prepared:
+    def _points(self) -> Points:
         """Control points as kernels want them."""
-        found: Prepared | None = self.__dict__.get("_ready")
+        found: Points | None = self.__dict__.get("_packed")
         if found is None:
             packing = self._topology.packing
             with _kernels.preparing:
-                from limitsurf.engine.prepared import Prepared
-
-                found = self.__dict__.get("_ready")
+                found = self.__dict__.get("_packed")
                 if found is None:
-                    found = self.__dict__["_ready"] = Prepared(packing, self._reference.points)
+                    found = packing.points(self._reference.points)
+                    self.__dict__["_packed"] = found
         return found
 
-    def one(
-        self, face: int, u: float, v: float, orders: tuple[Order, ...] | None
-    ) -> Array | None:
+    @cached_property
+    def _words(self) -> Array:
+        """What kernels evaluate, prepared."""
+        self._block = self._topology.packing.block(self._points)
+        return self._block.words
+
+    def one(self, face: int, u: float, v: float, orders: tuple[Order, ...] | None) -> Array | None:
         """Derivatives of orders of `PLACES`, or the normal for None, at one place: (n, 1, d).
 
-        None where others know more: there `derivatives` and `normals` answer, or complain.
+        None where `derivatives` and `normals` know more, or complain.
         """
-        return self._prepared.one(face, u, v, orders)
+        channels = self._reference.values.channels
+        return self._topology.packing.one(self._words, channels, (face, u, v), asked(orders))
 
     def derivatives(
         self, request: Request, orders: Sequence[Order], out: Sequence[Array] | None = None
@@ -84,14 +90,11 @@ class Compiled:
                 result[rest] = part
         return found
 
-    def normals(
-        self, request: Request, limits: bool = True, out: Array | None = None
-    ) -> Array:
+    def normals(self, request: Request, limits: bool = True, out: Array | None = None) -> Array:
         """See `Engine`."""
         (normals,), rest = self._answers(request, None, None if out is None else [out])
         if len(rest):
-            some = request.flat(rest)
-            normals[rest] = self._reference.normals(some, limits)
+            normals[rest] = self._reference.normals(request.flat(rest), limits)
         return normals
 
     def tangents(self, request: Request) -> tuple[Array, Array, Array, Array]:
@@ -153,9 +156,13 @@ class Compiled:
         out: Sequence[Array] | None,
     ) -> tuple[Sequence[Array], Array]:
         """Arrays (Q, d): derivatives, or unit normals for None; and what is left to others."""
+        given = asked(orders)
+        shape = len(given.which), request.face.size, self._reference.values.channels
+        results = Results.new(shape) if out is None else Results.into(out)
         places = request.face, request.u, request.v
-        found = self._prepared.evaluate(places, orders, request.workers, out)
-        if found is None:
+        packing = self._topology.packing
+        rest = packing.evaluate(self._words, places, given, results, request.workers)
+        if rest is None:
             request.check(self._topology.patches.n_limit_faces, self._topology.lattice)
             raise AssertionError("kernels and checks disagree about what is in range")
-        return found
+        return results.arrays, rest

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from limitsurf import _kernels, basis, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
+from limitsurf.engine.results import Results
 from limitsurf.numbers import FLOAT64
 from limitsurf.patches import REGULAR, STRIP, PatchTable
 
 if TYPE_CHECKING:
     from limitsurf._kernels import evaluation, grids, rows
+    from limitsurf._kernels.blocks import Block
     from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
@@ -29,6 +31,10 @@ Array = NDArray[Any]
 # derivatives that kernels know, in the order of `LimitSurface.jet`
 TERMS = [(m - j, j) for m in range(3) for j in range(m + 1)]
 _TOTALS = [sum(nu) for nu in TERMS]
+_NORMAL = ((1, 0), (0, 1))
+_NONE = np.zeros(0, dtype=np.int64)
+# faces and parameters for which a grid is worth its tables of weights
+_FACES, _PLACES = 16, range(4, 4097)
 
 CHUNK = 1 << 15  # queries; what a thread takes at a time
 # Bicubic patches with control points beyond the cage have copies of them in one place if there are
@@ -55,6 +61,30 @@ def over_chunks(
         yield from pool.map(work, parts)
 
 
+class Asked(NamedTuple):
+    """What kernels are asked for."""
+
+    terms: tuple[tuple[int, int], ...]  # derivatives that are formed
+    which: Array  # places in `TERMS` of those that are returned
+    order: int  # the highest
+    normals: bool  # unit normals, from two derivatives
+
+
+@lru_cache(maxsize=256)
+def asked(orders: tuple[tuple[int, int], ...] | None) -> Asked:
+    """Derivatives of these orders, which are among `TERMS`; None asks for unit normals instead.
+
+    Examples
+    --------
+    >>> from limitsurf.engine.packing import asked
+    >>> asked(((0, 0), (1, 1))).which.tolist()
+    [0, 4]
+    """
+    terms = _NORMAL if orders is None else orders
+    places = [1] if orders is None else [TERMS.index(nu) for nu in orders]
+    return Asked(terms, np.array(places, dtype=np.int64), max(map(sum, terms)), orders is None)
+
+
 class Packing:
     """The patches of a surface as flat arrays; ``_kernels/evaluation.py`` says what is in them.
 
@@ -71,15 +101,18 @@ class Packing:
         which: Array,
         own: Array,
     ) -> None:
+        from limitsurf._kernels import evaluation
+
         self._patches, self._own = patches, own
         self._copied = np.zeros(0, dtype=np.int64)
-        self.sectors, self.spline, self.lattice = eigen_tables, scheme.spline, patches.lattice
+        self._sectors, self._spline = eigen_tables, scheme.spline
         shape = _kernels.shape(scheme.spline.directions)
         assert shape is not None
-        self.shape = _kernels.evaluating(shape)
-        self.free: list[Array] = []  # room for single queries
+        self._shape = _kernels.evaluating(shape)
         self.tables, self._n_rows, self._n_special = self._tables()
         self.patches = self._covering(strips, which)
+        # of `evaluation.Room`, in numbers; and what single queries leave behind for the next
+        self._room, self._free = evaluation.Room.size(self.tables), list[Array]()
 
     def _covering(self, strips: tables.StripTables, which: Array) -> evaluation.Patches:
         from limitsurf._kernels import evaluation
@@ -102,7 +135,7 @@ class Packing:
         if len(far) <= max(_COPIED, _COPIED_SHARE * patches.n_limit_faces):
             self._copied = packed[far] & evaluation.ROW
             first = self._n_special + np.arange(len(far))
-            near[self._copied] = first * (self.shape.REFINED + 2)
+            near[self._copied] = first * (self._shape.REFINED + 2)
         return evaluation.Patches(
             info,
             patches.n_limit_faces,
@@ -118,10 +151,10 @@ class Packing:
 
         kept = [
             (kind, table)
-            for kind, table in enumerate(self.sectors)
+            for kind, table in enumerate(self._sectors)
             if table is not None and table.size <= _LARGEST
         ]
-        n, levels = len(self.sectors), evaluation.STEP + evaluation.STEPS
+        n, levels = len(self._sectors), evaluation.STEP + evaluation.STEPS
         wide = _rounded(max((table.size - 1 for _, table in kept), default=0))
         chains = max((len(table.chains) for _, table in kept), default=0)
         pairs = max((len(table.pairs) for _, table in kept), default=0)
@@ -129,7 +162,7 @@ class Packing:
         kinds[:, evaluation.MODES] = -1
         made = evaluation.Tables(
             kinds,
-            np.zeros((n, 3, self.shape.MONOMIALS, wide)),
+            np.zeros((n, 3, self._shape.MONOMIALS, wide)),
             np.zeros((n, 2, levels, wide)),
             np.zeros((n, 2)),
             np.zeros((n, levels)),
@@ -184,13 +217,13 @@ class Packing:
             start += operator.shape[0]
         errors = self._errors(high, extras) if d == 3 else np.zeros(len(extras))
         modes = _aligned((self._n_rows, width))
-        shape, each, special = self.shape, self.shape.REFINED + 2, self._n_special
+        shape, each, special = self._shape, self._shape.REFINED + 2, self._n_special
         fine = _aligned(((special + len(self._copied)) * each, width))
         grids = fine.reshape(-1, each, width)
         ids = self.patches.ids.reshape(-1, shape.POINTS)
         coefficients.copies(ids, shape.OWN, self._copied, high, extras, grids[special:])
         sums = np.empty((coefficients.SIX, evaluation.LANES))
-        for kind, table in enumerate(self.sectors):
+        for kind, table in enumerate(self._sectors):
             begin, size, patch = kinds[
                 kind, [evaluation.MODES, evaluation.ROWS, evaluation.PATCH]
             ].tolist()
@@ -225,7 +258,7 @@ class Packing:
         first = np.cumsum([0] * (STRIP + 2) + [control.size for control in special[:-1]])
         wide = _rounded(int(kinds[:, evaluation.SIZE].max()) + 1)
         left = np.zeros((len(kinds), wide, wide))
-        for kind, table in enumerate(self.sectors):
+        for kind, table in enumerate(self._sectors):
             if table is not None and kinds[kind, evaluation.MODES] >= 0:
                 left[kind, : table.size, : table.size] = _left(table)
         extra, _ = self._over_vertices
@@ -303,7 +336,7 @@ class Packing:
         indptr = np.zeros(total + 1, dtype=np.int64)
 
         def measure(part: slice) -> int:
-            found: int = self.shape.lengths(*chunk(part), *known, order, indptr[1:][part])
+            found: int = self._shape.lengths(*chunk(part), *known, order, indptr[1:][part])
             return found
 
         if any(found < 0 for found in over_chunks(total, workers, measure)):
@@ -315,10 +348,10 @@ class Packing:
         data = np.empty(indptr[-1])
 
         def fill(part: slice) -> None:
-            most = self._controls.left.shape[2] + self.shape.POINTS
+            most = self._controls.left.shape[2] + self._shape.POINTS
             room = evaluation.Room.of(self.tables), np.empty(most), np.empty(most, np.int64)
             places = indptr[:-1][part], ends[part], indices, data
-            self.shape.fill(*chunk(part), *known, order, term, *places, *room)
+            self._shape.fill(*chunk(part), *known, order, term, *places, *room)
 
         for _ in over_chunks(total, workers, fill):
             pass
@@ -327,6 +360,217 @@ class Packing:
             indices, data = indices[: indptr[-1]], data[: indptr[-1]]
         shape = total, self._patches.n_vertices
         return csr_array((data, indices, indptr.astype(indices.dtype)), shape=shape)
+
+    def block(self, points: evaluation.Points) -> Block:
+        """All that kernels evaluate, prepared: patches, tables and points."""
+        from limitsurf._kernels.blocks import Block
+
+        return Block(self.patches, self.tables, points)
+
+    def one(
+        self, words: Array, channels: int, query: tuple[int, float, float], given: Asked
+    ) -> Array | None:
+        """Derivatives, or normals, at one place, (n, 1, channels); words are those of a `block`.
+
+        None if it is out of range, or left to the reference.
+        """
+        if not 0 <= query[0] < self.patches.n_faces:
+            return None
+        try:
+            room = self._free.pop()
+        except IndexError:
+            room = np.empty(self._room + 4)
+        room[-4], room[-3], room[-2] = query
+        _, which, order, normals = given
+        out = np.empty((len(which), 1, channels))
+        left = self._shape.scattered(room, 1, words, order, which, normals, out, 0)
+        self._free.append(room)
+        return None if left else out
+
+    def evaluate(
+        self,
+        words: Array,
+        queries: tuple[Array, Array, Array],
+        given: Asked,
+        out: Results,
+        workers: int,
+    ) -> Array | None:
+        """Write derivatives, or normals, to `out`; words are those of a `block`.
+
+        Queries are faces, u and v of one shape. Returns which of them are left to the reference, or
+        None if one is out of range.
+        """
+        grid = _grid(queries) if queries[0].ndim > 1 else None
+        if grid is not None:
+            rest = self._gridded(words, grid, given, out, workers)
+            if rest is not None:
+                face, place = np.divmod(rest, grid[1].size)
+                some = grid[0][face], grid[1][place], grid[2][place]
+                again = Results.new((len(given.which), len(rest), out.arrays[0].shape[1]))
+                left = self._scattered(words, some, given, again, workers)
+                for result, part in zip(out.arrays, again.arrays, strict=True):
+                    result[rest] = part
+                return None if left is None else rest[left]
+        return self._scattered(words, queries, given, out, workers)
+
+    def _gridded(
+        self,
+        words: Array,
+        grid: tuple[Array, Array, Array],
+        given: Asked,
+        out: Results,
+        workers: int,
+    ) -> Array | None:
+        """Derivatives, or normals, at all parameters on all faces, (faces,), (places,), (places,).
+
+        None where a face or a parameter is out of range or not finite.
+        """
+        faces, u, v = grid
+        inside = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+        if self._patches.lattice.sloped:
+            inside &= np.maximum(u, v) - 1 + np.minimum(u, v) <= 0
+        if not inside.all() or faces.min() < 0 or faces.max() >= self.patches.n_faces:
+            return None
+        terms, n = given.terms, len(u)
+        weights = self._grid_weights(self.patches.info[faces], u, v, terms)
+        position = terms.index((0, 0)) if (0, 0) in terms else -1
+
+        chunk = _chunk(out)
+
+        def work(part: slice) -> Array | None:
+            face = np.array(faces[part], dtype=np.int64)
+            rest = np.empty(len(face) * n, dtype=np.int64)
+            room = np.empty(64), np.empty((6, 3, weights.places))
+            queries = slice(part.start * n, part.stop * n)
+            into, start = out.place(queries)
+            left = self._shape.gridded(
+                face, words, *weights, len(terms), n, position, given.normals, into, start // n,
+                rest, *room,
+            )  # fmt: skip
+            out.keep(queries, into)
+            return None if left < 0 else rest[:left] + (part.start * n - start)
+
+        return _joined(over_chunks(len(faces), workers, work, max(1, chunk // n)))
+
+    def _grid_weights(
+        self, codes: Array, u: Array, v: Array, terms: Sequence[tuple[int, int]]
+    ) -> grids.Weights:
+        """Weights for derivatives at parameters, for kinds and turns of these packed patches."""
+        from limitsurf._kernels import evaluation, grids
+
+        kinds = self.tables.kinds
+        places = -(-len(u) // grids.PLACES) * grids.PLACES
+        start = np.full((len(kinds), 4), -1)
+        parts, at = [np.zeros(0)], 0
+        there = np.bincount((codes[codes >= 0] >> evaluation.TURN) & ~np.int64(8))
+        for both in np.flatnonzero(there).tolist():
+            kind, turn = both >> (evaluation.KIND - evaluation.TURN), both & evaluation.TURNS
+            if kind == REGULAR:
+                size = self._shape.POINTS
+                weights_of = basis.regular_weights(self._spline, FLOAT64)
+                rows = [weights_of(u, v, nu) for nu in terms]
+            elif kinds[kind, evaluation.MODES] >= 0:
+                size = int(kinds[kind, evaluation.ROWS])
+                found = self._eigen_weights(kind, turn, u, v, terms)
+                if found is None:
+                    continue
+                rows = found
+            else:
+                continue
+            table = np.zeros((len(terms), size, places))
+            for k, weights in enumerate(rows):
+                table[k, : weights.shape[1], : len(u)] = weights.T
+            start[kind, turn] = at
+            at += table.size
+            parts.append(table.reshape(-1))
+        return grids.Weights(start, np.concatenate(parts), places)
+
+    def _eigen_weights(
+        self, kind: int, turn: int, u: Array, v: Array, terms: Sequence[tuple[int, int]]
+    ) -> list[Array] | None:
+        """Weights (places, K - 1) of coefficients in each derivative; None where they overflow."""
+        table = self._sectors[kind]
+        assert table is not None
+        lattice = table.sector.lattice
+        sides = kernels.coordinates(u, v, lattice.sides)
+        s, t = sides[turn], sides[(turn + 1) % len(sides)]
+        place = basis.CornerPlace.of(s, t, np.full(len(u), turn), lattice)
+        powers = basis.EigenPowers.of(table, place)
+        rows = []
+        for nu in terms:
+            parts = []
+            for order, factors in lattice.turned(nu).items():
+                if factors[turn]:
+                    found = basis.eigen_weights(table, place, powers, order)
+                    if np.abs(found.exponent).max() > 900:
+                        return None
+                    scaled = kernels.scale_by_two(found.rows, found.exponent[:, None])
+                    parts.append(factors[turn] * scaled)
+            rows.append(parts[0] if len(parts) == 1 else np.sum(parts, axis=0))
+        return rows
+
+    def _scattered(
+        self,
+        words: Array,
+        queries: tuple[Array, Array, Array],
+        given: Asked,
+        out: Results,
+        workers: int,
+    ) -> Array | None:
+        """Derivatives, or normals, each query by itself."""
+        total, size, chunk = queries[0].size, self._room, _chunk(out)
+
+        def work(part: slice) -> Array | None:
+            n = part.stop - part.start
+            room = np.empty(size + 4 * n)
+            places = room[size:].reshape(4, n)
+            for place, x in zip(places, queries, strict=False):
+                if n == total:
+                    place.reshape(x.shape)[...] = x
+                else:  # (an iterator of its own for each thread)
+                    place[:] = (x.reshape(-1) if x.flags.c_contiguous else x.flat)[part]
+            into, start = out.place(part)
+            left = self._shape.scattered(
+                room, n, words, given.order, given.which, given.normals, into, start
+            )
+            out.keep(part, into)
+            if left <= 0:
+                return None if left else _NONE
+            return room[-n:][:left].view(np.int64) + (part.start - start)
+
+        if total <= chunk:
+            return work(slice(0, total))
+        return _joined(over_chunks(total, workers, work, chunk))
+
+
+def _chunk(out: Results) -> int:
+    """Queries that are taken at a time; what is copied afterwards stays in the cache."""
+    return CHUNK if out.joint is not None else CHUNK >> 3
+
+
+def _joined(parts: Iterable[Array | None]) -> Array | None:
+    """Queries that all chunks leave to others; None if one has a query out of range."""
+    found = list(parts)
+    if any(part is None for part in found):
+        return None
+    return np.concatenate([_NONE, *(x for x in found if x is not None)])
+
+
+def _grid(queries: tuple[Array, Array, Array]) -> tuple[Array, Array, Array] | None:
+    """Faces (F,) and parameters (n,), two, if queries are all of these at all of those.
+
+    Broadcasting tells: along the first axes only faces vary, along the others only parameters.
+    """
+    face, u, v = queries
+    for axis in range(1, face.ndim if face.size else 0):
+        before, after = range(axis), range(axis, face.ndim)
+        if all(face.shape[k] == 1 or u.strides[k] == v.strides[k] == 0 for k in before) and all(
+            face.shape[k] == 1 or face.strides[k] == 0 for k in after
+        ):
+            faces = face[(slice(None),) * axis + (0,) * len(after)].reshape(-1)
+            u, v = (np.array(x[(0,) * axis].reshape(-1), dtype=float) for x in (u, v))
+            return (faces, u, v) if len(faces) >= _FACES and len(u) in _PLACES else None
+    return None
 
 
 def _chunks(queries: tuple[Array, Array, Array]) -> Callable[[slice], tuple[Array, Array, Array]]:
