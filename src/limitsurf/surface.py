@@ -35,8 +35,6 @@ Fractions: TypeAlias = NDArray[np.object_]
 _MOST = 10_000  # derivatives in a jet
 _ZERO = 5  # order of derivatives that are 0 in all pieces
 _POSITION: tuple[Order] = ((0, 0),)
-# types of single queries that need no second look
-_WHOLE, _REAL = {int, np.int64}, {float, np.float64}
 
 
 class Curvature(NamedTuple):
@@ -393,10 +391,10 @@ class LimitSurface:
         True [1.5, 1.5, 1.5]
         """
         orders = _POSITION if nu is _POSITION[0] else (_order(nu),)
-        if out is None and channel is None:
-            known = self._one(face, u, v, orders, workers)
+        if channel is None and out is None and not self._exact:
+            known = self._answers.one(face, u, v, orders, workers)
             if known is not None:
-                return known.reshape(self._shape)[()]
+                return known[0].reshape(self._shape)[()]
         if lazy.is_lazy(face, u, v):
             options = {"nu": nu, "channel": channel, "workers": workers}
             return lazy.mapped(self, "evaluate", face, u, v, out=out, **options)
@@ -458,10 +456,10 @@ class LimitSurface:
         {(0, 0): 0.25, (1, 0): 1.0, (0, 1): 0.0}
         """
         orders, within = _jet_orders(checked_integer("order", order, 0))
-        if out is None and channel is None:
-            known = self._one(face, u, v, within, workers)
+        if channel is None and out is None and not self._exact:
+            known = self._answers.one(face, u, v, within, workers)
             if known is not None:
-                return dict(zip(orders, known.reshape(len(orders), *self._shape), strict=True))
+                return _by_order(orders, known, self._shape)
         if lazy.is_lazy(face, u, v):
             options = {"order": order, "channel": channel, "workers": workers}
             return lazy.mapped(self, "jet", face, u, v, out=out, **options)
@@ -471,8 +469,7 @@ class LimitSurface:
         request = Request.of(face, u, v, self._exact, workers)
         engine, shape = self._answers.engine(request, within), request.face.shape + self._shape
         if out is None:
-            found = engine.derivatives(request, within)
-            return {nu: x.reshape(shape)[()] for nu, x in zip(orders, found, strict=True)}
+            return _by_order(orders, engine.derivatives(request, within), shape)
         arrays = arrays_of(out, orders)
         written(arrays, shape, request, lambda r, to: engine.derivatives(r, within, to))
         return out
@@ -572,9 +569,10 @@ class LimitSurface:
         if channel is not None:
             return self.of_channel(channel).normal(face, u, v, workers=workers, out=out)
         self._in_space("a normal")
-        known = self._one(face, u, v, None, workers) if out is None else None
-        if known is not None:
-            return known.reshape(3)
+        if out is None and not self._exact:
+            known = self._answers.one(face, u, v, None, workers)
+            if known is not None:
+                return known[0].reshape(3)
         if lazy.is_lazy(face, u, v):
             lazily: Floats = lazy.mapped(self, "normal", face, u, v, out=out, workers=workers)
             return lazily
@@ -738,20 +736,6 @@ class LimitSurface:
         if self._shape != (3,):
             raise ValueError(f"{what} needs points of shape (n, 3), got {self.points.shape}")
 
-    def _one(
-        self, face: Any, u: Any, v: Any, orders: tuple[Order, ...] | None, workers: int
-    ) -> Array | None:
-        """Derivatives (n, 1, d), or the normal for None, at a place in plain numbers, by kernels.
-
-        None if it is no such place, or others are to answer.
-        """
-        if type(u) not in _REAL or type(v) not in _REAL or type(face) not in _WHOLE:
-            return None
-        if self._exact or type(workers) is not int or workers != 1:
-            return None
-        kernels = self._answers.quick(orders or ())
-        return None if kernels is None else kernels.one(face, u, v, orders)
-
 
 def precompile() -> None:
     """Compile all kernels now, or load them, and use them for calls of any size from now on.
@@ -802,3 +786,12 @@ def _jet_orders(order: int) -> tuple[tuple[Order, ...], tuple[Order, ...]]:
         )
     orders = tuple((m - j, j) for m in range(order + 1) for j in range(m + 1))
     return orders, tuple(map(_order, orders))
+
+
+def _by_order(orders: tuple[Order, ...], found: Any, shape: tuple[int, ...]) -> dict[Order, Any]:
+    """Derivatives (n, Q, d), one array or several, in a shape for each."""
+    if isinstance(found, np.ndarray):
+        found = found.reshape(len(orders), *shape)
+    else:
+        found = [x.reshape(shape)[()] for x in found]
+    return dict(zip(orders, found, strict=True))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numba.core import cgutils, types
+from numba.core.types import NamedTuple, UniTuple  # type: ignore[attr-defined]
 from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
@@ -37,15 +38,15 @@ class Block:
     def __init__(self, *tuples: tuple[Any, ...]) -> None:
         self._kept = tuples
         fields = [field for fields in tuples for field in fields]
-        self.words = np.zeros((len(fields), _SLOT), dtype=np.int64)
-        for words, field in zip(self.words, fields, strict=True):
+        slots = np.zeros((len(fields), _SLOT), dtype=np.int64)
+        for words, field in zip(slots, fields, strict=True):
             if isinstance(field, np.ndarray):
                 if not field.flags.c_contiguous:
                     raise ValueError("arrays in a block must be contiguous")
                 words[: field.ndim + 1] = field.ctypes.data, *field.shape
             else:
                 words[0] = field
-        self.words = self.words.reshape(-1)
+        self.words: Array = slots.reshape(-1)
 
     def __reduce__(self) -> tuple[type[Block], tuple[Any, ...]]:
         # addresses are of this process and of these arrays
@@ -89,7 +90,7 @@ def unpacking(made: type, first: int, kinds: tuple[Any, ...]) -> Any:
                 values.append(value)
             return context.make_tuple(builder, signature.return_type, values)
 
-        return types.NamedTuple(kinds, made)(words), generate
+        return NamedTuple(kinds, made)(words), generate
 
     return unpack
 
@@ -108,7 +109,7 @@ def within(kind: Any) -> Any:
             sizes = cgutils.unpack_tuple(builder, arguments[2])
             return _placed(context, builder, kind, pointer, sizes)
 
-        sizes = types.UniTuple(types.int64, kind.ndim)
+        sizes = UniTuple(types.int64, kind.ndim)
         return kind(room, types.int64, sizes), generate
 
     return place

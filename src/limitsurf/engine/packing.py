@@ -519,20 +519,18 @@ class Packing:
     ) -> Array | None:
         """Derivatives, or normals, each query by itself."""
         total, size, chunk = queries[0].size, self._room, _chunk(out)
+        scattered, (_, which, order, normals) = self._shape.scattered, given
 
         def work(part: slice) -> Array | None:
             n = part.stop - part.start
-            room = np.empty(size + 4 * n)
-            places = room[size:].reshape(4, n)
-            for place, x in zip(places, queries, strict=False):
-                if n == total:
-                    place.reshape(x.shape)[...] = x
-                else:  # (an iterator of its own for each thread)
-                    place[:] = (x.reshape(-1) if x.flags.c_contiguous else x.flat)[part]
+            room, begin = np.empty(size + 4 * n), size
+            for x in queries:
+                if x.ndim > 1:  # (an iterator of its own for each thread)
+                    x = x.reshape(-1) if x.flags.c_contiguous else x.flat
+                room[begin : begin + n] = x if n == total else x[part]
+                begin += n
             into, start = out.place(part)
-            left = self._shape.scattered(
-                room, n, words, given.order, given.which, given.normals, into, start
-            )
+            left: int = scattered(room, n, words, order, which, normals, into, start)
             out.keep(part, into)
             if left <= 0:
                 return None if left else _NONE

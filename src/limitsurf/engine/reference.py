@@ -145,7 +145,9 @@ class Reference:
         values, *more = given
         face = request.face.ravel().astype(np.int64, copy=False)
         u, v, width = request.u.ravel(), request.v.ravel(), max(*widths, 1)
-        results = out or [np.empty((face.size, own), dtype=self._dtype) for own in widths]
+        results = list(out or ())
+        for own in () if out else widths:
+            results.append(np.empty((face.size, own), dtype=self._dtype))
         for result in results:
             result.fill(np.nan)
         for start in range(0, max(face.size, 1), CHUNK):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,8 @@ class Results:
     @classmethod
     def into(cls, arrays: Sequence[Array]) -> Results:
         """Given arrays, each contiguous."""
+        if len(arrays) == 1:
+            return cls(arrays, arrays[0][None])
         # those of an earlier answer, or parts of one array, lie one behind the other
         size, starts = arrays[0].nbytes, [x.ctypes.data for x in arrays]
         if any(start != starts[0] + k * size for k, start in enumerate(starts)):
@@ -80,10 +82,9 @@ def written(
     for name, x in out.items():
         _check(name, x, shape, request.exact)
     parts = request.face, request.u, request.v
-    for name, part in zip(("face", "u", "v"), parts, strict=True):
-        if any(np.may_share_memory(part, x) for x in out.values()):
-            request = replace(request, **{name: part.copy()})
-    flat = request.face.size, int(np.prod(shape[request.face.ndim :]))
+    if any(np.may_share_memory(part, x) for x in out.values() for part in parts):
+        request = Request(*(part.copy() for part in parts), request.exact, request.workers)
+    flat = request.face.size, prod(shape[request.face.ndim :])
     rows = [x.reshape(flat) if x.flags.c_contiguous else np.empty(flat) for x in out.values()]
     write(request, rows)
     for x, row in zip(out.values(), rows, strict=True):
