@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -57,12 +58,11 @@ def of_engine(mesh: ls.Mesh, engine: Any, sizes: tuple[int, ...], runs: int) -> 
     for name in CALLS:
         call = getattr(surface, name)
         for where, face in places.items():
-            rows.append([name, f"1, {where}", best(lambda f=face: call(f, 0.3, 0.4), runs)])
+            rows.append([name, f"1, {where}", best(partial(call, face, 0.3, 0.4), runs)])
         for n in sizes:
             at = bench.draw(np.arange(len(surface.limit_faces)), n, seed=n)
-            rows.append([name, str(n), best(lambda at=at: call(*at), runs)])
-            made = call(*at)
-            rows.append([name, f"{n}, out=", best(lambda at=at, x=made: call(*at, out=x), runs)])
+            rows.append([name, str(n), best(partial(call, *at), runs)])
+            rows.append([name, f"{n}, out=", best(partial(call, *at, out=call(*at)), runs)])
     return rows
 
 
@@ -76,8 +76,8 @@ def of_scipy(sizes: tuple[int, ...], runs: int) -> list[Any]:
     for n in sizes:
         u, v = g.uniform(3, 12, size=(2, n))
         both = np.stack([u, v], axis=1)
-        rows.append(["BSpline", str(n), best(lambda u=u: curve(u), runs)])
-        rows.append(["NdBSpline", str(n), best(lambda x=both: patch(x), runs)])
+        rows.append(["BSpline", str(n), best(partial(curve, u), runs)])
+        rows.append(["NdBSpline", str(n), best(partial(patch, both), runs)])
     return rows
 
 

@@ -60,7 +60,7 @@ def written(
     """Have results of some shape written to arrays of a caller, by their names in errors.
 
     `write` takes the request and contiguous arrays (Q, d). What the results would overwrite of the
-    request is copied before; arrays that are not contiguous are written to in the end.
+    request is copied before; arrays that are not contiguous and aligned are written to in the end.
 
     Raises
     ------
@@ -85,10 +85,10 @@ def written(
     if any(np.may_share_memory(part, x) for x in out.values() for part in parts):
         request = Request(*(part.copy() for part in parts), request.exact, request.workers)
     flat = request.face.size, prod(shape[request.face.ndim :])
-    rows = [x.reshape(flat) if x.flags.c_contiguous else np.empty(flat) for x in out.values()]
+    rows = [x.reshape(flat) if x.flags.carray else np.empty(flat) for x in out.values()]
     write(request, rows)
     for x, row in zip(out.values(), rows, strict=True):
-        if not x.flags.c_contiguous:
+        if not x.flags.carray:
             x[...] = row.reshape(shape)
 
 
