@@ -4,6 +4,7 @@ import os
 import pickle
 import sys
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
@@ -243,9 +244,9 @@ def test_results_are_written_where_they_are_wanted(engine, layout, monkeypatch):
                 assert ask(*query, **options, workers=workers, out=out) is out
                 assert out.tobytes() == wanted.tobytes()
             wanted = surface.jet(*query)
-            out = {nu: make(x.shape) for nu, x in reversed(wanted.items())}
-            assert surface.jet(*query, workers=workers, out=out) is out
-            assert all(out[nu].tobytes() == x.tobytes() for nu, x in wanted.items())
+            several = {nu: make(x.shape) for nu, x in reversed(wanted.items())}
+            assert surface.jet(*query, workers=workers, out=several) is several
+            assert all(several[nu].tobytes() == x.tobytes() for nu, x in wanted.items())
             # what an earlier answer was is taken again
             again = surface.jet(*(np.zeros_like(x) for x in np.broadcast_arrays(*query)))
             assert surface.jet(*query, workers=workers, out=again) is again
@@ -271,8 +272,9 @@ def test_bad_places_for_results():
     surface = ls.LimitSurface(mesh)
     fixed, half = np.empty((2, 3)), Fraction(1, 2)
     fixed.flags.writeable = False
-    query = [0, 1], 0.5, 0.5
-    for out, error, what in [
+    query: Any = ([0, 1], 0.5, 0.5)
+    place: Any
+    for place, error, what in [
         (
             np.empty((3, 3)),
             ValueError,
@@ -286,18 +288,18 @@ def test_bad_places_for_results():
     ]:
         for ask in (surface.evaluate, surface.normal):
             with pytest.raises(error, match=what):
-                ask(*query, out=out)
+                ask(*query, out=place)
     with pytest.raises(TypeError, match="takes results in float64, and exact numbers have none"):
         surface.evaluate([0, 1], half, half, out=np.empty((2, 3)))
     made = surface.jet(*query, order=1)
-    for out, error, what in [
+    for place, error, what in [
         (np.empty((3, 2, 3)), TypeError, "out must be a dict of arrays"),
         ({(0, 0): made[0, 0]}, ValueError, r"out has no array for the derivative \(1, 0\)"),
         ({**made, (2, 0): made[0, 0]}, ValueError, r"out has an array for \(2, 0\)"),
         ({**made, (0, 1): fixed}, ValueError, r"out\[\(0, 1\)\] is read-only"),
     ]:
         with pytest.raises(error, match=what):
-            surface.jet(*query, order=1, out=out)
+            surface.jet(*query, order=1, out=place)
     with pytest.raises(IndexError, match="limit face 9 at index 1 is out of range"):
         surface.evaluate([0, 9], 0.5, 0.5, out=np.empty((2, 3)))
 

@@ -81,9 +81,10 @@ class Answers:
         if self._choice == "compiled" or (self._choice == "auto" and _kernels.pays(1)):
             kernels = self.compiled
             if kernels.knows(orders or (), False):
-                found = kernels.one(face, u, v, orders)
+                found: Any = kernels.one(face, u, v, orders)
                 if found is not None:
-                    return found
+                    known: Sequence[Array] = found
+                    return known
         request = Request(np.asarray(face), np.asarray(u), np.asarray(v), False, 1)
         engine = self.engine(request, orders or ())
         if orders is None:

@@ -525,16 +525,18 @@ class Packing:
             n = part.stop - part.start
             room, begin = np.empty(size + 4 * n), size
             for x in queries:
-                if x.ndim > 1:  # (an iterator of its own for each thread)
-                    x = x.reshape(-1) if x.flags.c_contiguous else x.flat
-                room[begin : begin + n] = x if n == total else x[part]
+                some: Any = x
+                if some.ndim > 1:  # (an iterator of its own for each thread)
+                    some = some.reshape(-1) if some.flags.c_contiguous else some.flat
+                room[begin : begin + n] = some if n == total else some[part]
                 begin += n
             into, start = out.place(part)
             left: int = scattered(room, n, words, order, which, normals, into, start)
             out.keep(part, into)
             if left <= 0:
                 return None if left else _NONE
-            return room[-n:][:left].view(np.int64) + (part.start - start)
+            rest: Array = room[-n:][:left].view(np.int64) + (part.start - start)
+            return rest
 
         if total <= chunk:
             return work(slice(0, total))

@@ -83,7 +83,8 @@ def written(
         _check(name, x, shape, request.exact)
     parts = request.face, request.u, request.v
     if any(np.may_share_memory(part, x) for x in out.values() for part in parts):
-        request = Request(*(part.copy() for part in parts), request.exact, request.workers)
+        face, u, v = (part.copy() for part in parts)
+        request = Request(face, u, v, request.exact, request.workers)
     flat = request.face.size, prod(shape[request.face.ndim :])
     rows = [x.reshape(flat) if x.flags.carray else np.empty(flat) for x in out.values()]
     write(request, rows)
