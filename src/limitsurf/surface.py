@@ -446,7 +446,7 @@ class LimitSurface:
         beyond the third in u or in v, in triangles beyond the fourth order, are 0 where there are
         any, so that no more than order 6 says anything; orders above 139, of more than 10,000
         derivatives, are refused. `out` is a dict of arrays for all of them, such as an earlier
-        answer, whose arrays lie side by side: this is the fastest.
+        answer: its arrays lie side by side, which is the fastest.
 
         Examples
         --------

@@ -31,12 +31,16 @@ class Results:
         """Given arrays, each contiguous."""
         if len(arrays) == 1:
             return cls(arrays, arrays[0][None])
-        # those of an earlier answer, or parts of one array, lie one behind the other
-        size, starts = arrays[0].nbytes, [x.ctypes.data for x in arrays]
-        if any(start != starts[0] + k * size for k, start in enumerate(starts)):
+        # those of an earlier answer lie one behind the other, and nothing beside them
+        first, whole = arrays[0], arrays[0].base
+        if not isinstance(whole, np.ndarray) or whole.size != len(arrays) * first.size:
             return cls(arrays, None)
-        shape, strides = (len(arrays), *arrays[0].shape), (size, *arrays[0].strides)
-        return cls(arrays, np.lib.stride_tricks.as_strided(arrays[0], shape, strides))
+        starts = [x.ctypes.data for x in arrays]
+        if starts != [whole.ctypes.data + k * first.nbytes for k in range(len(arrays))]:
+            return cls(arrays, None)
+        if whole.dtype != first.dtype or not whole.flags.carray:
+            return cls(arrays, None)
+        return cls(arrays, whole.reshape(len(arrays), *first.shape))
 
     def place(self, part: slice) -> tuple[Array, int]:
         """An array (n, ..., d) for results of some queries, and the first one's place in it."""
