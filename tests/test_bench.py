@@ -66,3 +66,13 @@ def test_errors_are_measured() -> None:
         assert max(errors) < 1e-12
     table = run("accuracy.py", "--samples 1 --table").splitlines()
     assert len(table) == 2 + len(figures["rows"])
+
+
+def test_latency_is_measured() -> None:
+    figures = json.loads(run("latency.py", "--runs 1 --most 10"))
+    assert figures["rows"].keys() == {"compiled", "reference", "SciPy"}
+    for engine in ("compiled", "reference"):
+        rows = {(name, asked): time for name, asked, time in figures["rows"][engine]}
+        for name in ("evaluate", "jet", "normal"):
+            assert rows[name, "1, special"] > 0
+            assert rows[name, "10, out="] > 0

@@ -4,6 +4,7 @@ import os
 import pickle
 import sys
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
@@ -188,9 +189,172 @@ def test_how_many_functions_a_warm_query_calls(engine):
     grid = ls.Mesh(*zoo.grid(3, 3))
     special = walked(ls.LimitSurface(mesh_of("cube"), engine=engine), 0)
     regular = walked(ls.LimitSurface(grid, engine=engine), 4)
-    assert len(special) <= 40, special
-    assert len(regular) <= 20, regular
+    most = (10, 10) if engine == "compiled" else (40, 20)
+    assert len(special) <= most[0], special
+    assert len(regular) <= most[1], regular
     assert not {"exact", "scheme"} & {*special, *regular}
+
+
+# --- Single queries, and arrays for results
+
+
+def answered(function, *arguments, **options):
+    """Bytes of what a function returns, or its error."""
+    try:
+        found = function(*arguments, **options)
+    except Exception as error:
+        return type(error), str(error)
+    parts = found.values() if isinstance(found, dict) else [found]
+    return [(x.shape, np.asarray(x).tobytes()) for x in parts]
+
+
+@pytest.mark.parametrize("engine", ["reference", "compiled"])
+@pytest.mark.parametrize("name", ["cube", "carved_cube_1", "tetrahedron"])
+def test_a_place_in_plain_numbers_is_one_in_arrays(name, engine):
+    """The same digits, types, holes, NaN and errors."""
+    surface = ls.LimitSurface(mesh_of(name), engine=engine)
+    n = len(surface.limit_faces)
+    faces = [
+        0,
+        n - 1,
+        np.int64(2),
+        n,
+        -1,
+        np.int64(-7),
+        2**62,
+        2**70,
+        10**400,
+        True,
+        1.0,
+        np.int8(1),
+    ]
+    reals = [0.3, np.float64(1.0), 0.0, 1e-300, float("nan"), -np.inf, 1.5, 1, np.float32(0.1)]
+    places = [(f, u, v) for f in faces for u, v in ((0.3, 0.4),)]
+    places += [(f, u, v) for f in (0, n - 1) for u in reals for v in (0.4, 0.0, 1.0)]
+    with np.errstate(invalid="ignore"):
+        for place in places:
+            arrays = [np.asarray(x) for x in place]
+            for ask in (surface.evaluate, surface.jet, surface.normal):
+                assert answered(ask, *place) == answered(ask, *arrays), (place, ask)
+            assert answered(surface.evaluate, *place, nu=(3, 0)) == answered(
+                surface.evaluate, *arrays, nu=(3, 0)
+            )
+    for workers in (0, True, 1.0, 2):
+        assert answered(surface.evaluate, 0, 0.3, 0.4, workers=workers) == answered(
+            surface.evaluate, np.asarray(0), 0.3, 0.4, workers=workers
+        )
+
+
+LAYOUTS = {
+    "contiguous": lambda shape: np.empty(shape),
+    "part": lambda shape: np.empty((*shape[:-1], shape[-1] + 2))[..., 1:-1],
+    "backwards": lambda shape: np.empty(shape)[::-1],
+    "columns": lambda shape: np.empty(shape[::-1]).T,
+    "unaligned": lambda shape: (
+        np.empty(8 * np.prod(shape) + 1, np.uint8)[1:].view(float).reshape(shape)
+    ),
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("engine", ["reference", "compiled"])
+def test_results_are_written_where_they_are_wanted(engine, layout, monkeypatch):
+    """Whatever the layout; the same digits, in chunks and threads, on grids, for channels."""
+    monkeypatch.setattr("limitsurf.engine.packing.CHUNK", 64)
+    mesh = mesh_of("carved_cube_1")
+    uv = np.random.default_rng(0).random((80, 2)), np.arange(mesh.n_corners) % 80, "all"
+    surface = ls.LimitSurface(ls.Mesh(mesh.points, mesh.faces, channels={"uv": uv}), engine=engine)
+    face, u, v = queries(surface, 200)
+    u[3] = np.nan
+    grid = np.arange(len(surface.limit_faces))[:, None], u[5:10], v[5:10]
+    make = LAYOUTS[layout]
+    for query in ((face, u, v), (face[::2], 0.5, v[::2]), grid, (3, 0.3, 0.4)):
+        for workers in (1, 2):
+            for ask, options in [
+                (surface.evaluate, {"nu": (0, 1)}),
+                (surface.evaluate, {"nu": (3, 1)}),
+                (surface.evaluate, {"channel": "uv"}),
+                (surface.normal, {}),
+            ]:
+                wanted = ask(*query, **options, workers=workers)
+                out = make(wanted.shape)
+                assert ask(*query, **options, workers=workers, out=out) is out
+                assert out.tobytes() == wanted.tobytes()
+            wanted = surface.jet(*query)
+            several = {nu: make(x.shape) for nu, x in reversed(wanted.items())}
+            assert surface.jet(*query, workers=workers, out=several) is several
+            assert all(several[nu].tobytes() == x.tobytes() for nu, x in wanted.items())
+            # what an earlier answer was is taken again
+            again = surface.jet(*(np.zeros_like(x) for x in np.broadcast_arrays(*query)))
+            assert surface.jet(*query, workers=workers, out=again) is again
+            assert all(np.array_equal(again[nu], x, True) for nu, x in wanted.items())
+
+
+@pytest.mark.parametrize("engine", ["reference", "compiled"])
+def test_results_may_take_the_place_of_what_was_asked(engine, monkeypatch):
+    monkeypatch.setattr("limitsurf.engine.packing.CHUNK", 16)
+    points, faces = zoo.cube()
+    mesh = ls.Mesh(np.asarray(points, float)[:, 0], faces)
+    surface = ls.LimitSurface(mesh, engine=engine)
+    face, u, v = queries(surface, 100)
+    wanted = surface.evaluate(face, u, v)
+    room = np.concatenate([v, u])
+    # every result is written to where a later u is read
+    found = surface.evaluate(face, room[100:], v, out=room[90:190])
+    assert np.array_equal(found, wanted)
+
+
+def test_bad_places_for_results():
+    mesh = mesh_of("cube")
+    surface = ls.LimitSurface(mesh)
+    fixed, half = np.empty((2, 3)), Fraction(1, 2)
+    fixed.flags.writeable = False
+    query: Any = ([0, 1], 0.5, 0.5)
+    place: Any
+    for place, error, what in [
+        (
+            np.empty((3, 3)),
+            ValueError,
+            r"out must have the shape of the result, \(2, 3\), got \(3, 3\)",
+        ),
+        (np.empty((2, 3), np.float32), TypeError, "out must be an array of float64, got float32"),
+        (np.empty((2, 3), ">f8"), TypeError, "out must be an array of float64, got >f8"),
+        ([[0.0] * 3] * 2, TypeError, "out must be an array of float64, got list"),
+        (np.ma.zeros((2, 3)), TypeError, "got MaskedArray"),
+        (fixed, ValueError, "out is read-only"),
+    ]:
+        for ask in (surface.evaluate, surface.normal):
+            with pytest.raises(error, match=what):
+                ask(*query, out=place)
+    with pytest.raises(TypeError, match="takes results in float64, and exact numbers have none"):
+        surface.evaluate([0, 1], half, half, out=np.empty((2, 3)))
+    made = surface.jet(*query, order=1)
+    for place, error, what in [
+        (np.empty((3, 2, 3)), TypeError, "out must be a dict of arrays"),
+        ({(0, 0): made[0, 0]}, ValueError, r"out has no array for the derivative \(1, 0\)"),
+        ({**made, (2, 0): made[0, 0]}, ValueError, r"out has an array for \(2, 0\)"),
+        ({**made, (0, 1): fixed}, ValueError, r"out\[\(0, 1\)\] is read-only"),
+    ]:
+        with pytest.raises(error, match=what):
+            surface.jet(*query, order=1, out=place)
+    with pytest.raises(IndexError, match="limit face 9 at index 1 is out of range"):
+        surface.evaluate([0, 9], 0.5, 0.5, out=np.empty((2, 3)))
+
+
+def test_blocks_keep_their_arrays_and_are_made_again_elsewhere():
+    pytest.importorskip("numba")
+    from limitsurf._kernels.blocks import Block
+
+    array = np.arange(6.0).reshape(2, 3)
+    kept = sys.getrefcount(array)
+    block = Block((5, array), (array[0],))
+    assert sys.getrefcount(array) > kept
+    assert block.words.reshape(-1, 5)[1].tolist() == [array.ctypes.data, 2, 3, 0, 0]
+    again = pickle.loads(pickle.dumps(block))
+    assert again.words[5] != block.words[5]
+    assert again.words.reshape(-1, 5)[:, 1:].tolist() == block.words.reshape(-1, 5)[:, 1:].tolist()
+    with pytest.raises(ValueError, match="contiguous"):
+        Block((array.T,))
 
 
 # --- Places

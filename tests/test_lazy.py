@@ -317,3 +317,10 @@ def test_a_cluster_of_processes(tmp_path):
     assert len(lines) == 2
     for line in lines:
         assert "q.npy: row 2345: limit face 8 is out of range" in line
+
+
+def test_there_is_no_place_for_answers_that_are_computed_later(surface, queries):
+    face, u, v = queries
+    for ask in (surface.evaluate, surface.normal):
+        with pytest.raises(TypeError, match="out takes no answers to Dask arrays"):
+            ask(face, da.from_array(u), v, out=np.empty((N, 3)))

@@ -352,7 +352,7 @@ def eigen_rows(table: EigenTable, place: CornerPlace, powers: EigenPowers, nu: O
 
 def _eigenfunctions(table: EigenTable, place: CornerPlace, nu: Order) -> Array:
     """Derivatives in (S, T) of the eigenfunctions after the first on their pieces, (Q, K - 1)."""
-    rows = np.zeros((len(place.level), table.size - 1))
+    rows = np.zeros((len(place.level), len(table.order) - 1))
     i, j, kept, most = _powers(table.scheme.spline, nu)
     if not len(kept):
         return rows

@@ -35,7 +35,9 @@ def is_lazy(*arrays: Any) -> bool:
     return False
 
 
-def mapped(surface: object, method: str, face: Any, u: Any, v: Any, **options: Any) -> Any:
+def mapped(
+    surface: object, method: str, face: Any, u: Any, v: Any, out: Any = None, **options: Any
+) -> Any:
     """What a method of the surface returns, with a Dask array in place of each array.
 
     Parameters
@@ -46,6 +48,8 @@ def mapped(surface: object, method: str, face: Any, u: Any, v: Any, **options: A
     face, u, v : array_like
         They broadcast, and their chunks are aligned. Sizes of chunks may be unknown (NaN), as those
         of a data frame's columns are, if all have the same partitions.
+    out : None
+        Nothing else: answers are made when they are computed.
     **options
         Of the method.
 
@@ -81,6 +85,11 @@ def mapped(surface: object, method: str, face: Any, u: Any, v: Any, **options: A
     import dask.array as da
     from dask import delayed
 
+    if out is not None:
+        raise TypeError(
+            "out takes no answers to Dask arrays, which are computed later: store them with "
+            "dask.array.store, or give NumPy arrays"
+        )
     queries = [x if is_lazy(x) else da.from_array(_array(x), asarray=False) for x in (face, u, v)]
     if not np.isnan([n for x in queries for n in x.shape]).any():
         np.broadcast_shapes(

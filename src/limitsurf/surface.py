@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, overload
 
 import numpy as np
@@ -14,6 +15,7 @@ from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles
 from limitsurf.channels import ChannelMesh
 from limitsurf.engine.choice import Answers, Choice, chosen
 from limitsurf.engine.protocol import Engine, Order, Request
+from limitsurf.engine.results import arrays_of, written
 from limitsurf.engine.topology import Topology
 from limitsurf.numbers import Exact, Numbers, Plain
 from limitsurf.patches import PatchTable
@@ -209,6 +211,7 @@ class LimitSurface:
         self._channels = channels
         self._answers = Answers(topology, mesh, choice)
         self._exact = numbers.type_of(mesh.points).exact
+        self._shape = mesh.points.shape[1:]
 
     def with_points(self, points: Numbers) -> LimitSurface:
         """The surface of the same cage with other points, (n_vertices, ...); nothing is rebuilt.
@@ -305,7 +308,7 @@ class LimitSurface:
     @overload
     def evaluate(  # type: ignore[overload-overlap]  # an empty list is of either: floats
         self, face: ArrayLike, u: Plain, v: Plain, *, nu: Order = ...,
-        channel: str | None = ..., workers: int = ...,
+        channel: str | None = ..., workers: int = ..., out: Floats | None = ...,
     ) -> Floats: ...  # fmt: skip
     @overload
     def evaluate(
@@ -320,7 +323,7 @@ class LimitSurface:
     @overload
     def evaluate(
         self, face: ArrayLike, u: Numbers, v: Numbers, *, nu: Order = ...,
-        channel: str | None = ..., workers: int = ...,
+        channel: str | None = ..., workers: int = ..., out: Floats | None = ...,
     ) -> Array: ...  # fmt: skip
     def evaluate(
         self,
@@ -331,6 +334,7 @@ class LimitSurface:
         nu: Order = _POSITION[0],
         channel: str | None = None,
         workers: int = 1,
+        out: Floats | None = None,
     ) -> Any:
         """Positions on the limit surface, or derivatives of any order.
 
@@ -348,24 +352,29 @@ class LimitSurface:
         workers : int
             Threads among which many queries are divided, -1 for one to each processor; results
             are the same for any number.
+        out : ndarray, optional
+            An array of float64, of the shape of the result, to write the result to: in loops over
+            many queries this saves the time that the system takes to find memory, most so if it is
+            contiguous. It may share memory with u and v; after an error its values are undefined.
 
         Returns
         -------
         ndarray
-            Shape ``broadcast(face, u, v).shape + points.shape[1:]``; with `channel`, of its values
-            instead of the points. float64, or Fractions if u, v or the points are exact, which of
-            points a type checker cannot know. See the class for the scaling of derivatives, and
-            for NaN and infinity.
+            `out`, or a new array, of shape ``broadcast(face, u, v).shape + points.shape[1:]``; with
+            `channel`, of its values instead of the points. float64, or Fractions if u, v or the
+            points are exact, which of points a type checker cannot know. See the class for the
+            scaling of derivatives, and for NaN and infinity.
 
         Raises
         ------
         IndexError
             For a face out of range.
         ValueError
-            For finite u or v outside the limit face, an order that is not two integers >= 0, or a
-            channel that the mesh does not have.
+            For finite u or v outside the limit face, an order that is not two integers >= 0, a
+            channel that the mesh does not have, or an `out` of another shape, or read-only.
         TypeError
-            For exact numbers where the scheme's masks are irrational.
+            For exact numbers where the scheme's masks are irrational; for an `out` that is no array
+            of float64, and for any `out` if numbers are exact or queries are Dask arrays.
 
         Examples
         --------
@@ -375,20 +384,40 @@ class LimitSurface:
         [[0.5, 0.5], [0.5, 1.5]]
         >>> surface.evaluate(0, 0.5, 0.5, nu=(0, 1)).round(12).tolist()
         [0.0, 2.0]
+
+        Memory that is used again and again:
+
+        >>> import numpy as np
+        >>> points = np.empty((3, 2))
+        >>> for v in (0.25, 0.75):
+        ...     same = surface.evaluate(0, [0, 0.5, 1], v, out=points)
+        ...     print(same is points, points[:, 1].round(12).tolist())
+        True [0.5, 0.5, 0.5]
+        True [1.5, 1.5, 1.5]
         """
+        orders = _POSITION if nu is _POSITION[0] else (_order(nu),)
+        if channel is None and out is None and not self._exact:
+            known = self._answers.one(face, u, v, orders, workers)
+            if known is not None:
+                return known[0].reshape(self._shape)[()]
         if lazy.is_lazy(face, u, v):
             options = {"nu": nu, "channel": channel, "workers": workers}
-            return lazy.mapped(self, "evaluate", face, u, v, **options)
-        orders = _POSITION if nu is _POSITION[0] else [_order(nu)]
-        surface = self if channel is None else self.of_channel(channel)
-        request = Request.of(face, u, v, surface._exact, workers)
-        (found,) = surface._answers.engine(request, orders).derivatives(request, orders)
-        return found.reshape(request.face.shape + surface._mesh.points.shape[1:])[()]
+            return lazy.mapped(self, "evaluate", face, u, v, out=out, **options)
+        if channel is not None:
+            own = self.of_channel(channel)
+            return own.evaluate(face, u, v, nu=nu, workers=workers, out=out)
+        request = Request.of(face, u, v, self._exact, workers)
+        engine, shape = self._answers.engine(request, orders), request.face.shape + self._shape
+        if out is None:
+            (found,) = engine.derivatives(request, orders)
+            return found.reshape(shape)[()]
+        written({"out": out}, shape, request, lambda r, to: engine.derivatives(r, orders, to))
+        return out
 
     @overload
     def jet(  # type: ignore[overload-overlap]
         self, face: ArrayLike, u: Plain, v: Plain, *, order: int = ...,
-        channel: str | None = ..., workers: int = ...,
+        channel: str | None = ..., workers: int = ..., out: dict[Order, Floats] | None = ...,
     ) -> dict[Order, Floats]: ...  # fmt: skip
     @overload
     def jet(
@@ -403,7 +432,7 @@ class LimitSurface:
     @overload
     def jet(
         self, face: ArrayLike, u: Numbers, v: Numbers, *, order: int = ...,
-        channel: str | None = ..., workers: int = ...,
+        channel: str | None = ..., workers: int = ..., out: dict[Order, Floats] | None = ...,
     ) -> dict[Order, Array]: ...  # fmt: skip
     def jet(
         self,
@@ -414,13 +443,15 @@ class LimitSurface:
         order: int = 2,
         channel: str | None = None,
         workers: int = 1,
+        out: dict[Order, Floats] | None = None,
     ) -> Any:
         """All derivatives up to a total order in one pass, as {(i, j): array}.
 
         Arguments, shapes and errors are those of `evaluate`; (0, 0) is the position. Derivatives
         beyond the third in u or in v, in triangles beyond the fourth order, are 0 where there are
         any, so that no more than order 6 says anything; orders above 139, of more than 10,000
-        derivatives, are refused.
+        derivatives, are refused. `out` is a dict of arrays for all of them, such as an earlier
+        answer: its arrays lie side by side, which is the fastest.
 
         Examples
         --------
@@ -429,24 +460,24 @@ class LimitSurface:
         >>> {nu: round(float(x[0]), 12) for nu, x in surface.jet(0, 0.25, 0.0, order=1).items()}
         {(0, 0): 0.25, (1, 0): 1.0, (0, 1): 0.0}
         """
-        order = checked_integer("order", order, 0)
-        count = (order + 1) * (order + 2) // 2
-        if count > _MOST:
-            raise ValueError(
-                f"a jet of order {order} has {count:,} derivatives, more than {_MOST:,}; those "
-                "beyond the third in u or in v are 0: ask for order 6, which has all others, or "
-                "evaluate those you need by nu="
-            )
+        orders, within = _jet_orders(checked_integer("order", order, 0))
+        if channel is None and out is None and not self._exact:
+            known = self._answers.one(face, u, v, within, workers)
+            if known is not None:
+                return _by_order(orders, known, self._shape)
         if lazy.is_lazy(face, u, v):
             options = {"order": order, "channel": channel, "workers": workers}
-            return lazy.mapped(self, "jet", face, u, v, **options)
-        surface = self.of_channel(channel)
-        orders = [(m - j, j) for m in range(order + 1) for j in range(m + 1)]
-        within = [_order(nu) for nu in orders]
-        request = Request.of(face, u, v, surface._exact, workers)
-        found = surface._answers.engine(request, within).derivatives(request, within)
-        shape = request.face.shape + surface.points.shape[1:]
-        return {nu: x.reshape(shape)[()] for nu, x in zip(orders, found, strict=True)}
+            return lazy.mapped(self, "jet", face, u, v, out=out, **options)
+        if channel is not None:
+            own = self.of_channel(channel)
+            return own.jet(face, u, v, order=order, workers=workers, out=out)
+        request = Request.of(face, u, v, self._exact, workers)
+        engine, shape = self._answers.engine(request, within), request.face.shape + self._shape
+        if out is None:
+            return _by_order(orders, engine.derivatives(request, within), shape)
+        arrays = arrays_of(out, orders)
+        written(arrays, shape, request, lambda r, to: engine.derivatives(r, within, to))
+        return out
 
     def tangents(
         self,
@@ -484,12 +515,12 @@ class LimitSurface:
             options = {"channel": channel, "workers": workers}
             both: tuple[Any, Any] = lazy.mapped(self, "tangents", face, u, v, **options)
             return both
-        surface = self.of_channel(channel)
-        request, engine = surface._inexact(face, u, v, workers, "tangents")
+        if channel is not None:
+            return self.of_channel(channel).tangents(face, u, v, workers=workers)
+        request, engine = self._inexact(face, u, v, workers, "tangents")
         *directions, noise, other = engine.tangents(request)
-        points = surface.points
-        shape = request.face.shape + points.shape[1:]
-        width = points.shape[-1] if points.ndim > 1 else 1
+        shape = request.face.shape + self._shape
+        width = self._shape[-1] if self._shape else 1
         along, across = (
             kernels.unit(
                 x.reshape(-1, width), np.repeat(noise, x.shape[1] // max(width, 1), axis=0)
@@ -506,6 +537,7 @@ class LimitSurface:
         *,
         workers: int = 1,
         channel: str | None = None,
+        out: Floats | None = None,
     ) -> Floats:
         """Unit normals, along d/du x d/dv: outwards where faces are counter-clockwise from outside.
 
@@ -539,14 +571,22 @@ class LimitSurface:
         >>> surface.normal(0, 0.5, 0.5).tolist()
         [0.0, 0.0, 1.0]
         """
-        surface = self._in_space(channel, "a normal")
+        if channel is not None:
+            return self.of_channel(channel).normal(face, u, v, workers=workers, out=out)
+        self._in_space("a normal")
+        if out is None and not self._exact:
+            known = self._answers.one(face, u, v, None, workers)
+            if known is not None:
+                return known[0].reshape(3)
         if lazy.is_lazy(face, u, v):
-            options = {"channel": channel, "workers": workers}
-            lazily: Floats = lazy.mapped(self, "normal", face, u, v, **options)
+            lazily: Floats = lazy.mapped(self, "normal", face, u, v, out=out, workers=workers)
             return lazily
-        request, engine = surface._inexact(face, u, v, workers, "normal")
-        normals = engine.normals(request)
-        return normals.reshape(*request.face.shape, 3)
+        request, engine = self._inexact(face, u, v, workers, "normal")
+        shape = (*request.face.shape, 3)
+        if out is None:
+            return engine.normals(request).reshape(shape)
+        written({"out": out}, shape, request, lambda r, to: engine.normals(r, out=to[0]))
+        return out
 
     def curvature(
         self,
@@ -590,20 +630,19 @@ class LimitSurface:
         >>> float((bent.k1 * (1 + 4 * at * at) ** 1.5).round(9)), abs(bent.d1).round(6).tolist()
         (2.0, [0.316228, 0.0, 0.948683])
         """
-        self._in_space(channel, "a curvature")
-        options = {"channel": channel, "workers": workers}
+        if channel is not None:
+            return self.of_channel(channel).curvature(face, u, v, workers=workers)
+        self._in_space("a curvature")
         if lazy.is_lazy(face, u, v):
-            found = lazy.mapped(self, "_curvatures", face, u, v, **options)
+            found = lazy.mapped(self, "_curvatures", face, u, v, workers=workers)
         else:
-            found = self._curvatures(face, u, v, channel, workers)
+            found = self._curvatures(face, u, v, workers)
         k1, k2, mean, gaussian = (found[..., k][()] for k in range(4))
         return Curvature(k1, k2, found[..., 4:7], found[..., 7:], mean, gaussian)
 
-    def _curvatures(
-        self, face: ArrayLike, u: Numbers, v: Numbers, channel: str | None, workers: int
-    ) -> Array:
+    def _curvatures(self, face: ArrayLike, u: Numbers, v: Numbers, workers: int) -> Array:
         """Both principal, mean and Gaussian curvature, and both directions, (..., 10)."""
-        request, engine = self.of_channel(channel)._inexact(face, u, v, workers, "curvature")
+        request, engine = self._inexact(face, u, v, workers, "curvature")
         found = engine.curvatures(request)
         return found.reshape(*request.face.shape, 10)
 
@@ -684,13 +723,10 @@ class LimitSurface:
             )
         return request, self._answers.engine(request)
 
-    def _in_space(self, channel: str | None, what: str) -> LimitSurface:
-        """The surface of a channel, or this one, of points of shape (n, 3)."""
-        surface = self.of_channel(channel)
-        shape = surface.points.shape
-        if shape[1:] != (3,):
-            raise ValueError(f"{what} needs points of shape (n, 3), got {shape}")
-        return surface
+    def _in_space(self, what: str) -> None:
+        """Complain of points that are not of shape (n, 3)."""
+        if self._shape != (3,):
+            raise ValueError(f"{what} needs points of shape (n, 3), got {self.points.shape}")
 
 
 def precompile() -> None:
@@ -728,3 +764,26 @@ def _order(nu: Any) -> Order:
         if whole and i >= 0 and j >= 0 and type(i) is not bool and type(j) is not bool:
             return min(int(i), _ZERO), min(int(j), _ZERO)
     raise ValueError(f"nu must be two integers >= 0, got {nu!r}")
+
+
+@lru_cache(maxsize=16)
+def _jet_orders(order: int) -> tuple[tuple[Order, ...], tuple[Order, ...]]:
+    """All derivatives up to an order, and which of the pieces' these are."""
+    count = (order + 1) * (order + 2) // 2
+    if count > _MOST:
+        raise ValueError(
+            f"a jet of order {order} has {count:,} derivatives, more than {_MOST:,}; those "
+            "beyond the third in u or in v are 0: ask for order 6, which has all others, or "
+            "evaluate those you need by nu="
+        )
+    orders = tuple((m - j, j) for m in range(order + 1) for j in range(m + 1))
+    return orders, tuple(map(_order, orders))
+
+
+def _by_order(orders: tuple[Order, ...], found: Any, shape: tuple[int, ...]) -> dict[Order, Any]:
+    """Derivatives (n, Q, d), one array or several, in a shape for each."""
+    if isinstance(found, np.ndarray):
+        found = found.reshape(len(orders), *shape)
+    else:
+        found = [x.reshape(shape)[()] for x in found]
+    return dict(zip(orders, found, strict=True))

@@ -19,8 +19,10 @@ from math import cos, sin, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.core.types import float64, int32, int64
 from numpy.typing import NDArray
 
+from limitsurf._kernels.blocks import unpacking, within
 from limitsurf._kernels.doubt import NOISE, SCALED
 from limitsurf._kernels.jit import (
     bits,
@@ -126,6 +128,47 @@ class Room(NamedTuple):
         rows = np.empty((6 + tables.chains.shape[1], max(6, tables.pieces.shape[3])))
         sums = np.empty(72), np.empty(7 * LANES), np.empty((16, LANES))
         return cls(codes, depths, places, s, t, simple, splines, special, *sums, rows)
+
+    @classmethod
+    def size(cls, tables: Tables) -> int:
+        """How many numbers of 8 bytes that is."""
+        return sum(x.size for x in cls.of(tables))
+
+
+_ints, _floats, _rows = (within(kind) for kind in (int64[::1], float64[::1], float64[:, ::1]))
+_FIELDS = (
+    (int64[::1], int64, int32[::1], int64[:, ::1], float64[::1], int64[::1]),
+    (
+        int64[:, ::1], *[float64[:, :, :, ::1]] * 2, *[float64[:, ::1]] * 2, int64[:, ::1],
+        float64[:, :, ::1], *[float64[:, ::1]] * 2, *[int64[:, ::1]] * 2,
+    ),
+    (*[float64[:, ::1]] * 2, *[float64[::1]] * 2, float64[:, ::1]),
+)  # fmt: skip
+# what is in a block of patches, tables and points
+patches_of = unpacking(Patches, 0, _FIELDS[0])
+tables_of = unpacking(Tables, len(Patches._fields), _FIELDS[1])
+points_of = unpacking(Points, len(Patches._fields + Tables._fields), _FIELDS[2])
+
+
+@inlined
+def _room_of(flat: Array, tables: Tables) -> Room:
+    """Room at the begin of a flat array, as `Room.of` makes it."""
+    wide = max(6, tables.pieces.shape[3])
+    at = 8 * _BLOCK
+    return Room(
+        _ints(flat, 0, (_BLOCK,)),
+        _ints(flat, _BLOCK, (_BLOCK,)),
+        _ints(flat, 2 * _BLOCK, (_BLOCK,)),
+        _floats(flat, 3 * _BLOCK, (_BLOCK,)),
+        _floats(flat, 4 * _BLOCK, (_BLOCK,)),
+        _ints(flat, 5 * _BLOCK, (_BLOCK,)),
+        _ints(flat, 6 * _BLOCK, (_BLOCK,)),
+        _ints(flat, 7 * _BLOCK, (_BLOCK,)),
+        _floats(flat, at, (72,)),
+        _floats(flat, at + 72, (7 * LANES,)),
+        _rows(flat, at + 72 + 7 * LANES, (16, LANES)),
+        _rows(flat, at + 72 + 23 * LANES, (6 + tables.chains.shape[1], wide)),
+    )
 
 
 @inlined
@@ -327,10 +370,12 @@ def evaluator(shape: Any) -> Any:
 
     @outlined
     def _simple(
-        simple: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
-        which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,
+        simple: int, start: int, words: Array, order: int, which: Array, normals: bool, out: Array,
+        rest: Array, left: int, flat: Array,
     ) -> int:  # fmt: skip
         """Queries in regular patches as they are."""
+        patches, tables, points = patches_of(words), tables_of(words), points_of(words)
+        room = _room_of(flat, tables)
         ids = patches.ids
         weights = room.weights
         found = room.found
@@ -355,10 +400,12 @@ def evaluator(shape: Any) -> Any:
 
     @outlined
     def _splines(
-        splines: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
-        which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,
+        splines: int, start: int, words: Array, order: int, which: Array, normals: bool, out: Array,
+        rest: Array, left: int, flat: Array,
     ) -> int:  # fmt: skip
         """Queries in other splines: turned, split, strips, next to special corners."""
+        patches, tables, points = patches_of(words), tables_of(words), points_of(words)
+        room = _room_of(flat, tables)
         width = points.high.shape[1]
         d = out.shape[2]
         ids = patches.ids
@@ -425,10 +472,12 @@ def evaluator(shape: Any) -> Any:
 
     @outlined
     def _special(
-        special: int, start: int, patches: Patches, tables: Tables, points: Points, order: int,
-        which: Array, normals: bool, out: Array, rest: Array, left: int, room: Room,
+        special: int, start: int, words: Array, order: int, which: Array, normals: bool, out: Array,
+        rest: Array, left: int, flat: Array,
     ) -> int:  # fmt: skip
         """Queries nearer to special corners."""
+        tables, points = tables_of(words), points_of(words)
+        room = _room_of(flat, tables)
         width = points.high.shape[1]
         d = out.shape[2]
         modes = points.modes
@@ -518,29 +567,39 @@ def evaluator(shape: Any) -> Any:
 
     @lean
     def scattered(
-        face: Array, u: Array, v: Array, patches: Patches, tables: Tables, points: Points,
-        order: int, which: Array, normals: bool, out: Array, start: int, rest: Array, room: Room,
+        room: Array, n: int, words: Array, order: int, which: Array, normals: bool, out: Array,
+        start: int,
     ) -> int:  # fmt: skip
-        """Derivatives, or unit normals, at (face, u, v): queries `start` to `start + len(face)`.
+        """Derivatives, or unit normals, at n places: queries number `start` to `start + n`.
 
-        Results are written to ``out[k, query, channel]`` for the derivatives `which` (places in
-        the order of `LimitSurface.jet`), or to ``out[0]``; NaN where u or v is not finite and on
-        faces without a limit. Queries that are left to the reference are written to `rest`;
-        returned is how many there are, or -1 if a face or a parameter is out of range.
+        The last 4 n numbers of the flat `room` are their faces, u and v, and free; before them is
+        room for `Room`. Words are those of a block of patches, tables and points. Results are
+        written to ``out[k, query, channel]`` for the derivatives `which` (places in the order of
+        `LimitSurface.jet`), or to ``out[0]``; NaN where u or v is not finite and on faces without a
+        limit. Queries that are left to the reference are written over the last n numbers of the
+        room, as integers; returned is how many there are, or -1 if a face or a parameter is out of
+        range.
         """
-        d, left = out.shape[2], 0
-        for begin in range(0, len(face), _BLOCK):
-            size = min(_BLOCK, len(face) - begin)
+        patches, tables = patches_of(words), tables_of(words)
+        own = _room_of(room, tables)
+        first, d, left = len(room) - 4 * n, out.shape[2], 0
+        face, u = _floats(room, first, (n,)), _floats(room, first + n, (n,))
+        v, rest = _floats(room, first + 2 * n, (n,)), _ints(room, first + 3 * n, (n,))
+        codes, places, ss, ts = own.codes, own.places, own.s, own.t
+        for begin in range(0, n, _BLOCK):
+            size = min(_BLOCK, n - begin)
             simple = splines = special = 0
             for k in range(size):
-                if begin + k + 4 * _AHEAD < len(face):
-                    prefetch(patches.info, face[begin + k + 4 * _AHEAD])
+                if begin + k + 4 * _AHEAD < n:
+                    prefetch(patches.info, np.int64(face[begin + k + 4 * _AHEAD]))
+                number = face[begin + k]
                 code, depth, s, t, fine = located(
-                    face[begin + k], u[begin + k], v[begin + k], patches
-                )
+                    np.int64(number) if 0 <= number < patches.n_faces else -1,
+                    u[begin + k], v[begin + k], patches,
+                )  # fmt: skip
                 if not fine:
                     return -1
-                room.codes[k], room.depths[k], room.s[k], room.t[k] = code, depth, s, t
+                codes[k], own.depths[k], ss[k], ts[k] = code, depth, s, t
                 if code < 0:
                     for j in range(len(out)):
                         for c in range(d):
@@ -548,22 +607,22 @@ def evaluator(shape: Any) -> Any:
                 elif code >> KIND > 1:
                     kind, turn = code >> KIND, code >> TURN & TURNS
                     s, t = turned(s, t, turn)
-                    level, piece, room.s[k], room.t[k] = place_around(s, t, turn)
-                    room.places[k] = piece + 4 * (level + 1)
+                    level, piece, ss[k], ts[k] = place_around(s, t, turn)
+                    places[k] = piece + 4 * (level + 1)
                     if level == 0 and tables.kinds[kind, MODES] >= 0:
-                        room.splines[splines] = k
+                        own.splines[splines] = k
                         splines += 1
                     else:
-                        room.special[special] = k
+                        own.special[special] = k
                         special += 1
                 elif code > ROW or depth or d != 3:
-                    room.splines[splines] = k
+                    own.splines[splines] = k
                     splines += 1
                 else:
-                    room.simple[simple] = k
+                    own.simple[simple] = k
                     simple += 1
 
-            given = patches, tables, points, order, which, normals, out, rest
+            given = words, order, which, normals, out, rest
             left = _simple(simple, start + begin, *given, left, room)
             left = _splines(splines, start + begin, *given, left, room)
             left = _special(special, start + begin, *given, left, room)

@@ -20,9 +20,9 @@ from limitsurf._kernels.evaluation import (
     ROWS,
     TURN,
     TURNS,
-    Patches,
-    Points,
-    Tables,
+    patches_of,
+    points_of,
+    tables_of,
 )
 from limitsurf._kernels.jit import inlined, lean, products
 
@@ -64,18 +64,21 @@ def gridder(shape: Any) -> Any:
 
     @lean
     def gridded(
-        faces: Array, patches: Patches, tables: Tables, points: Points, weights: Weights,
-        count: int, places: int, position: int, normals: bool, out: Array, start: int, rest: Array,
-        near: Array, sums: Array,
+        faces: Array, words: Array, starts: Array, weights: Array, stride: int, count: int,
+        places: int, position: int, normals: bool, out: Array, start: int, rest: Array, near: Array,
+        sums: Array,
     ) -> int:  # fmt: skip
         """Derivatives, or unit normals, at the same `places` parameters on each face.
 
+        Words are those of a block of patches, tables and points; starts, weights and stride are
+        `Weights`.
         Results are written to ``out[k, (start + f) * places + place, channel]`` for the `count`
         derivatives k of the weights, of which number `position` (or -1) is the position; normals
         need two, along u and v. Queries that are left to others are written to `rest`; returned is
         how many there are, or -1 if a face is out of range. near (64,) and sums
-        (6, 3, weights.places) are room.
+        (6, 3, stride) are room.
         """
+        patches, tables, points = patches_of(words), tables_of(words), points_of(words)
         width, d = points.high.shape[1], out.shape[2]
         channels = 3 if d == 3 else 1
         left = 0
@@ -84,7 +87,7 @@ def gridder(shape: Any) -> Any:
                 return -1
             code = patches.info[faces[f]]
             kind, row, turn = code >> KIND, code & ROW, code >> TURN & TURNS
-            table = -1 if code < 0 else weights.start[kind, turn]
+            table = -1 if code < 0 else starts[kind, turn]
             size, block, own = own_size, 0, np.int64(0)
             if table >= 0 and kind > 1:
                 size = tables.kinds[kind, ROWS]
@@ -109,22 +112,22 @@ def gridder(shape: Any) -> Any:
                 else:
                     sizes = block + (size + 2) * width
                     reach = max(points.modes[sizes], points.modes[sizes + 2])
-                stride, first = weights.places, block + width + channel
+                first = block + width + channel
                 for k in range(count):
                     for begin in range(0, stride, PLACES):
                         at = table + k * size * stride + begin
                         if kind <= 1 and channels == 3:
-                            _products3(weights.table, at, size, stride, near, 0, 4, sums, k, begin)
+                            _products3(weights, at, size, stride, near, 0, 4, sums, k, begin)
                         elif kind <= 1:
-                            _products1(weights.table, at, size, stride, near, 0, 4, sums, k, begin)
+                            _products1(weights, at, size, stride, near, 0, 4, sums, k, begin)
                         elif channels == 3:
                             _products3(
-                                weights.table, at, size, stride, points.modes, first, width, sums,
+                                weights, at, size, stride, points.modes, first, width, sums,
                                 k, begin,
                             )  # fmt: skip
                         else:
                             _products1(
-                                weights.table, at, size, stride, points.modes, first, width, sums,
+                                weights, at, size, stride, points.modes, first, width, sums,
                                 k, begin,
                             )  # fmt: skip
                 query = (start + f) * places

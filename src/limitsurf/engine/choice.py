@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import NDArray
 
 from limitsurf import _kernels
 from limitsurf.caching import cached_property
@@ -14,8 +17,13 @@ from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.reference import Reference
 from limitsurf.engine.topology import Topology
 
+Array = NDArray[Any]
 Choice: TypeAlias = Literal["auto", "reference", "compiled"]
 VARIABLE = "LIMITSURF_ENGINE"
+
+# types of plain numbers
+_WHOLE, _REAL = {int, np.int64}, {float, np.float64}
+_FAR = 1 << 62  # no integers of other types before
 
 
 def chosen(engine: str | None) -> Choice:
@@ -57,6 +65,31 @@ class Answers:
     def compiled(self) -> Compiled:
         """Kernels."""
         return Compiled(self._topology, self.reference)
+
+    def one(
+        self, face: Any, u: Any, v: Any, orders: tuple[Order, ...] | None, workers: Any
+    ) -> Sequence[Array] | None:
+        """Derivatives (1, d) of these orders, or the normal for None, at a place in plain numbers.
+
+        Points are in float64. None if it is not in plain numbers, or `workers` are asked for: the
+        call is as any other then.
+        """
+        if type(u) not in _REAL or type(v) not in _REAL or type(face) not in _WHOLE:
+            return None
+        if type(workers) is not int or workers != 1 or not 0 <= face < _FAR:
+            return None
+        if self._choice == "compiled" or (self._choice == "auto" and _kernels.pays(1)):
+            kernels = self.compiled
+            if kernels.knows(orders or (), False):
+                found: Any = kernels.one(face, u, v, orders)
+                if found is not None:
+                    known: Sequence[Array] = found
+                    return known
+        request = Request(np.asarray(face), np.asarray(u), np.asarray(v), False, 1)
+        engine = self.engine(request, orders or ())
+        if orders is None:
+            return [engine.normals(request)]
+        return engine.derivatives(request, orders)
 
     def engine(
         self, request: Request, orders: Sequence[Order] = (), weights: bool = False

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from limitsurf import _kernels
 from limitsurf._kernels import reference as kernels
+from limitsurf.caching import cached_property
 from limitsurf.engine.kinds import curvatures
-from limitsurf.engine.packing import TERMS
+from limitsurf.engine.packing import TERMS, asked
 from limitsurf.engine.protocol import JET, Order, Request
 from limitsurf.engine.reference import Reference
+from limitsurf.engine.results import Results
 from limitsurf.engine.topology import Topology
 from limitsurf.refine import stacked
 
@@ -62,16 +64,37 @@ class Compiled:
                     self.__dict__["_packed"] = found
         return found
 
-    def derivatives(self, request: Request, orders: Sequence[Order]) -> Sequence[Array]:
-        """See `Engine`; orders of `PLACES`."""
-        places = list(map(PLACES.__getitem__, orders))
-        return self._answers(request, self._reference.values.channels, places, orders)
+    @cached_property
+    def _words(self) -> Array:
+        """What kernels evaluate, prepared."""
+        self._block = self._topology.packing.block(self._points)
+        return self._block.words
 
-    def normals(self, request: Request, limits: bool = True) -> Array:
+    def one(self, face: int, u: float, v: float, orders: tuple[Order, ...] | None) -> Array | None:
+        """Derivatives of orders of `PLACES`, or the normal for None, at one place: (n, 1, d).
+
+        None where `derivatives` and `normals` know more, or complain.
+        """
+        channels = self._reference.values.channels
+        return self._topology.packing.one(self._words, channels, (face, u, v), asked(orders))
+
+    def derivatives(
+        self, request: Request, orders: Sequence[Order], out: Sequence[Array] | None = None
+    ) -> Sequence[Array]:
+        """See `Engine`; orders of `PLACES`."""
+        orders = tuple(orders)
+        found, rest = self._answers(request, orders, out)
+        if len(rest):
+            parts = self._reference.derivatives(request.flat(rest), orders)
+            for result, part in zip(found, parts, strict=True):
+                result[rest] = part
+        return found
+
+    def normals(self, request: Request, limits: bool = True, out: Array | None = None) -> Array:
         """See `Engine`."""
-        (normals,) = self._answers(request, 3, None, ())
-        if limits:
-            self._reference.limits.fill(request, normals)
+        (normals,), rest = self._answers(request, None, None if out is None else [out])
+        if len(rest):
+            normals[rest] = self._reference.normals(request.flat(rest), limits)
         return normals
 
     def tangents(self, request: Request) -> tuple[Array, Array, Array, Array]:
@@ -129,23 +152,17 @@ class Compiled:
     def _answers(
         self,
         request: Request,
-        width: int,
-        places: list[int] | None,
-        orders: Sequence[Order],
-    ) -> Sequence[Array]:
-        """Arrays (Q, width): derivatives, or unit normals where `places` is None."""
-        found = self._topology.packing.evaluate(
-            self._points, (request.face, request.u, request.v), width, places, request.workers
-        )
-        if found is None:
+        orders: tuple[Order, ...] | None,
+        out: Sequence[Array] | None,
+    ) -> tuple[Sequence[Array], Array]:
+        """Arrays (Q, d): derivatives, or unit normals for None; and what is left to others."""
+        given = asked(orders)
+        shape = len(given.which), request.face.size, self._reference.values.channels
+        results = Results.new(shape) if out is None else Results.into(out)
+        places = request.face, request.u, request.v
+        packing = self._topology.packing
+        rest = packing.evaluate(self._words, places, given, results, request.workers)
+        if rest is None:
             request.check(self._topology.patches.n_limit_faces, self._topology.lattice)
             raise AssertionError("kernels and checks disagree about what is in range")
-        results, rest = found
-        if len(rest):
-            some, other = request.flat(rest), self._reference
-            if places is None:
-                results[0][rest] = other.normals(some, limits=False)
-                return list(results)
-            for result, part in zip(results, other.derivatives(some, orders), strict=True):
-                result[rest] = part
-        return list(results)
+        return results.arrays, rest

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from limitsurf import _kernels, basis, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
+from limitsurf.engine.results import Results
 from limitsurf.numbers import FLOAT64
 from limitsurf.patches import REGULAR, STRIP, PatchTable
 
 if TYPE_CHECKING:
     from limitsurf._kernels import evaluation, grids, rows
+    from limitsurf._kernels.blocks import Block
     from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
@@ -29,6 +31,8 @@ Array = NDArray[Any]
 # derivatives that kernels know, in the order of `LimitSurface.jet`
 TERMS = [(m - j, j) for m in range(3) for j in range(m + 1)]
 _TOTALS = [sum(nu) for nu in TERMS]
+_NORMAL = ((1, 0), (0, 1))
+_NONE = np.zeros(0, dtype=np.int64)
 # faces and parameters for which a grid is worth its tables of weights
 _FACES, _PLACES = 16, range(4, 4097)
 
@@ -57,6 +61,30 @@ def over_chunks(
         yield from pool.map(work, parts)
 
 
+class Asked(NamedTuple):
+    """What kernels are asked for."""
+
+    terms: tuple[tuple[int, int], ...]  # derivatives that are formed
+    which: Array  # places in `TERMS` of those that are returned
+    order: int  # the highest
+    normals: bool  # unit normals, from two derivatives
+
+
+@lru_cache(maxsize=256)
+def asked(orders: tuple[tuple[int, int], ...] | None) -> Asked:
+    """Derivatives of these orders, which are among `TERMS`; None asks for unit normals instead.
+
+    Examples
+    --------
+    >>> from limitsurf.engine.packing import asked
+    >>> asked(((0, 0), (1, 1))).which.tolist()
+    [0, 4]
+    """
+    terms = _NORMAL if orders is None else orders
+    places = [1] if orders is None else [TERMS.index(nu) for nu in orders]
+    return Asked(terms, np.array(places, dtype=np.int64), max(map(sum, terms)), orders is None)
+
+
 class Packing:
     """The patches of a surface as flat arrays; ``_kernels/evaluation.py`` says what is in them.
 
@@ -73,6 +101,8 @@ class Packing:
         which: Array,
         own: Array,
     ) -> None:
+        from limitsurf._kernels import evaluation
+
         self._patches, self._own = patches, own
         self._copied = np.zeros(0, dtype=np.int64)
         self._sectors, self._spline = eigen_tables, scheme.spline
@@ -81,6 +111,8 @@ class Packing:
         self._shape = _kernels.evaluating(shape)
         self.tables, self._n_rows, self._n_special = self._tables()
         self.patches = self._covering(strips, which)
+        # of `evaluation.Room`, in numbers; and what single queries leave behind for the next
+        self._room, self._free = evaluation.Room.size(self.tables), list[Array]()
 
     def _covering(self, strips: tables.StripTables, which: Array) -> evaluation.Patches:
         from limitsurf._kernels import evaluation
@@ -329,41 +361,66 @@ class Packing:
         shape = total, self._patches.n_vertices
         return csr_array((data, indices, indptr.astype(indices.dtype)), shape=shape)
 
+    def block(self, points: evaluation.Points) -> Block:
+        """All that kernels evaluate, prepared: patches, tables and points."""
+        from limitsurf._kernels.blocks import Block
+
+        return Block(self.patches, self.tables, points)
+
+    def one(
+        self, words: Array, channels: int, query: tuple[int, float, float], given: Asked
+    ) -> Array | None:
+        """Derivatives, or normals, at one place, (n, 1, channels); words are those of a `block`.
+
+        None if it is out of range, or left to the reference.
+        """
+        if not 0 <= query[0] < self.patches.n_faces:
+            return None
+        try:
+            room = self._free.pop()
+        except IndexError:
+            room = np.empty(self._room + 4)
+        room[-4], room[-3], room[-2] = query
+        _, which, order, normals = given
+        out = np.empty((len(which), 1, channels))
+        left = self._shape.scattered(room, 1, words, order, which, normals, out, 0)
+        self._free.append(room)
+        return None if left else out
+
     def evaluate(
         self,
-        points: evaluation.Points,
+        words: Array,
         queries: tuple[Array, Array, Array],
-        channels: int,
-        orders: Sequence[int] | None,
+        given: Asked,
+        out: Results,
         workers: int,
-    ) -> tuple[Array, Array] | None:
-        """Derivatives (orders, Q, channels), and which queries are left to the reference.
+    ) -> Array | None:
+        """Write derivatives, or normals, to `out`; words are those of a `block`.
 
-        `orders` are places in the order of `LimitSurface.jet`; None asks for unit normals instead.
-        Returns None if a query is out of range.
+        Queries are faces, u and v of one shape. Returns which of them are left to the reference, or
+        None if one is out of range.
         """
         grid = _grid(queries) if queries[0].ndim > 1 else None
         if grid is not None:
-            found = self._gridded(points, grid, channels, orders, workers)
-            if found is not None:
-                out, rest = found
+            rest = self._gridded(words, grid, given, out, workers)
+            if rest is not None:
                 face, place = np.divmod(rest, grid[1].size)
                 some = grid[0][face], grid[1][place], grid[2][place]
-                again = self._scattered(points, some, channels, orders, workers)
-                if again is None:
-                    return None
-                out[:, rest] = again[0]
-                return out, rest[again[1]]
-        return self._scattered(points, queries, channels, orders, workers)
+                again = Results.new((len(given.which), len(rest), out.arrays[0].shape[1]))
+                left = self._scattered(words, some, given, again, workers)
+                for result, part in zip(out.arrays, again.arrays, strict=True):
+                    result[rest] = part
+                return None if left is None else rest[left]
+        return self._scattered(words, queries, given, out, workers)
 
     def _gridded(
         self,
-        points: evaluation.Points,
+        words: Array,
         grid: tuple[Array, Array, Array],
-        channels: int,
-        orders: Sequence[int] | None,
+        given: Asked,
+        out: Results,
         workers: int,
-    ) -> tuple[Array, Array] | None:
+    ) -> Array | None:
         """Derivatives, or normals, at all parameters on all faces, (faces,), (places,), (places,).
 
         None where a face or a parameter is out of range or not finite.
@@ -372,29 +429,28 @@ class Packing:
         inside = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
         if self._patches.lattice.sloped:
             inside &= np.maximum(u, v) - 1 + np.minimum(u, v) <= 0
-        if not inside.all():
+        if not inside.all() or faces.min() < 0 or faces.max() >= self.patches.n_faces:
             return None
-        normals, n = orders is None, len(u)
-        terms = [TERMS[k] for k in ((1, 2) if orders is None else orders)]
-        if faces.min() < 0 or faces.max() >= self.patches.n_faces:
-            return None
+        terms, n = given.terms, len(u)
         weights = self._grid_weights(self.patches.info[faces], u, v, terms)
         position = terms.index((0, 0)) if (0, 0) in terms else -1
-        out = np.empty((1 if normals else len(terms), len(faces) * n, channels))
-        step = max(1, CHUNK // n)
+
+        chunk = _chunk(out)
 
         def work(part: slice) -> Array | None:
             face = np.array(faces[part], dtype=np.int64)
             rest = np.empty(len(face) * n, dtype=np.int64)
             room = np.empty(64), np.empty((6, 3, weights.places))
+            queries = slice(part.start * n, part.stop * n)
+            into, start = out.place(queries)
             left = self._shape.gridded(
-                face, self.patches, self.tables, points, weights, len(terms), n, position, normals,
-                out, part.start, rest, *room,
+                face, words, *weights, len(terms), n, position, given.normals, into, start // n,
+                rest, *room,
             )  # fmt: skip
-            return None if left < 0 else rest[:left]
+            out.keep(queries, into)
+            return None if left < 0 else rest[:left] + (part.start * n - start)
 
-        rest = _joined(over_chunks(len(faces), workers, work, step))
-        return None if rest is None else (out, rest)
+        return _joined(over_chunks(len(faces), workers, work, max(1, chunk // n)))
 
     def _grid_weights(
         self, codes: Array, u: Array, v: Array, terms: Sequence[tuple[int, int]]
@@ -455,34 +511,41 @@ class Packing:
 
     def _scattered(
         self,
-        points: evaluation.Points,
+        words: Array,
         queries: tuple[Array, Array, Array],
-        channels: int,
-        orders: Sequence[int] | None,
+        given: Asked,
+        out: Results,
         workers: int,
-    ) -> tuple[Array, Array] | None:
+    ) -> Array | None:
         """Derivatives, or normals, each query by itself."""
-        from limitsurf._kernels import evaluation
-
-        total, normals = queries[0].size, orders is None
-        which = np.array([1] if orders is None else orders, dtype=np.int64)
-        order = max(map(_TOTALS.__getitem__, which.tolist()))
-        out = np.empty((len(which), total, channels))
-        chunk = _chunks(queries)
-        known = self.patches, self.tables, points, order, which, normals, out
+        total, size, chunk = queries[0].size, self._room, _chunk(out)
+        scattered, (_, which, order, normals) = self._shape.scattered, given
 
         def work(part: slice) -> Array | None:
-            face, u, v = chunk(part)
-            rest = np.empty(len(face), dtype=np.int64)
-            room = evaluation.Room.of(self.tables)
-            left = self._shape.scattered(face, u, v, *known, part.start, rest, room)
-            return None if left < 0 else rest[:left]
+            n = part.stop - part.start
+            room, begin = np.empty(size + 4 * n), size
+            for x in queries:
+                some: Any = x
+                if some.ndim > 1:  # (an iterator of its own for each thread)
+                    some = some.reshape(-1) if some.flags.c_contiguous else some.flat
+                room[begin : begin + n] = some if n == total else some[part]
+                begin += n
+            into, start = out.place(part)
+            left: int = scattered(room, n, words, order, which, normals, into, start)
+            out.keep(part, into)
+            if left <= 0:
+                return None if left else _NONE
+            rest: Array = room[-n:][:left].view(np.int64) + (part.start - start)
+            return rest
 
-        if total <= CHUNK:
-            rest = work(slice(0, total))
-        else:
-            rest = _joined(over_chunks(total, workers, work))
-        return None if rest is None else (out, rest)
+        if total <= chunk:
+            return work(slice(0, total))
+        return _joined(over_chunks(total, workers, work, chunk))
+
+
+def _chunk(out: Results) -> int:
+    """Queries that are taken at a time; what is copied afterwards stays in the cache."""
+    return CHUNK if out.joint is not None else CHUNK >> 3
 
 
 def _joined(parts: Iterable[Array | None]) -> Array | None:
@@ -490,7 +553,7 @@ def _joined(parts: Iterable[Array | None]) -> Array | None:
     found = list(parts)
     if any(part is None for part in found):
         return None
-    return np.concatenate([np.zeros(0, dtype=np.int64), *(x for x in found if x is not None)])
+    return np.concatenate([_NONE, *(x for x in found if x is not None)])
 
 
 def _grid(queries: tuple[Array, Array, Array]) -> tuple[Array, Array, Array] | None:

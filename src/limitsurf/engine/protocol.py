@@ -131,12 +131,17 @@ class Engine(Protocol):
     Queries out of range raise an IndexError or a ValueError, whoever answers.
     """
 
-    def derivatives(self, request: Request, orders: Sequence[Order]) -> Sequence[Array]:
-        """Derivatives in (u, v) of these orders, (Q, d) each."""
+    def derivatives(
+        self, request: Request, orders: Sequence[Order], out: Sequence[Array] | None = None
+    ) -> Sequence[Array]:
+        """Derivatives in (u, v) of these orders, (Q, d) each: the arrays of `out`, if given."""
         ...
 
-    def normals(self, request: Request, limits: bool = True) -> Array:
-        """Unit normals (Q, 3); with `limits` also where derivatives vanish and the limit is one."""
+    def normals(self, request: Request, limits: bool = True, out: Array | None = None) -> Array:
+        """Unit normals (Q, 3): the array `out`, if given.
+
+        With `limits` also where derivatives vanish and the normal is a limit.
+        """
         ...
 
     def tangents(self, request: Request) -> tuple[Array, Array, Array, Array]:

@@ -54,17 +54,20 @@ class Reference:
         """Normals that are limits."""
         return Limits(self._topology, self._mesh, self.values)
 
-    def derivatives(self, request: Request, orders: Sequence[Order]) -> list[Array]:
+    def derivatives(
+        self, request: Request, orders: Sequence[Order], out: Sequence[Array] | None = None
+    ) -> Sequence[Array]:
         """See `Engine`; any orders."""
         if self._exact:
             points, method = self._fractions, "exact_derivatives"
             return self._answers(request, [points.shape[1]] * len(orders), method, points, orders)
         widths = [self.values.channels] * len(orders)
-        return self._answers(request, widths, "derivatives", self.values, orders)
+        return self._answers(request, widths, "derivatives", self.values, orders, out=out)
 
-    def normals(self, request: Request, limits: bool = True) -> Array:
+    def normals(self, request: Request, limits: bool = True, out: Array | None = None) -> Array:
         """See `Engine`."""
-        (normals,) = self._answers(request, [3], "normals", self.values)
+        given = None if out is None else [out]
+        (normals,) = self._answers(request, [3], "normals", self.values, out=given)
         if limits:
             self.limits.fill(request, normals)
         return normals
@@ -127,8 +130,13 @@ class Reference:
         return places_.corner_rates(self._groups.patches, self._groups.kinds, patch)
 
     def _answers(
-        self, request: Request, widths: Sequence[int], method: str, *given: Any
-    ) -> list[Array]:
+        self,
+        request: Request,
+        widths: Sequence[int],
+        method: str,
+        *given: Any,
+        out: Sequence[Array] | None = None,
+    ) -> Sequence[Array]:
         """Arrays (Q, width) of a method of the kinds of patches; NaN where there is no value.
 
         Overflow to infinity and underflow to zero are results, not accidents.
@@ -137,9 +145,11 @@ class Reference:
         values, *more = given
         face = request.face.ravel().astype(np.int64, copy=False)
         u, v, width = request.u.ravel(), request.v.ravel(), max(*widths, 1)
-        results = []
-        for own in widths:
-            results.append(np.full((face.size, own), np.nan, dtype=self._dtype))
+        results = list(out or ())
+        for own in () if out else widths:
+            results.append(np.empty((face.size, own), dtype=self._dtype))
+        for result in results:
+            result.fill(np.nan)
         for start in range(0, max(face.size, 1), CHUNK):
             part = slice(start, start + CHUNK)
             _, groups = self._groups.by_kind(face[part], u[part], v[part], width, self._exact)

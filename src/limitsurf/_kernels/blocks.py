@@ -1,0 +1,115 @@
+"""Arrays by their addresses: one prepared block in place of many arguments.
+
+Handing 25 arrays to a kernel costs more than the query that it answers; a block is one array.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba.core import cgutils, types
+from numba.core.types import NamedTuple, UniTuple  # type: ignore[attr-defined]
+from numba.np.arrayobj import populate_array
+from numpy.typing import NDArray
+
+from limitsurf._kernels.jit import intrinsic
+
+Array = NDArray[Any]
+_SLOT = 5  # words of a field: a number, or an address and the shape
+
+
+class Block:
+    """Where the fields of named tuples are: arrays and integers, by number.
+
+    Attributes
+    ----------
+    words : ndarray
+        What kernels take, int64. It is valid as long as the block, which keeps the arrays alive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from limitsurf._kernels.blocks import Block
+    >>> Block((7, np.zeros((2, 3)))).words[[0, 6, 7]].tolist()
+    [7, 2, 3]
+    """
+
+    def __init__(self, *tuples: tuple[Any, ...]) -> None:
+        self._kept = tuples
+        fields = [field for fields in tuples for field in fields]
+        slots = np.zeros((len(fields), _SLOT), dtype=np.int64)
+        for words, field in zip(slots, fields, strict=True):
+            if isinstance(field, np.ndarray):
+                if not field.flags.c_contiguous:
+                    raise ValueError("arrays in a block must be contiguous")
+                words[: field.ndim + 1] = field.ctypes.data, *field.shape
+            else:
+                words[0] = field
+        self.words: Array = slots.reshape(-1)
+
+    def __reduce__(self) -> tuple[type[Block], tuple[Any, ...]]:
+        # addresses are of this process and of these arrays
+        return type(self), self._kept
+
+
+def _placed(context: Any, builder: Any, kind: Any, pointer: Any, shape: Any) -> Any:
+    """A contiguous array of some type and shape at an address."""
+    made = context.make_array(kind)(context, builder)
+    item = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+    size = context.get_constant(types.intp, item)
+    strides = [size]
+    for n in shape[:0:-1]:
+        strides.insert(0, builder.mul(strides[0], n))
+    data = builder.bitcast(pointer, made.data.type)
+    populate_array(made, data=data, shape=shape, strides=strides, itemsize=size, meminfo=None)
+    return made._getvalue()
+
+
+def unpacking(made: type, first: int, kinds: tuple[Any, ...]) -> Any:
+    """An intrinsic for a named tuple whose fields are in a block from number `first` on.
+
+    ``f(words)``; `kinds` are types of the fields, contiguous arrays and integers.
+    """
+
+    @intrinsic
+    def unpack(typing: Any, words: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+
+            def word(k: int) -> Any:
+                return builder.load(builder.gep(data, [context.get_constant(types.intp, k)]))
+
+            values = []
+            for k, kind in enumerate(kinds, start=first):
+                value = word(_SLOT * k)
+                if isinstance(kind, types.Array):
+                    pointer = builder.inttoptr(value, cgutils.voidptr_t)
+                    shape = [word(_SLOT * k + 1 + axis) for axis in range(kind.ndim)]
+                    value = _placed(context, builder, kind, pointer, shape)
+                values.append(value)
+            return context.make_tuple(builder, signature.return_type, values)
+
+        return NamedTuple(kinds, made)(words), generate
+
+    return unpack
+
+
+def within(kind: Any) -> Any:
+    """An intrinsic for an array of a type, of items of 8 bytes, in the room of a flat one.
+
+    ``f(room, at, shape)``: from item `at` on.
+    """
+
+    @intrinsic
+    def place(typing: Any, room: Any, at: Any, shape: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+            pointer = builder.gep(data, [arguments[1]])
+            sizes = cgutils.unpack_tuple(builder, arguments[2])
+            return _placed(context, builder, kind, pointer, sizes)
+
+        sizes = UniTuple(types.int64, kind.ndim)
+        return kind(room, types.int64, sizes), generate
+
+    return place
