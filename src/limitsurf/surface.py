@@ -656,13 +656,15 @@ class LimitSurface:
         >>> abs(surface.weights(0, 0.25, [0.0, 0.5])).toarray().round(12).tolist()
         [[0.75, 0.25, 0.0, 0.0], [0.375, 0.125, 0.125, 0.375]]
         """
-        nu = _order(nu)
+        several, orders = _orders(nu)
         if lazy.is_lazy(face, u, v):
             raise TypeError("weights takes no Dask arrays: ask for them chunk by chunk")
         surface = self.of_channel(channel)
         request = Request.of(face, u, v, surface._exact, workers)
-        found = surface._answers.engine(request, [nu], True).weights(request, nu)
-        return found if channel is None else self._over_values(found, channel)
+        found = surface._answers.engine(request, orders, True).weights(request, orders)
+        if channel is not None:
+            found = [self._over_values(one, channel) for one in found]
+        return found if several else found[0]
 
     def _over_values(self, operator: Any, channel: str) -> Any:
         """An operator over the values of a channel as they were given, not once for each vertex."""
@@ -724,6 +726,14 @@ def precompile() -> None:
     surface.weights(face, 0.5, 0.5)
     fine = refined(surface.mesh)
     fine.limit_points, fine.limit_normals, fine.edges  # noqa: B018
+
+
+def _orders(nu: Any) -> tuple[bool, list[Order]]:
+    """One order or a sequence of them: whether it is one, and them."""
+    if isinstance(nu, (tuple, list, np.ndarray)):
+        if all(isinstance(one, (tuple, list, np.ndarray)) and np.ndim(one) for one in nu):
+            return True, list(map(_order, nu))
+    return False, [_order(nu)]
 
 
 def _order(nu: Any) -> Order:

@@ -128,6 +128,12 @@ def inlined(function: F) -> F:
     return cast(F, numba.njit(forceinline=True, **_LEAN)(function))
 
 
+def unfused(function: F) -> F:
+    """Compile as `inlined` does, but each operation is rounded by itself on all machines."""
+    options = _LEAN | {"fastmath": False}  # (without a word callers decide)
+    return cast(F, numba.njit(forceinline=True, **options)(function))
+
+
 # a fork while another thread compiles must not leave the lock held for ever in the child
 locks.locks.append(global_compiler_lock)
 

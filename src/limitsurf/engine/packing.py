@@ -19,6 +19,7 @@ from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.numbers import FLOAT64
 from limitsurf.patches import REGULAR, STRIP, PatchTable
+from limitsurf.refine import sharing
 
 if TYPE_CHECKING:
     from limitsurf._kernels import evaluation, grids, rows
@@ -224,8 +225,9 @@ class Packing:
         patches, kinds = self._patches, self.tables.kinds
         special = patches.controls[STRIP + 1 :]
         first = np.cumsum([0] * (STRIP + 2) + [control.size for control in special[:-1]])
-        wide = _rounded(int(kinds[:, evaluation.SIZE].max()) + 1)
-        left = np.zeros((len(kinds), wide, wide))
+        most = int(kinds[:, evaluation.SIZE].max()) + 1
+        wide = -(-most // rows.EIGHT) * rows.EIGHT
+        left = np.zeros((len(kinds), most, wide))
         for kind, table in enumerate(self._sectors):
             if table is not None and kinds[kind, evaluation.MODES] >= 0:
                 left[kind, : table.size, : table.size] = _left(table)
@@ -239,6 +241,7 @@ class Packing:
             extra.indptr.astype(np.int64),
             extra.indices.astype(np.int64),
             extra.data,
+            np.zeros(len(self.patches.near) + sum(map(len, special)), np.int64),
         )
 
     @cached_property
@@ -288,46 +291,46 @@ class Packing:
                 result[here] = wide[controls[self._patches.row[here]]].any(axis=1)
         return result
 
-    def weights(self, queries: tuple[Array, Array, Array], term: int, workers: int) -> Any:
-        """Sparse matrix (Q, vertices) of the derivative at this place in the order of `jet`.
+    def weights(
+        self, queries: tuple[Array, Array, Array], terms: Sequence[int], workers: int
+    ) -> list[Any] | None:
+        """Sparse matrices (Q, vertices) of derivatives at these places in the order of `jet`.
 
-        None if a query is out of range, or in a patch that only the reference knows.
+        All have one pattern. None if a query is out of range, or in a patch that only the reference
+        knows.
         """
         with _kernels.preparing:
-            from scipy.sparse import csr_array
-
             known = self.patches, self.tables, self._controls
         from limitsurf._kernels import evaluation, rows
 
-        total, order = queries[0].size, sum(TERMS[term])
+        total, order = queries[0].size, max(_TOTALS[term] for term in terms)
         chunk = _chunks(queries)
         indptr = np.zeros(total + 1, dtype=np.int64)
 
+        def space() -> rows.Space:
+            return rows.Space.of(self._controls, self._shape.POINTS, len(terms))
+
         def measure(part: slice) -> int:
-            found: int = self._shape.lengths(*chunk(part), *known, order, indptr[1:][part])
+            found: int = self._shape.lengths(
+                *chunk(part), *known, order, indptr[1:][part], space()
+            )
             return found
 
         if any(found < 0 for found in over_chunks(total, workers, measure)):
             return None
         np.cumsum(indptr, out=indptr)
-        ends = np.empty(total, dtype=np.int64)
         most = max(int(indptr[-1]), self._patches.n_vertices)
         indices = np.empty(indptr[-1], dtype=np.int32 if most < 2**31 else np.int64)
-        data = np.empty(indptr[-1])
+        data, wanted = np.empty((len(terms), indptr[-1])), np.array(terms, np.int64)
 
         def fill(part: slice) -> None:
-            most = self._controls.left.shape[2] + self._shape.POINTS
-            room = evaluation.Room.of(self.tables), np.empty(most), np.empty(most, np.int64)
-            places = indptr[:-1][part], ends[part], indices, data
-            self._shape.fill(*chunk(part), *known, order, term, *places, *room)
+            places = indptr[:-1][part], indices, data
+            room = evaluation.Room.of(self.tables)
+            self._shape.fill(*chunk(part), *known, order, wanted, *places, room, space())
 
         for _ in over_chunks(total, workers, fill):
             pass
-        if (ends != indptr[1:]).any():
-            rows.close_gaps(indptr, ends, indices, data)
-            indices, data = indices[: indptr[-1]], data[: indptr[-1]]
-        shape = total, self._patches.n_vertices
-        return csr_array((data, indices, indptr.astype(indices.dtype)), shape=shape)
+        return sharing(indptr, indices, data, (total, self._patches.n_vertices))
 
     def evaluate(
         self,

@@ -2,6 +2,9 @@
 
 from limitsurf.refine.operators import ExactOperator as ExactOperator
 from limitsurf.refine.operators import eliminated as eliminated
+from limitsurf.refine.operators import merged as merged
+from limitsurf.refine.operators import on_one_pattern as on_one_pattern
+from limitsurf.refine.operators import sharing as sharing
 from limitsurf.refine.operators import sparse_operator as sparse_operator
 from limitsurf.refine.operators import stacked as stacked
 from limitsurf.refine.recursion import RefinedMesh as RefinedMesh
