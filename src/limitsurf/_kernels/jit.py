@@ -203,6 +203,20 @@ def of_bits(typing: Any, x: Any) -> Any:
     return types.float64(types.int64), generate
 
 
+@intrinsic
+def store(typing: Any, addresses: Any, k: Any, place: Any, x: Any) -> Any:
+    """Write a float64 to place number `place` from address number `k` on."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        addresses = _data(context, builder, signature.args[0], arguments[0])
+        start = builder.load(builder.gep(addresses, [arguments[1]]))
+        pointer = builder.inttoptr(start, _F64.as_pointer())
+        builder.store(arguments[3], builder.gep(pointer, [arguments[2]]))
+        return context.get_dummy_value()
+
+    return types.void(addresses, types.int64, types.int64, types.float64), generate
+
+
 def _points(context: Any, builder: Any, given: Any, arguments: Any) -> Callable[[int], Any]:
     """Four channels of the k-th control point, from (points, ids, at, base, channel, ...)."""
     data, ids = (_data(context, builder, given[k], arguments[k]) for k in (0, 1))

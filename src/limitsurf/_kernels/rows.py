@@ -1,8 +1,8 @@
 """Compiled weights of scattered queries: rows of sparse matrices over the vertices of the cage.
 
-Which columns a row has is a matter of its patch, and so is their order: it is found out where a
-patch is first met, and kept. So rows are written where they belong at once, those of any number of
-derivatives side by side, on one pattern.
+Which columns a row has is a matter of its patch, and so is their order: both are found out once, by
+`patterns`. So rows are written where they belong at once, those of any number of derivatives side
+by side.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from limitsurf._kernels.evaluation import (
     powered,
     scale_by_two,
 )
-from limitsurf._kernels.jit import inlined, lean, prefetch, products, unfused
+from limitsurf._kernels.jit import inlined, lean, prefetch, products, store, unfused
 
 Array = NDArray[Any]
 OUT_OF_RANGE, UNKNOWN = -1, -2
 EIGHT = 8  # columns of a matrix that are multiplied at once
-_STAMP = 16  # bits of the most columns of a row
+_AHEAD = 4  # queries that memory is asked for ahead of time
 
 _product = products(1)
 
@@ -49,11 +49,19 @@ class Controls(NamedTuple):
     own: Array  # (limit faces,) int64: a vertex of the cage at each
     n_vertices: int
     indptr: Array  # (extras + 1,) int64: control points that are not vertices, as rows over those
-    indices: Array  # int64
+    indices: Array  # int32
     data: Array
-    # (patches,) int64: the number of columns; or, of a spline on as many vertices as it has control
-    # points, which of them is next in ascending order, four bits each; 0 if nobody has asked yet
+
+
+class Patterns(NamedTuple):
+    """The columns of the rows of each patch, whatever the query."""
+
+    # (patches,) int64: of a spline on distinct vertices which of its control points is next in
+    # ascending order, four bits each; of others a number below 2^32, which these arrays go by
     forms: Array
+    columns: Array  # int32, ascending
+    slots: Array  # uint16: which of them each term of each control point is added to
+    starts: Array  # (others + 1, 2) int64: where those of a patch begin in both arrays
 
 
 class Space(NamedTuple):
@@ -61,22 +69,14 @@ class Space(NamedTuple):
 
     eigen: Array  # (W,): one derivative of eigenfunctions
     weights: Array  # (derivatives, 1, C): of the control points of a patch
-    columns: Array  # (most columns of a row,) int32: in the order in which they occur,
-    ranks: Array  # int64: their places in ascending order,
-    ascending: Array  # int32: and in that order
-    slots: Array  # (most terms of a row,) int64: which column a term is added to
-    seen: Array  # int64, a power of two, zero: stamps of columns by their hash
+    sums: Array  # (most columns of a row,)
 
     @classmethod
-    def of(cls, controls: Controls, points: int, count: int) -> Space:
+    def of(cls, controls: Controls, found: Patterns, points: int, count: int) -> Space:
         """Enough for so many derivatives, of patches with a spline of so many control points."""
         wide = max(controls.left.shape[2], points)
-        terms = wide * int(np.diff(controls.indptr).max(initial=1))
-        seen = np.zeros(1 << (2 * terms).bit_length(), np.int64)
-        columns, ascending = np.empty((2, terms), np.int32)
-        ranks, slots = np.empty((2, terms), np.int64)
-        weights = np.empty((count, 1, wide))
-        return cls(np.empty(wide), weights, columns, ranks, ascending, slots, seen)
+        most = int(np.diff(found.starts[:, 0]).max(initial=1))
+        return cls(np.empty(wide), np.empty((count, 1, wide)), np.empty(most))
 
 
 @unfused
@@ -85,41 +85,62 @@ def _plus(total: float, weight: float, factor: float) -> float:
     return total + weight * factor
 
 
-@inlined
-def _columns(
-    ids: Array, at: int, n: int, controls: Controls, stamp: int, space: Space
-) -> tuple[int, int]:
-    """Columns of the vertices that control points depend on, and which each term belongs to.
+@lean
+def patterns(
+    ids: Array, plain: bool, controls: Controls, forms: Array, found: Patterns, number: int,
+    seen: Array, room: Array,
+) -> int:  # fmt: skip
+    """Fill `found` from pattern `number` on, for patches with control points ids (P, K).
 
-    Returned is how many there are of both. Stamps ascend by more than those of columns.
+    forms (P,) are theirs, packed if `plain` and they are distinct vertices. seen (vertices,) int64
+    is -1, and is left so; room (2, most terms of a patch) int32. Returned is the next number.
     """
-    columns, slots, seen = space.columns, space.slots, space.seen
-    mask = len(seen) - 1
-    total = terms = 0
-    for k in range(n):
-        column = np.int64(ids[at + k])
-        extra = column - controls.n_vertices
-        begin, end = 0, 1
-        if extra >= 0:
-            begin, end = controls.indptr[extra], controls.indptr[extra + 1]
-        for e in range(begin, end):
+    n_points = ids.shape[1]
+    for p in range(len(ids)):
+        form = total = 0
+        inside = plain
+        for k in range(n_points):
+            inside &= ids[p, k] < controls.n_vertices
+        if inside:
+            for k in range(n_points):
+                smaller = 0
+                for j in range(n_points):
+                    smaller += ids[p, j] < ids[p, k]
+                form |= k << 4 * smaller
+                total += smaller
+            if total == n_points * (n_points - 1) // 2:  # no two are equal
+                forms[p] = form
+                continue
+        forms[p] = number
+        begin, start = found.starts[number, 0], found.starts[number, 1]
+        total, term = 0, start
+        for k in range(n_points):
+            column = np.int64(ids[p, k])
+            extra = column - controls.n_vertices
+            first, last = 0, 1
             if extra >= 0:
-                column = controls.indices[e]
-            place = (column * 0x9E3779B1 >> 12) & mask
-            while True:
-                slot = seen[place] - stamp
-                if slot < 0:  # of a row before
-                    slot = total
-                    seen[place] = stamp + slot
-                    columns[slot] = column
+                first, last = controls.indptr[extra], controls.indptr[extra + 1]
+            for e in range(first, last):
+                if extra >= 0:
+                    column = np.int64(controls.indices[e])
+                if seen[column] < 0:
+                    seen[column] = total
+                    room[0, total] = column
                     total += 1
-                    break
-                if columns[slot] == column:
-                    break
-                place = (place + 1) & mask
-            slots[terms] = slot
-            terms += 1
-    return total, terms
+                found.slots[term] = seen[column]
+                term += 1
+        for i in range(total):
+            smaller = 0
+            for j in range(total):
+                smaller += room[0, j] < room[0, i]
+            room[1, i] = smaller
+            found.columns[begin + smaller] = room[0, i]
+            seen[room[0, i]] = -1
+        for k in range(start, term):
+            found.slots[k] = room[1, found.slots[k]]
+        number += 1
+        found.starts[number, 0], found.starts[number, 1] = begin + total, term
+    return number
 
 
 def writers(shape: Any) -> tuple[Any, Any]:
@@ -140,27 +161,10 @@ def writers(shape: Any) -> tuple[Any, Any]:
         number = len(patches.near) + tables.kinds[kind, PATCH] + row
         return number, controls.first[kind] + row * n, n
 
-    @inlined
-    def _form(ids: Array, at: int, n: int, code: int, controls: Controls, stamp: int,
-              space: Space) -> int:  # fmt: skip
-        """What is kept of a patch."""
-        if code >> KIND <= 1 and not code >> FAR & 1:
-            form = total = 0
-            for k in range(n):
-                smaller = 0
-                for j in range(n):
-                    smaller += ids[at + j] < ids[at + k]
-                form |= k << 4 * smaller
-                total += smaller
-            if total == n * (n - 1) // 2:  # no two are equal
-                return form
-        total, _ = _columns(ids, at, n, controls, stamp, space)
-        return total
-
     @lean
     def lengths(
         face: Array, u: Array, v: Array, patches: Patches, tables: Tables, controls: Controls,
-        order: int, result: Array, space: Space,
+        found: Patterns, order: int, result: Array,
     ) -> int:  # fmt: skip
         """How many entries the row of each query has; negative if one cannot be answered."""
         for q in range(len(face)):
@@ -179,14 +183,11 @@ def writers(shape: Any) -> tuple[Any, Any]:
                     order == 2 and place_around(s, t, turn)[0] > DEEPEST
                 ):
                     return UNKNOWN
-            number, at, n = _controls(code, patches, tables, controls)
-            form = controls.forms[number]
-            if form == 0:
-                ids = patches.ids if kind <= 1 else controls.ids
-                form = _form(ids, at, n, code, controls, (q + 1) << _STAMP, space)
-                # (whoever else asks writes the same)
-                controls.forms[number] = form
-            result[q] = size if form >> 32 else form
+            number, _, _ = _controls(code, patches, tables, controls)
+            form = found.forms[number]
+            result[q] = size
+            if not form >> 32:
+                result[q] = found.starts[form + 1, 0] - found.starts[form, 0]
         return 0
 
     @inlined
@@ -227,98 +228,120 @@ def writers(shape: Any) -> tuple[Any, Any]:
                 weights[k] = w + left[kind, 0, k] if own == 0 else w
 
     @inlined
-    def _pattern(
-        ids: Array, at: int, n: int, form: int, distinct: bool, controls: Controls, stamp: int,
-        space: Space,
-    ) -> None:  # fmt: skip
-        """The `form` columns of a patch in ascending order, and where among them its terms go."""
-        columns, ranks, slots, terms = space.columns, space.ranks, space.slots, n
-        if distinct:
-            for k in range(n):
-                columns[k], slots[k] = ids[at + k], k
-        else:
-            _, terms = _columns(ids, at, n, controls, stamp, space)
-        for i in range(form):
-            smaller = 0
-            for j in range(form):
-                smaller += columns[j] < columns[i]
-            ranks[i] = smaller
-            space.ascending[smaller] = columns[i]
-        for k in range(terms):
-            slots[k] = ranks[slots[k]]
-
-    @inlined
     def _merge(
-        ids: Array, at: int, n: int, form: int, controls: Controls, start: int, count: int,
-        indices: Array, data: Array, space: Space,
+        ids: Array, at: int, n: int, form: int, controls: Controls, found: Patterns, start: int,
+        count: int, indices: Array, data: Array, space: Space,
     ) -> None:  # fmt: skip
-        """Write rows on a pattern, terms of equal columns added up."""
-        for i in range(form):
-            indices[start + i] = space.ascending[i]
+        """Write rows, terms of equal columns added up."""
+        begin, total = found.starts[form, 0], found.starts[form + 1, 0] - found.starts[form, 0]
+        for i in range(total):
+            indices[start + i] = found.columns[begin + i]
         for o in range(count):
-            for i in range(start, start + form):
-                data[o, i] = -0.0  # (which leaves what is added as it is)
-            term = 0
+            for i in range(total):
+                space.sums[i] = -0.0  # (which leaves what is added as it is)
+            term = found.starts[form, 1]
             for k in range(n):
                 weight, extra = space.weights[o, 0, k], ids[at + k] - controls.n_vertices
                 if extra < 0:
-                    place = start + space.slots[term]
-                    data[o, place] = _plus(data[o, place], weight, 1.0)
+                    slot = found.slots[term]
+                    space.sums[slot] = _plus(space.sums[slot], weight, 1.0)
                     term += 1
                     continue
                 for e in range(controls.indptr[extra], controls.indptr[extra + 1]):
-                    place = start + space.slots[term]
-                    data[o, place] = _plus(data[o, place], weight, controls.data[e])
+                    slot = found.slots[term]
+                    space.sums[slot] = _plus(space.sums[slot], weight, controls.data[e])
                     term += 1
+            for i in range(total):
+                store(data, o, start + i, space.sums[i])
+
+    @inlined
+    def _ask(
+        k: int, count: int, codes: Array, patches: Patches, tables: Tables, controls: Controls,
+        found: Patterns,
+    ) -> None:  # fmt: skip
+        """Prefetch what queries some way beyond number k need."""
+        j = k + 3 * _AHEAD
+        if j < count and codes[j] >= 0:
+            number, at, n = _controls(codes[j], patches, tables, controls)
+            prefetch(found.forms, number)
+            if codes[j] >> KIND <= 1:
+                prefetch(patches.ids, at)
+            else:
+                for i in range(at, at + n, 16):
+                    prefetch(controls.ids, i)
+        for stage in range(2):
+            j = k + (2 - stage) * _AHEAD
+            if j >= count or codes[j] < 0 or not codes[j] >> FAR & 1 or codes[j] == codes[j - 1]:
+                continue
+            number, at, n = _controls(codes[j], patches, tables, controls)
+            if stage == 0:
+                prefetch(found.starts, 2 * found.forms[number])
+            else:
+                begin, term = found.starts[found.forms[number]]
+                prefetch(found.columns, begin)
+                for i in range(term, found.starts[found.forms[number] + 1, 1], 32):
+                    prefetch(found.slots, i)
+            ids = patches.ids if codes[j] >> KIND <= 1 else controls.ids
+            for i in range(at, at + n):
+                extra = ids[i] - controls.n_vertices
+                if extra < 0:
+                    continue
+                if stage == 0:
+                    prefetch(controls.indptr, extra)
+                else:
+                    prefetch(controls.data, controls.indptr[extra])
+                    prefetch(controls.data, controls.indptr[extra + 1] - 1)
 
     @lean
     def fill(
         face: Array, u: Array, v: Array, patches: Patches, tables: Tables, controls: Controls,
-        order: int, terms: Array, starts: Array, indices: Array, data: Array, room: Room,
-        space: Space,
+        found: Patterns, order: int, terms: Array, starts: Array, indices: Array, data: Array,
+        room: Room, space: Space,
     ) -> None:  # fmt: skip
         """Rows of some derivatives, `terms` in the order of `LimitSurface.jet`, up to an order.
 
-        Those of query q begin at ``indices[starts[q]]`` and, for derivative o, at
-        ``data[o, starts[q]]``. `lengths` has been asked before.
+        Those of query q begin at number ``starts[q]`` of indices, and of each array whose address
+        is in `data`. `lengths` has been asked before.
         """
-        count, last = len(terms), -1
-        for q in range(len(face)):
-            if q + 16 < len(face):
-                prefetch(patches.info, face[q + 16])
-                ahead = patches.info[face[q + 8]]
-                if ahead >= 0 and ahead >> KIND <= 1:
-                    prefetch(patches.ids, (ahead & ROW) * size)
-                    prefetch(controls.forms, ahead & ROW)
-            start = starts[q]
-            code, depth, s, t, _ = located(face[q], u[q], v[q], patches)
-            if code < 0:
-                indices[start] = controls.own[face[q]]
-                for o in range(count):
-                    data[o, start] = np.nan
-                continue
-            kind = code >> KIND
-            s, t = turned(s, t, code >> TURN & TURNS)
-            number, at, n = _controls(code, patches, tables, controls)
-            form, ids = controls.forms[number], patches.ids
-            if kind <= 1:
-                spline_rows(
-                    code, depth, s, t, order, terms, patches, room.weights, space.weights
-                )
-                if form >> 32:
-                    for i in range(size):
-                        indices[start + i] = ids[at + (form >> 4 * i & 15)]
+        count, codes = len(terms), room.codes
+        for begin in range(0, len(face), len(codes)):
+            block = min(len(codes), len(face) - begin)
+            for k in range(block):
+                q = begin + k
+                if q + 16 < len(face):
+                    prefetch(patches.info, face[q + 16])
+                codes[k], room.depths[k], s, t, _ = located(face[q], u[q], v[q], patches)
+                if codes[k] >= 0:
+                    s, t = turned(s, t, codes[k] >> TURN & TURNS)
+                room.s[k], room.t[k] = s, t
+            for k in range(block):
+                _ask(k, block, codes, patches, tables, controls, found)
+                q, code, depth, s, t = begin + k, codes[k], room.depths[k], room.s[k], room.t[k]
+                start, ids = starts[q], patches.ids
+                if code < 0:
+                    indices[start] = controls.own[face[q]]
                     for o in range(count):
-                        for i in range(size):
-                            data[o, start + i] = space.weights[o, 0, form >> 4 * i & 15]
+                        store(data, o, start, np.nan)
                     continue
-            else:
-                ids = controls.ids
-                _special_rows(code, depth, s, t, order, terms, tables, controls, room, space)
-            if number != last:
-                distinct = form == n and not code >> FAR & 1
-                _pattern(ids, at, n, form, distinct, controls, (q + 1) << _STAMP, space)
-                last = number
-            _merge(ids, at, n, form, controls, start, count, indices, data, space)
+                number, at, n = _controls(code, patches, tables, controls)
+                form = found.forms[number]
+                if code >> KIND <= 1:
+                    spline_rows(
+                        code, depth, s, t, order, terms, patches, room.weights, space.weights
+                    )
+                    if form >> 32:
+                        for i in range(size):
+                            indices[start + i] = ids[at + (form >> 4 * i & 15)]
+                        for o in range(count):
+                            for i in range(size):
+                                weight = space.weights[o, 0, form >> 4 * i & 15]
+                                store(data, o, start + i, weight)
+                        continue
+                else:
+                    ids = controls.ids
+                    _special_rows(code, depth, s, t, order, terms, tables, controls, room, space)
+                _merge(
+                    ids, at, n, form, controls, found, start, count, indices, data, space
+                )
 
     return lengths, fill

@@ -239,10 +239,36 @@ class Packing:
             self._own,
             patches.n_vertices,
             extra.indptr.astype(np.int64),
-            extra.indices.astype(np.int64),
+            extra.indices.astype(np.int32),
             extra.data,
-            np.zeros(len(self.patches.near) + sum(map(len, special)), np.int64),
         )
+
+    @cached_property
+    def _patterns(self) -> rows.Patterns:
+        from limitsurf._kernels import evaluation, rows
+
+        controls = self._controls
+        known = self.tables.kinds[:, evaluation.MODES] >= 0
+        blocks = [self.patches.ids.reshape(-1, self._shape.POINTS)]
+        blocks += [ids for ids, kept in zip(self._patches.controls, known, strict=True) if kept]
+        one = np.ones(controls.n_vertices, np.int64)
+        each = np.concatenate([one, np.diff(controls.indptr)])
+        terms = [each[ids].sum(axis=1) for ids in blocks]
+        # room enough if no columns are equal; memory beyond what remains is never touched
+        most, total = int(sum(map(np.sum, terms))), sum(map(len, blocks))
+        forms = np.empty(total, np.int64)
+        starts = np.zeros((total + 1, 2), np.int64)
+        found = rows.Patterns(forms, np.empty(most, np.int32), np.empty(most, np.uint16), starts)
+        seen = np.full(controls.n_vertices, -1)
+        room = np.empty((2, max(int(x.max(initial=0)) for x in terms)), np.int32)
+        start = number = 0
+        for k, ids in enumerate(blocks):
+            some = forms[start : start + len(ids)]
+            number = rows.patterns(ids, k == 0, controls, some, found, number, seen, room)
+            start += len(ids)
+        columns, slots = starts[number]
+        parts = found.columns[:columns], found.slots[:slots], starts[: number + 1]
+        return rows.Patterns(forms, *(part.copy() for part in parts))
 
     @cached_property
     def _over_vertices(self) -> tuple[Any, Array]:
@@ -300,20 +326,15 @@ class Packing:
         knows.
         """
         with _kernels.preparing:
-            known = self.patches, self.tables, self._controls
+            known = self.patches, self.tables, self._controls, self._patterns
         from limitsurf._kernels import evaluation, rows
 
         total, order = queries[0].size, max(_TOTALS[term] for term in terms)
         chunk = _chunks(queries)
         indptr = np.zeros(total + 1, dtype=np.int64)
 
-        def space() -> rows.Space:
-            return rows.Space.of(self._controls, self._shape.POINTS, len(terms))
-
         def measure(part: slice) -> int:
-            found: int = self._shape.lengths(
-                *chunk(part), *known, order, indptr[1:][part], space()
-            )
+            found: int = self._shape.lengths(*chunk(part), *known, order, indptr[1:][part])
             return found
 
         if any(found < 0 for found in over_chunks(total, workers, measure)):
@@ -321,12 +342,15 @@ class Packing:
         np.cumsum(indptr, out=indptr)
         most = max(int(indptr[-1]), self._patches.n_vertices)
         indices = np.empty(indptr[-1], dtype=np.int32 if most < 2**31 else np.int64)
-        data, wanted = np.empty((len(terms), indptr[-1])), np.array(terms, np.int64)
+        # (the C library keeps memory of freed arrays for the next, but not of very large ones)
+        data, wanted = [np.empty(indptr[-1]) for _ in terms], np.array(terms, np.int64)
+        addresses = np.array([values.ctypes.data for values in data])
 
         def fill(part: slice) -> None:
-            places = indptr[:-1][part], indices, data
+            places = indptr[:-1][part], indices, addresses
             room = evaluation.Room.of(self.tables)
-            self._shape.fill(*chunk(part), *known, order, wanted, *places, room, space())
+            space = rows.Space.of(*known[2:], self._shape.POINTS, len(terms))
+            self._shape.fill(*chunk(part), *known, order, wanted, *places, room, space)
 
         for _ in over_chunks(total, workers, fill):
             pass
