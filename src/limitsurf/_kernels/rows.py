@@ -17,6 +17,7 @@ from limitsurf._kernels.evaluation import (
     FAR,
     FIRST,
     KIND,
+    LANES,
     MODES,
     PATCH,
     ROW,
@@ -69,14 +70,15 @@ class Space(NamedTuple):
 
     eigen: Array  # (W,): one derivative of eigenfunctions
     weights: Array  # (derivatives, 1, C): of the control points of a patch
-    sums: Array  # (most columns of a row,)
+    sums: Array  # flat (most columns of a row, LANES)
 
     @classmethod
     def of(cls, controls: Controls, found: Patterns, points: int, count: int) -> Space:
         """Enough for so many derivatives, of patches with a spline of so many control points."""
         wide = max(controls.left.shape[2], points)
         most = int(np.diff(found.starts[:, 0]).max(initial=1))
-        return cls(np.empty(wide), np.empty((count, 1, wide)), np.empty(most))
+        weights = np.zeros((-(-count // LANES) * LANES, 1, wide))
+        return cls(np.empty(wide), weights, np.empty(LANES * most))
 
 
 @unfused
@@ -236,61 +238,103 @@ def writers(shape: Any) -> tuple[Any, Any]:
         begin, total = found.starts[form, 0], found.starts[form + 1, 0] - found.starts[form, 0]
         for i in range(total):
             indices[start + i] = found.columns[begin + i]
-        for o in range(count):
-            for i in range(total):
-                space.sums[i] = -0.0  # (which leaves what is added as it is)
+        weights, sums = space.weights, space.sums
+        for o in range(0, count, LANES):
+            for i in range(LANES * total):
+                sums[i] = -0.0  # (which leaves what is added as it is)
             term = found.starts[form, 1]
             for k in range(n):
-                weight, extra = space.weights[o, 0, k], ids[at + k] - controls.n_vertices
-                if extra < 0:
-                    slot = found.slots[term]
-                    space.sums[slot] = _plus(space.sums[slot], weight, 1.0)
+                w0, w1, w2, w3 = (
+                    weights[o, 0, k],
+                    weights[o + 1, 0, k],
+                    weights[o + 2, 0, k],
+                    weights[o + 3, 0, k],
+                )
+                first, last, extra = 0, 1, ids[at + k] - controls.n_vertices
+                if extra >= 0:
+                    first, last = controls.indptr[extra], controls.indptr[extra + 1]
+                for e in range(first, last):
+                    factor = controls.data[e] if extra >= 0 else 1.0
+                    slot = LANES * found.slots[term]
                     term += 1
-                    continue
-                for e in range(controls.indptr[extra], controls.indptr[extra + 1]):
-                    slot = found.slots[term]
-                    space.sums[slot] = _plus(space.sums[slot], weight, controls.data[e])
-                    term += 1
-            for i in range(total):
-                store(data, o, start + i, space.sums[i])
+                    sums[slot] = _plus(sums[slot], w0, factor)
+                    sums[slot + 1] = _plus(sums[slot + 1], w1, factor)
+                    sums[slot + 2] = _plus(sums[slot + 2], w2, factor)
+                    sums[slot + 3] = _plus(sums[slot + 3], w3, factor)
+            for j in range(min(LANES, count - o)):
+                for i in range(total):
+                    store(data, o + j, start + i, sums[LANES * i + j])
 
     @inlined
     def _ask(
-        k: int, count: int, codes: Array, patches: Patches, tables: Tables, controls: Controls,
-        found: Patterns,
+        k: int, count: int, queries: Array, codes: Array, patches: Patches, tables: Tables,
+        controls: Controls, found: Patterns,
     ) -> None:  # fmt: skip
-        """Prefetch what queries some way beyond number k need."""
-        j = k + 3 * _AHEAD
-        if j < count and codes[j] >= 0:
-            number, at, n = _controls(codes[j], patches, tables, controls)
-            prefetch(found.forms, number)
-            if codes[j] >> KIND <= 1:
-                prefetch(patches.ids, at)
-            else:
-                for i in range(at, at + n, 16):
-                    prefetch(controls.ids, i)
-        for stage in range(2):
-            j = k + (2 - stage) * _AHEAD
-            if j >= count or codes[j] < 0 or not codes[j] >> FAR & 1 or codes[j] == codes[j - 1]:
+        """Prefetch what queries some way beyond number k of some need."""
+        for stage in range(3):
+            j = k + (3 - stage) * _AHEAD
+            if j >= count:
                 continue
-            number, at, n = _controls(codes[j], patches, tables, controls)
+            code = codes[queries[j]]
+            number, at, n = _controls(code, patches, tables, controls)
+            ids = patches.ids if code >> KIND <= 1 else controls.ids
             if stage == 0:
-                prefetch(found.starts, 2 * found.forms[number])
+                prefetch(found.forms, number)
+                for i in range(at, at + n, 16):
+                    prefetch(ids, i)
+                continue
+            form = found.forms[number]
+            if form >> 32 or code == codes[queries[j - 1]]:
+                continue
+            if stage == 1:
+                prefetch(found.starts, 2 * form)
             else:
-                begin, term = found.starts[found.forms[number]]
-                prefetch(found.columns, begin)
-                for i in range(term, found.starts[found.forms[number] + 1, 1], 32):
+                prefetch(found.columns, found.starts[form, 0])
+                for i in range(found.starts[form, 1], found.starts[form + 1, 1], 32):
                     prefetch(found.slots, i)
-            ids = patches.ids if codes[j] >> KIND <= 1 else controls.ids
+            if not code >> FAR & 1:
+                continue
             for i in range(at, at + n):
                 extra = ids[i] - controls.n_vertices
                 if extra < 0:
                     continue
-                if stage == 0:
+                if stage == 1:
                     prefetch(controls.indptr, extra)
                 else:
                     prefetch(controls.data, controls.indptr[extra])
                     prefetch(controls.data, controls.indptr[extra + 1] - 1)
+
+    @inlined
+    def _plain(
+        count: int, left: int, begin: int, order: int, terms: Array, patches: Patches,
+        found: Patterns, starts: Array, indices: Array, data: Array, room: Room, space: Space,
+    ) -> int:  # fmt: skip
+        """Rows of splines on vertices; those on some that coincide are added to the others."""
+        ids = patches.ids
+        for j in range(-2 * _AHEAD, count):
+            if j + 2 * _AHEAD < count:
+                row = room.codes[room.simple[j + 2 * _AHEAD]] & ROW
+                prefetch(found.forms, row)
+                prefetch(ids, row * size)
+            if j < 0:
+                continue
+            k = room.simple[j]
+            code, start = room.codes[k], starts[begin + k]
+            at, form = (code & ROW) * size, found.forms[code & ROW]
+            if not form >> 32:
+                room.splines[left] = k
+                left += 1
+                continue
+            spline_rows(
+                code, room.depths[k], room.s[k], room.t[k], order, terms, patches, room.weights,
+                space.weights,
+            )  # fmt: skip
+            for i in range(size):
+                indices[start + i] = ids[at + (form >> 4 * i & 15)]
+            for o in range(len(terms)):
+                for i in range(size):
+                    store(data, o, start + i, space.weights[o, 0, form >> 4 * i & 15])
+        return left
 
     @lean
     def fill(
@@ -303,45 +347,47 @@ def writers(shape: Any) -> tuple[Any, Any]:
         Those of query q begin at number ``starts[q]`` of indices, and of each array whose address
         is in `data`. `lengths` has been asked before.
         """
-        count, codes = len(terms), room.codes
+        codes = room.codes
         for begin in range(0, len(face), len(codes)):
-            block = min(len(codes), len(face) - begin)
-            for k in range(block):
+            plain = others = 0
+            for k in range(min(len(codes), len(face) - begin)):
                 q = begin + k
                 if q + 16 < len(face):
                     prefetch(patches.info, face[q + 16])
-                codes[k], room.depths[k], s, t, _ = located(face[q], u[q], v[q], patches)
-                if codes[k] >= 0:
-                    s, t = turned(s, t, codes[k] >> TURN & TURNS)
-                room.s[k], room.t[k] = s, t
-            for k in range(block):
-                _ask(k, block, codes, patches, tables, controls, found)
-                q, code, depth, s, t = begin + k, codes[k], room.depths[k], room.s[k], room.t[k]
-                start, ids = starts[q], patches.ids
+                code, room.depths[k], s, t, _ = located(face[q], u[q], v[q], patches)
+                codes[k] = code
                 if code < 0:
-                    indices[start] = controls.own[face[q]]
-                    for o in range(count):
-                        store(data, o, start, np.nan)
+                    indices[starts[q]] = controls.own[face[q]]
+                    for o in range(len(terms)):
+                        store(data, o, starts[q], np.nan)
                     continue
+                room.s[k], room.t[k] = turned(s, t, code >> TURN & TURNS)
+                if code >> KIND <= 1 and not code >> FAR & 1:
+                    room.simple[plain] = k
+                    plain += 1
+                else:
+                    room.splines[others] = k
+                    others += 1
+            others = _plain(
+                plain, others, begin, order, terms, patches, found, starts, indices, data, room,
+                space,
+            )  # fmt: skip
+            for j in range(others):
+                _ask(j, others, room.splines, codes, patches, tables, controls, found)
+                k = room.splines[j]
+                code, depth, s, t = codes[k], room.depths[k], room.s[k], room.t[k]
                 number, at, n = _controls(code, patches, tables, controls)
-                form = found.forms[number]
+                ids = patches.ids
                 if code >> KIND <= 1:
                     spline_rows(
                         code, depth, s, t, order, terms, patches, room.weights, space.weights
                     )
-                    if form >> 32:
-                        for i in range(size):
-                            indices[start + i] = ids[at + (form >> 4 * i & 15)]
-                        for o in range(count):
-                            for i in range(size):
-                                weight = space.weights[o, 0, form >> 4 * i & 15]
-                                store(data, o, start + i, weight)
-                        continue
                 else:
                     ids = controls.ids
                     _special_rows(code, depth, s, t, order, terms, tables, controls, room, space)
                 _merge(
-                    ids, at, n, form, controls, found, start, count, indices, data, space
-                )
+                    ids, at, n, found.forms[number], controls, found, starts[begin + k],
+                    len(terms), indices, data, space,
+                )  # fmt: skip
 
     return lengths, fill
