@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, overload
 
 import numpy as np
@@ -17,7 +18,7 @@ from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.topology import Topology
 from limitsurf.numbers import Exact, Numbers, Plain
 from limitsurf.patches import PatchTable
-from limitsurf.refine import ExactOperator, refined, sparse_operator
+from limitsurf.refine import ExactOperator, on_one_pattern, refined, sparse_operator
 from limitsurf.rules import Rules
 from limitsurf.topology import LimitFaces
 
@@ -622,32 +623,68 @@ class LimitSurface:
         self, face: ArrayLike, u: Numbers, v: Numbers, *, nu: Order = ...,
         channel: str | None = ..., workers: int = ...,
     ) -> csr_array[Any] | ExactOperator: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Plain, v: Plain, *, nu: Sequence[Order],
+        channel: str | None = ..., workers: int = ...,
+    ) -> list[csr_array[Any]]: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Exact, v: Numbers, *, nu: Sequence[Order],
+        channel: str | None = ..., workers: int = ...,
+    ) -> list[ExactOperator]: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Numbers, v: Exact, *, nu: Sequence[Order],
+        channel: str | None = ..., workers: int = ...,
+    ) -> list[ExactOperator]: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Numbers, v: Numbers, *, nu: Sequence[Order],
+        channel: str | None = ..., workers: int = ...,
+    ) -> list[Any]: ...  # fmt: skip
     def weights(
         self,
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
         *,
-        nu: Order = (0, 0),
+        nu: Order | Sequence[Order] = (0, 0),
         workers: int = 1,
         channel: str | None = None,
-    ) -> csr_array[Any] | ExactOperator:
-        """Sparse matrix that maps control points to positions or derivatives.
+    ) -> Any:
+        """Sparse matrix that maps control points to positions or derivatives, or several of them.
 
         Parameters
         ----------
-        face, u, v, nu, workers, channel
+        face, u, v, workers, channel
             As for `evaluate`; the rows are the queries in C order of their broadcast shape. With
             `channel` columns are its values, ``mesh.channels[channel][0]``, instead of the points.
+        nu : (int, int) or sequence of (int, int)
+            Order of the derivative in u and in v; or several orders, at little more than the cost
+            of one.
 
         Returns
         -------
-        csr_array or ExactOperator
+        csr_array or ExactOperator, or a list of them
             Shape (n_queries, n_vertices), or as many columns as the channel has values; indices
             sorted; an `ExactOperator` if u, v or the points are exact. Where `evaluate` gives NaN
             the row has a NaN; derivatives beyond float64's range have infinite weights. Far from
             the origin `evaluate` is more accurate than the product: it forms differences of nearby
             points first.
+
+            For several orders a list, in their order, on one pattern: entries are at the same
+            places, zeros where only another order has any, and the arrays that say where, `indptr`
+            and `indices` (or `rows` and `columns`), are shared. Copy a matrix before its pattern is
+            changed in place, as by ``eliminate_zeros``.
+
+            If face, u or v is a Dask array, Dask arrays of blocks that are csr_arrays, one for each
+            chunk of queries: they compute to a csr_array, and ``map_blocks`` works on each.
+
+        Raises
+        ------
+        IndexError, ValueError, TypeError
+            As `evaluate` does; a TypeError for exact numbers in Dask arrays.
 
         Examples
         --------
@@ -655,15 +692,20 @@ class LimitSurface:
         >>> surface = ls.LimitSurface(ls.Mesh([[0], [1], [1], [0]], [[0, 1, 2, 3]]))
         >>> abs(surface.weights(0, 0.25, [0.0, 0.5])).toarray().round(12).tolist()
         [[0.75, 0.25, 0.0, 0.0], [0.375, 0.125, 0.125, 0.375]]
+        >>> P, du, dv = surface.weights(0, 0.5, 0.5, nu=[(0, 0), (1, 0), (0, 1)])
+        >>> P.indices is du.indices, du.toarray().round(12).tolist()
+        (True, [[-0.5, 0.5, 0.5, -0.5]])
         """
         several, orders = _orders(nu)
         if lazy.is_lazy(face, u, v):
-            raise TypeError("weights takes no Dask arrays: ask for them chunk by chunk")
+            options = {"channel": channel, "workers": workers}
+            rows = lazy.matrices(self, face, u, v, orders, **options)
+            return rows if several else rows[0]
         surface = self.of_channel(channel)
         request = Request.of(face, u, v, surface._exact, workers)
         found = surface._answers.engine(request, orders, True).weights(request, orders)
         if channel is not None:
-            found = [self._over_values(one, channel) for one in found]
+            found = on_one_pattern([self._over_values(one, channel) for one in found])
         return found if several else found[0]
 
     def _over_values(self, operator: Any, channel: str) -> Any:
@@ -730,9 +772,9 @@ def precompile() -> None:
 
 def _orders(nu: Any) -> tuple[bool, list[Order]]:
     """One order or a sequence of them: whether it is one, and them."""
-    if isinstance(nu, (tuple, list, np.ndarray)):
-        if all(isinstance(one, (tuple, list, np.ndarray)) and np.ndim(one) for one in nu):
-            return True, list(map(_order, nu))
+    sequences = tuple, list, np.ndarray
+    if isinstance(nu, sequences) and all(isinstance(one, sequences) for one in nu):
+        return True, list(map(_order, nu))
     return False, [_order(nu)]
 
 

@@ -274,7 +274,8 @@ def chosen(rows: Array, n: int, turn: int, piece: int, term: int, found: Array) 
     here = TURNED[turn & 1, term]
     for k in range(n):
         found[k] = rows[here, k]
-    return SIGN[turn, term]
+    sign: float = SIGN[turn, term]
+    return sign
 
 
 _shape = sys.modules[__name__]

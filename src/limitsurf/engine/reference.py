@@ -95,9 +95,7 @@ class Reference:
                 matrices.append(matrix)
         return on_one_pattern([stacked(matrices) for matrices in parts])
 
-    def _weights(
-        self, face: Array, u: Array, v: Array, orders: Sequence[Order]
-    ) -> Iterator[Any]:
+    def _weights(self, face: Array, u: Array, v: Array, orders: Sequence[Order]) -> Iterator[Any]:
         """Weights of a chunk of queries (Q,), each on a pattern of its own."""
         patches = self._groups.patches
         undefined, groups = self._groups.by_kind(face, u, v)
@@ -112,9 +110,7 @@ class Reference:
             for g in groups:
                 with np.errstate(over="ignore", under="ignore", invalid="ignore"):
                     values.append(g.kind.weights(g, nu).ravel())
-            total = sparse_operator(
-                *pattern, np.concatenate(values), (len(face), patches.n_points)
-            )
+            total = sparse_operator(*pattern, np.concatenate(values), (len(face), patches.n_points))
             # back through the extra control points, last ones first
             for operator in reversed(patches.extras):
                 total = eliminated(total, operator)

@@ -89,7 +89,17 @@ class ExactOperator:
         return result.reshape(self.shape[0], *dense.shape[1:])
 
     def with_values(self, values: Array) -> ExactOperator:
-        """Another matrix with entries at the same places; it shares the arrays that say where."""
+        """Another matrix with entries at the same places; it shares the arrays that say where.
+
+        Examples
+        --------
+        >>> import limitsurf as ls
+        >>> from fractions import Fraction
+        >>> square = ls.LimitSurface(ls.Mesh([[0], [1], [1], [0]], [[0, 1, 2, 3]]))
+        >>> W = square.weights(0, Fraction(1, 2), Fraction(1, 2))
+        >>> str((W.with_values(2 * W.values) @ [[1], [1], [1], [1]])[0, 0])
+        '2'
+        """
         other = copy(self)
         other.values = values
         return other
@@ -206,7 +216,7 @@ def on_one_pattern(operators: list[Any]) -> list[Any]:
     first, width = operators[0], operators[0].shape[1]
     parts = list(map(entries, operators))
     keys = [rows.astype(np.int64) * width + columns for rows, columns, _ in parts]
-    every = np.unique(np.concatenate(keys))
+    every = np.unique(np.concatenate(keys))  # (ascending, as all of them are)
     number, filled = numbers.type_of(parts[0][2]), []
     for key, (_, _, values) in zip(keys, parts, strict=True):
         filled.append(number.full(len(every), number.zero))
@@ -215,7 +225,8 @@ def on_one_pattern(operators: list[Any]) -> list[Any]:
     if isinstance(first, ExactOperator):
         one = ExactOperator(rows, columns, filled[0], first.shape)
         return [one.with_values(values) for values in filled]
-    return sharing(np.searchsorted(rows, np.arange(first.shape[0] + 1)), columns, filled, first.shape)
+    starts = np.searchsorted(rows, np.arange(first.shape[0] + 1))
+    return sharing(starts, columns, filled, first.shape)
 
 
 def merged(some: list[Any], others: list[Any], which: Array) -> list[Any]:
