@@ -172,17 +172,13 @@ W = torus.weights(scan_face, scan_u, scan_v)
 # What is wanted are points `P` with `W @ P` close to the scan. That is linear least squares, one
 # problem for each coordinate. The hidden part needs more: a second term asks that second
 # derivatives be those of the plain torus from which the cage was taken, at nine places on each
-# face. It is a matrix as well, made by `weights` with `nu`.
+# face. These are matrices as well, made by `weights` with `nu`.
 
 # %%
 third = np.array([1, 3, 5]) / 6
 places = np.arange(n * m)[:, None, None], third[:, None], third
-bending = vstack(
-    [
-        scale * csr_array(torus.weights(*places, nu=nu))
-        for nu, scale in (((2, 0), 1), ((1, 1), 2), ((0, 2), 1))
-    ]
-)
+rows = torus.weights(*places, nu=[(2, 0), (1, 1), (0, 2)])
+bending = vstack([scale * matrix for scale, matrix in zip((1, 2, 1), rows, strict=True)])
 W.shape, bending.shape
 
 # %% [markdown]

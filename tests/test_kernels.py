@@ -18,6 +18,7 @@ import pytest
 import test_creases
 import test_surface
 import zoo
+import zoo_triangles
 from test_surface import accuracy, float_queries, largest_on_ring, random_cage
 
 import limitsurf as ls
@@ -507,12 +508,15 @@ CALLS = {
     "slope": lambda surface, query, workers: [surface.evaluate(*query, nu=(0, 1), workers=workers)],
     "jet": lambda surface, query, workers: list(surface.jet(*query, workers=workers).values()),
     "normal": lambda surface, query, workers: [surface.normal(*query, workers=workers)],
-    "weights": lambda surface, query, workers: [
-        (W := surface.weights(*query, workers=workers)).data,
-        W.indices.astype(float),
-        W.indptr.astype(float),
-    ],
+    "weights": lambda surface, query, workers: parts(
+        surface.weights(*query, nu=TERMS[:4], workers=workers)
+    ),
 }
+
+
+def parts(matrices):
+    pattern = matrices[0].indices, matrices[0].indptr
+    return [*(W.data for W in matrices), *(x.astype(float) for x in pattern)]
 
 
 @pytest.mark.parametrize("call", CALLS)
@@ -627,6 +631,88 @@ def test_weights_of_undefined_queries(use):
         W = surface.weights(face, np.nan, 0.7, nu=nu)
         assert np.isnan(W.data).all()
         assert (np.diff(W.indptr) == 1).all()
+
+
+def assert_one_pattern(matrices):
+    exact = isinstance(matrices[0], ls.ExactOperator)
+    for name in ("rows", "columns") if exact else ("indptr", "indices"):
+        assert len({id(getattr(W, name)) for W in matrices}) == 1
+    assert len({id(W.values if exact else W.data) for W in matrices}) == len(matrices)
+
+
+def assert_as_alone(matrices, alone):
+    """The same numbers to the last bit, zeros added but nothing else."""
+    assert_one_pattern(matrices)
+    for W, one in zip(matrices, alone, strict=True):
+        assert W.shape == one.shape
+        assert np.array_equal(W.toarray(), one.toarray(), equal_nan=True)
+
+
+# regular and special patches, coinciding and combined control points, strips, valences beyond
+# kernels, n-gons, triangles
+SEVERAL = ["carved_cube_1", "torus_2x2", "crossing_rings_2.5", "hole_beside_a_crease", "flower 80"]
+
+
+@pytest.mark.parametrize("kernels", [True, False])
+@pytest.mark.parametrize("name", [*SEVERAL, "loop"])
+def test_weights_of_several_orders(name, kernels, use):
+    """As those of each order by itself; also beside orders that kernels do not know."""
+    if name == "flower 80":
+        points, faces = zoo.flower(80)
+        surface = ls.LimitSurface(ls.Mesh(zoo.random_points(len(points), 80), faces))
+    elif name == "loop":
+        points, faces = zoo_triangles.sphere(1)
+        surface = ls.LimitSurface(ls.Mesh(np.array(points, dtype=float), faces), scheme="loop")
+    else:
+        surface = surface_of(name)
+    face, u, v = with_gaps(*queries(surface, 150, np.random.default_rng(5), NEAR))
+    if name == "loop":
+        u, v = u / 2, v / 2
+    use(kernels)
+    alone = {nu: surface.weights(face, u, v, nu=nu) for nu in [*TERMS, (3, 0)]}
+    for orders in [TERMS[:3], TERMS, [(0, 1), (0, 1)], [(2, 0)], [(3, 0), (1, 0), (0, 0)]]:
+        found = surface.weights(face, u, v, nu=orders, workers=2)
+        assert_as_alone(found, [alone[nu] for nu in orders])
+    for W, nu in zip(found, orders, strict=True):
+        scale = np.maximum(1, row_sums(W)) * np.abs(surface.points).max()
+        error = np.abs(W @ surface.points - surface.evaluate(face, u, v, nu=nu)).max(axis=1)
+        assert (error <= 1e-12 * scale)[~np.isnan(error)].all()
+    # as rows of one order are, those of kernels are on the pattern of any
+    if kernels and name != "flower 80":
+        assert np.array_equal(surface.weights(face, u, v, nu=TERMS)[0].indices, alone[0, 0].indices)
+
+
+def test_weights_of_several_orders_where_kernels_know_some(use):
+    """Second derivatives too near a vertex are left to the reference, and do not touch others."""
+    surface = surface_of("local_cage_12")
+    use(True)
+    query = 0, [1e-310, 0.3], [1e-310, 0.4]
+    alone = [surface.weights(*query, nu=nu) for nu in TERMS]
+    assert_as_alone(surface.weights(*query, nu=TERMS), alone)
+
+
+def test_exact_weights_of_several_orders():
+    surface = surface_of("carved_cube_1")
+    query = [0, 3, 5], [F(1, 3), F(0), F(6, 7)], [F(1, 5), F(1, 2), F(1)]
+    orders = [(0, 0), (1, 0), (0, 2)]
+    found = surface.weights(*query, nu=orders)
+    assert_one_pattern(found)
+    for W, nu in zip(found, orders, strict=True):
+        assert (W.toarray() == surface.weights(*query, nu=nu).toarray()).all()
+        assert (W @ np.ones((surface.mesh.n_vertices, 1)) == (nu == (0, 0))).all()
+
+
+@pytest.mark.parametrize("kernels", [True, False])
+def test_weights_of_no_orders(kernels, use):
+    surface = surface_of("cube")
+    use(kernels)
+    assert surface.weights(0, 0.5, 0.5, nu=[]) == []
+    assert len(surface.weights(0, 0.5, 0.5, nu=np.array(TERMS))) == 6
+    with pytest.raises(IndexError, match="limit face 99"):
+        surface.weights(99, 0.5, 0.5, nu=[])
+    for bad in ((1,), [(0, 0), (1, -1)], 3, [0, (1, 0)]):
+        with pytest.raises(ValueError, match="nu must be two integers"):
+            surface.weights(0, 0.5, 0.5, nu=bad)
 
 
 # --- Kernels and their twins

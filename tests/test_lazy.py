@@ -190,10 +190,39 @@ def test_bad_calls_raise_at_once(surface):
         (TypeError, "u must be real", lambda: surface.normal(face, u.astype(complex), u)),
         (ValueError, r"\(10,\).*\(3,\)|broadcast", lambda: surface.evaluate(face, u, u[:3])),
         (ValueError, "normal", lambda: surface.with_points(np.ones(10)).normal(face, u, u)),
-        (TypeError, "weights", lambda: surface.weights(face, u, u)),
+        (ValueError, "two integers", lambda: surface.weights(face, u, u, nu=[(1, 0), (1,)])),
     ]:
         with pytest.raises(error, match=message):
             call()
+
+
+@pytest.mark.parametrize("channel", [None, "uv"])
+def test_weights(surface, channel):
+    """Blocks are sparse, rows in C order, those of several orders on one pattern."""
+    rng = np.random.default_rng(0)
+    face, u, v = rng.integers(len(surface.limit_faces), size=(5, 1)), *rng.random((2, 5, 6))
+    orders, options = [(0, 0), (0, 1), (2, 0)], {"channel": channel, "workers": 2}
+    wanted = surface.weights(face, u, v, nu=orders, **options)
+    rows = surface.weights(
+        da.from_array(face, 2), da.from_array(u, (2, 3)), v, nu=orders, **options
+    )
+    for lazy_matrix, matrix in zip(rows, wanted, strict=True):
+        assert lazy_matrix.shape == matrix.shape
+        assert lazy_matrix.numblocks[0] > 1
+        same(lazy_matrix.compute().toarray(), matrix.toarray())
+    blocks = dask.compute(*(matrix.blocks[0] for matrix in rows), scheduler="threads")
+    assert all(block.format == "csr" for block in blocks)
+    one = surface.weights(da.from_array(face, 2), u, v, nu=(0, 1), **options)
+    same(one.compute().toarray(), wanted[1].toarray())
+    bad = surface.weights(da.from_array(np.array([0, 0, 99]), 2), 0.5, 0.5)
+    with pytest.raises(IndexError, match=r"chunk that begins at \[2\]: limit face 99"):
+        bad.compute()
+
+
+def test_weights_of_exact_numbers(surface):
+    third = np.array([Fraction(1, 3)])
+    with pytest.raises(TypeError, match="exact numbers take no Dask"):
+        surface.weights(0, da.from_array(third, 1), da.from_array(third, 1))
 
 
 def test_queries_out_of_range_say_where(surface):

@@ -56,6 +56,9 @@ assert_type(surface.evaluate(0, thirds, 0.5), Fractions)
 assert_type(surface.evaluate(0, [[third, 0.5], [1, np.float64(0)]], u[:2]), NDArray[Any])
 assert_type(surface.jet(0, third, third), dict[tuple[int, int], Fractions])
 assert_type(surface.weights(0, third, third), ls.ExactOperator)
+assert_type(surface.weights(0, third, third, nu=[(0, 0), (1, 0)]), list[ls.ExactOperator])
+slopes = surface.weights(face, u, u, nu=[(1, 0), (0, 1)])
+assert slopes[0].indices is slopes[1].indices
 assert exact.dtype == surface.evaluate(0, [[third, 0.5], [1, 0]], 0.5).dtype == object
 rational = ls.Mesh([[0, third], [1, 0.5], [1, 1], [0, Fraction(1)]], [[0, 1, 2, 3]])
 assert rational.points.dtype == object

@@ -83,19 +83,13 @@ def mapped(
     [0.5, 1.0]
     """
     import dask.array as da
-    from dask import delayed
 
     if out is not None:
         raise TypeError(
             "out takes no answers to Dask arrays, which are computed later: store them with "
             "dask.array.store, or give NumPy arrays"
         )
-    queries = [x if is_lazy(x) else da.from_array(_array(x), asarray=False) for x in (face, u, v)]
-    if not np.isnan([n for x in queries for n in x.shape]).any():
-        np.broadcast_shapes(
-            *(x.shape for x in queries)
-        )  # says more than Dask where they do not fit
-        queries = da.broadcast_arrays(*queries)
+    queries = _broadcast(face, u, v)
     # one query tells how answers look, and whether the call is one at all
     sample = getattr(surface, method)(*(np.zeros(1, x.dtype) for x in queries), **options)
     single = isinstance(sample, np.ndarray)
@@ -107,11 +101,10 @@ def mapped(
     if not single:  # stacked along a first axis
         chunks = ((len(parts),), *chunks)
         axes = [0, *(axis + 1 for axis in axes)]
-    name = _names.setdefault(surface, f"limit-surface-{uuid4().hex}")
     answers = da.map_blocks(
         limit_answers,
         *queries,
-        surface=delayed(surface, name=name, traverse=False),
+        surface=_node(surface),
         method=method,
         options=options,
         chunks=chunks,
@@ -124,9 +117,77 @@ def mapped(
     return dict(zip(sample, arrays, strict=True)) if isinstance(sample, dict) else tuple(arrays)
 
 
+def matrices(
+    surface: object, face: Any, u: Any, v: Any, orders: list[Any], **options: Any
+) -> list[Any]:
+    """Weights of derivatives of some orders, as Dask arrays (queries, vertices) of sparse blocks.
+
+    A block is a csr_array of the queries of a chunk, in C order of their broadcast shape. Those of
+    several orders come from one pass over the queries, on one pattern.
+
+    Examples
+    --------
+    >>> import dask.array as da
+    >>> import limitsurf as ls
+    >>> surface = ls.LimitSurface(ls.Mesh([[0], [1], [1], [0]], [[0, 1, 2, 3]]))
+    >>> W = surface.weights(0, da.linspace(0, 1, 1000, chunks=100), 0.5)
+    >>> W.shape, W.numblocks, W.compute().nnz
+    ((1000, 4), (10, 1), 4000)
+    """
+    import dask.array as da
+    from dask import delayed
+
+    queries = [x.reshape(-1) if x.ndim != 1 else x for x in _broadcast(face, u, v)]
+    _, queries = da.unify_chunks(*(part for x in queries for part in (x, "q")))
+    # one query tells whether the call is one at all
+    own: Any = surface
+    sample = own.weights(*(np.zeros(1, x.dtype) for x in queries), **options)
+    if not hasattr(sample, "indices"):
+        raise TypeError("weights of exact numbers take no Dask arrays: ask for them chunk by chunk")
+    width, node, empty = sample.shape[1], _node(surface), type(sample)((0, 0))
+    blocks: list[list[Any]] = [[] for _ in orders]
+    start = 0.0
+    for size, *parts in zip(queries[0].chunks[0], *(x.to_delayed() for x in queries), strict=True):
+        found = delayed(limit_weights)(*parts, node, orders, options, start)
+        for k, column in enumerate(blocks):
+            column.append(da.from_delayed(found[k], (size, width), meta=empty))
+        start += size
+    return [da.concatenate(column, allow_unknown_chunksizes=True) for column in blocks]
+
+
+def _broadcast(*given: Any) -> list[Any]:
+    """Dask arrays of one shape, where shapes are known."""
+    import dask.array as da
+
+    arrays = [x if is_lazy(x) else da.from_array(_array(x), asarray=False) for x in given]
+    if np.isnan([n for x in arrays for n in x.shape]).any():
+        return arrays
+    np.broadcast_shapes(*(x.shape for x in arrays))  # says more than Dask where they do not fit
+    return list(da.broadcast_arrays(*arrays))
+
+
+def _node(surface: object) -> Any:
+    """A surface as one node of task graphs."""
+    from dask import delayed
+
+    name = _names.setdefault(surface, f"limit-surface-{uuid4().hex}")
+    return delayed(surface, name=name, traverse=False)
+
+
 def _array(values: Any) -> Any:
     """An array, masked if the values are."""
     return values if isinstance(values, np.ma.MaskedArray) else np.asarray(values)
+
+
+def limit_weights(
+    face: Any, u: Any, v: Any, surface: Any, orders: list[Any], options: Any, start: float
+) -> Any:
+    """Weights of a chunk of queries that begins at `start` (NaN if that is not known)."""
+    try:
+        return surface.weights(face, u, v, nu=orders, **options)
+    except (IndexError, ValueError) as error:
+        where = "a chunk" if np.isnan(start) else f"the chunk that begins at [{int(start)}]"
+        raise type(error)(f"in {where}: {error}") from None
 
 
 def limit_answers(

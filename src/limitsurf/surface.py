@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, overload
 
@@ -19,7 +20,7 @@ from limitsurf.engine.results import arrays_of, written
 from limitsurf.engine.topology import Topology
 from limitsurf.numbers import Exact, Numbers, Plain
 from limitsurf.patches import PatchTable
-from limitsurf.refine import ExactOperator, over_values, refined
+from limitsurf.refine import ExactOperator, on_one_pattern, over_values, refined
 from limitsurf.rules import Rules
 from limitsurf.topology import LimitFaces
 
@@ -666,32 +667,68 @@ class LimitSurface:
         self, face: ArrayLike, u: Numbers, v: Numbers, *, nu: Order = ...,
         channel: str | None = ..., workers: int = ...,
     ) -> csr_array[Any] | ExactOperator: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Plain, v: Plain, *, nu: Sequence[Order],
+        channel: str | None = ..., workers: int = ...,
+    ) -> list[csr_array[Any]]: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Exact, v: Numbers, *, nu: Sequence[Order],
+        channel: str | None = ..., workers: int = ...,
+    ) -> list[ExactOperator]: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Numbers, v: Exact, *, nu: Sequence[Order],
+        channel: str | None = ..., workers: int = ...,
+    ) -> list[ExactOperator]: ...  # fmt: skip
+    @overload
+    def weights(
+        self, face: ArrayLike, u: Numbers, v: Numbers, *, nu: Sequence[Order],
+        channel: str | None = ..., workers: int = ...,
+    ) -> list[Any]: ...  # fmt: skip
     def weights(
         self,
         face: ArrayLike,
         u: Numbers,
         v: Numbers,
         *,
-        nu: Order = (0, 0),
+        nu: Order | Sequence[Order] = (0, 0),
         workers: int = 1,
         channel: str | None = None,
-    ) -> csr_array[Any] | ExactOperator:
-        """Sparse matrix that maps control points to positions or derivatives.
+    ) -> Any:
+        """Sparse matrix that maps control points to positions or derivatives, or several of them.
 
         Parameters
         ----------
-        face, u, v, nu, workers, channel
+        face, u, v, workers, channel
             As for `evaluate`; the rows are the queries in C order of their broadcast shape. With
             `channel` columns are its values, ``mesh.channels[channel][0]``, instead of the points.
+        nu : (int, int) or sequence of (int, int)
+            Order of the derivative in u and in v; or several orders, at little more than the cost
+            of one.
 
         Returns
         -------
-        csr_array or ExactOperator
+        csr_array or ExactOperator, or a list of them
             Shape (n_queries, n_vertices), or as many columns as the channel has values; indices
             sorted; an `ExactOperator` if u, v or the points are exact. Where `evaluate` gives NaN
             the row has a NaN; derivatives beyond float64's range have infinite weights. Far from
             the origin `evaluate` is more accurate than the product: it forms differences of nearby
             points first.
+
+            For several orders a list, in their order, on one pattern: entries are at the same
+            places, zeros where only another order has any, and the arrays that say where, `indptr`
+            and `indices` (or `rows` and `columns`), are shared. Copy a matrix before its pattern is
+            changed in place, as by ``eliminate_zeros``.
+
+            If face, u or v is a Dask array, Dask arrays of blocks that are csr_arrays, one for each
+            chunk of queries: they compute to a csr_array, and ``map_blocks`` works on each.
+
+        Raises
+        ------
+        IndexError, ValueError, TypeError
+            As `evaluate` does; a TypeError for exact numbers in Dask arrays.
 
         Examples
         --------
@@ -699,16 +736,23 @@ class LimitSurface:
         >>> surface = ls.LimitSurface(ls.Mesh([[0], [1], [1], [0]], [[0, 1, 2, 3]]))
         >>> abs(surface.weights(0, 0.25, [0.0, 0.5])).toarray().round(12).tolist()
         [[0.75, 0.25, 0.0, 0.0], [0.375, 0.125, 0.125, 0.375]]
+        >>> P, du, dv = surface.weights(0, 0.5, 0.5, nu=[(0, 0), (1, 0), (0, 1)])
+        >>> P.indices is du.indices, du.toarray().round(12).tolist()
+        (True, [[-0.5, 0.5, 0.5, -0.5]])
         """
-        nu = _order(nu)
+        several, orders = _orders(nu)
         if lazy.is_lazy(face, u, v):
-            raise TypeError("weights takes no Dask arrays: ask for them chunk by chunk")
-        surface = self.of_channel(channel)
-        request = Request.of(face, u, v, surface._exact, workers)
-        found = surface._answers.engine(request, [nu], True).weights(request, nu)
+            options = {"channel": channel, "workers": workers}
+            rows = lazy.matrices(self, face, u, v, orders, **options)
+            return rows if several else rows[0]
         if channel is None:
-            return found
-        return over_values(found, self.of_channel(channel).mesh, self.mesh.channels[channel])
+            request = Request.of(face, u, v, self._exact, workers)
+            found = self._answers.engine(request, orders, True).weights(request, orders)
+        else:
+            own, values = self.of_channel(channel), self.mesh.channels[channel]
+            rows = own.weights(face, u, v, nu=orders, workers=workers)
+            found = on_one_pattern([over_values(one, own.mesh, values) for one in rows])
+        return found if several else found[0]
 
     def _inexact(
         self, face: ArrayLike, u: Numbers, v: Numbers, workers: int, what: str
@@ -753,6 +797,14 @@ def precompile() -> None:
     surface.weights(face, 0.5, 0.5)
     fine = refined(surface.mesh)
     fine.limit_points, fine.limit_normals, fine.edges  # noqa: B018
+
+
+def _orders(nu: Any) -> tuple[bool, list[Order]]:
+    """One order or a sequence of them: whether it is one, and them."""
+    sequences = tuple, list, np.ndarray
+    if isinstance(nu, sequences) and len(nu) and all(isinstance(one, sequences) for one in nu):
+        return True, list(map(_order, nu))
+    return False, [_order(nu)]
 
 
 def _order(nu: Any) -> Order:

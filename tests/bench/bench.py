@@ -216,7 +216,8 @@ def weighted(surface: ls.LimitSurface, queries: Queries) -> Iterator[Job]:
     for order, nus in (("P", [(0, 0)]), ("+d1", [(0, 0), (1, 0), (0, 1)])):
 
         def create(nus: list[tuple[int, int]]) -> list[Any]:
-            return [surface.weights(*queries, nu=nu) for nu in nus]
+            matrices: list[Any] = surface.weights(*queries, nu=nus)
+            return matrices
 
         def apply(operators: list[Any]) -> list[Any]:
             return [operator @ points for operator in operators]

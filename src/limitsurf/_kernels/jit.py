@@ -128,6 +128,12 @@ def inlined(function: F) -> F:
     return cast(F, numba.njit(forceinline=True, **_LEAN)(function))
 
 
+def unfused(function: F) -> F:
+    """Compile as `inlined` does, but each operation is rounded by itself on all machines."""
+    options = _LEAN | {"fastmath": False}  # (without a word callers decide)
+    return cast(F, numba.njit(forceinline=True, **options)(function))
+
+
 # a fork while another thread compiles must not leave the lock held for ever in the child
 locks.locks.append(global_compiler_lock)
 
@@ -195,6 +201,20 @@ def of_bits(typing: Any, x: Any) -> Any:
         return builder.bitcast(arguments[0], _F64)
 
     return types.float64(types.int64), generate
+
+
+@intrinsic
+def store(typing: Any, addresses: Any, k: Any, place: Any, x: Any) -> Any:
+    """Write a float64 to place number `place` from address number `k` on."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        addresses = _data(context, builder, signature.args[0], arguments[0])
+        start = builder.load(builder.gep(addresses, [arguments[1]]))
+        pointer = builder.inttoptr(start, _F64.as_pointer())
+        builder.store(arguments[3], builder.gep(pointer, [arguments[2]]))
+        return context.get_dummy_value()
+
+    return types.void(addresses, types.int64, types.int64, types.float64), generate
 
 
 def _points(context: Any, builder: Any, given: Any, arguments: Any) -> Callable[[int], Any]:

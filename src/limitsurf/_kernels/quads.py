@@ -244,28 +244,38 @@ def write(
 
 
 @inlined
-def spline_row(
-    code: int, depth: int, s: float, t: float, term: int, order: int, patches: Patches,
+def spline_rows(
+    code: int, depth: int, s: float, t: float, order: int, terms: Array, patches: Patches,
     along: Array, weights: Array,
 ) -> None:  # fmt: skip
-    """Weights of the control points of a spline in derivative `term`; `along` is room."""
+    """Weights (terms, 1, ...) of the control points of a spline in derivatives up to an order.
+
+    `along` is room.
+    """
     turn = code >> TURN & TURNS
-    here, sign = TURNED[turn & 1, term], SIGN[turn, term]
     patch_weights(code, s, t, 2, patches, along)
-    # derivatives (0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)
-    j = 2 if here == 5 else 1 if here == 2 or here == 4 else 0
-    i = order - j
-    factor = scale_by_two(sign, order * depth)
-    for y in range(4):
-        across = along[12 + 4 * j + y] * factor
-        for x in range(4):
-            weights[4 * y + x] = across * along[4 * i + x]
+    for o in range(len(terms)):
+        term = terms[o]
+        own = (term > 0) + (term > 2)
+        here, sign = TURNED[turn & 1, term], SIGN[turn, term]
+        # derivatives (0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)
+        j = 2 if here == 5 else 1 if here == 2 or here == 4 else 0
+        first, second = 4 * (own - j), 4 * (3 + j)
+        factor = scale_by_two(sign, own * depth)
+        for y in range(4):
+            across = along[second + y] * factor
+            for x in range(4):
+                weights[o, 0, 4 * y + x] = across * along[first + x]
 
 
 @inlined
-def chosen(rows: Array, n: int, turn: int, piece: int, term: int) -> tuple[int, float]:
-    """The row, of derivatives in a patch, of one in its limit face; and its sign."""
-    return TURNED[turn & 1, term], SIGN[turn, term]
+def chosen(rows: Array, n: int, turn: int, piece: int, term: int, found: Array) -> float:
+    """One derivative in the limit face, of some in a patch, up to a sign, which is returned."""
+    here = TURNED[turn & 1, term]
+    for k in range(n):
+        found[k] = rows[here, k]
+    sign: float = SIGN[turn, term]
+    return sign
 
 
 _shape = sys.modules[__name__]

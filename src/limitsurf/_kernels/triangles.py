@@ -351,36 +351,42 @@ def write(
 
 
 @inlined
-def spline_row(
-    code: int, depth: int, s: float, t: float, term: int, order: int, patches: Patches,
+def spline_rows(
+    code: int, depth: int, s: float, t: float, order: int, terms: Array, patches: Patches,
     along: Array, weights: Array,
 ) -> None:  # fmt: skip
-    """Weights of the control points of a spline in derivative `term`; `along` is room."""
+    """Weights (terms, 1, ...) of the control points of a spline in derivatives up to an order.
+
+    `along` is room.
+    """
     turn = code >> TURN & TURNS
-    spline_weights(s, t, 2, along)
-    factor = scale_by_two(_UNIT, order * depth)
-    for k in range(POINTS):
-        total = 0.0
-        for j in range(order + 1):
-            here = order * (order + 1) // 2 + j
-            total += TURNED[turn, term, here] * along[here * POINTS + k]
-        weights[k] = total * factor
+    spline_weights(s, t, order, along)
+    for o in range(len(terms)):
+        term = terms[o]
+        own = (term > 0) + (term > 2)
+        factor = scale_by_two(_UNIT, own * depth)
+        for k in range(POINTS):
+            total = 0.0
+            for j in range(own + 1):
+                here = own * (own + 1) // 2 + j
+                total += TURNED[turn, term, here] * along[here * POINTS + k]
+            weights[o, 0, k] = total * factor
 
 
 @inlined
-def chosen(rows: Array, n: int, turn: int, piece: int, term: int) -> tuple[int, float]:
-    """The row, of derivatives in a patch, of one in its limit face, which is formed; and 1."""
+def chosen(rows: Array, n: int, turn: int, piece: int, term: int, found: Array) -> float:
+    """One derivative in the limit face, of some in a patch, up to a sign, which is 1."""
     turn = _oriented(turn, piece)
-    order = 0 if term == 0 else 1 if term < 3 else 2
-    first = order * (order + 1) // 2
+    own = (term > 0) + (term > 2)
+    first = own * (own + 1) // 2
     for k in range(n):
         total = 0.0
-        for j in range(first, first + order + 1):
+        for j in range(first, first + own + 1):
             factor = TURNED[turn, term, j]
             if factor != 0:
                 total += factor * rows[j, k]
-        rows[term, k] = total
-    return term, 1.0
+        found[k] = total
+    return 1.0
 
 
 _shape = sys.modules[__name__]

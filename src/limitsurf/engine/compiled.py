@@ -17,7 +17,7 @@ from limitsurf.engine.protocol import JET, Order, Request
 from limitsurf.engine.reference import Reference
 from limitsurf.engine.results import Results
 from limitsurf.engine.topology import Topology
-from limitsurf.refine import stacked
+from limitsurf.refine import merged, on_one_pattern
 
 if TYPE_CHECKING:
     from limitsurf._kernels.evaluation import Points
@@ -39,15 +39,15 @@ class Compiled:
         """Whether kernels can answer at all: derivatives of few orders, of points of common size.
 
         Patches must be of a shape that has kernels, and there must be numbers to be answered. For
-        `weights` points do not matter.
+        `weights` points do not matter, and one order is enough.
         """
         if not self._topology.packs:
             return False
+        if weights:  # the reference may give some
+            return any(nu in PLACES for nu in orders)
         for nu in orders:
             if nu not in PLACES:
                 return False
-        if weights:
-            return True
         values = self._reference.values
         return values.channels > 0 and not values.balance
 
@@ -117,21 +117,39 @@ class Compiled:
             part[here] = self._reference.curvatures(some.flat(here))
         return found
 
-    def weights(self, request: Request, nu: Order) -> Any:
-        """See `Engine`; an order of `PLACES`."""
+    def weights(self, request: Request, orders: Sequence[Order]) -> list[Any]:
+        """See `Engine`; orders of `PLACES` by kernels, others by the reference.
+
+        An order in which kernels do not know each query is one for the reference, whatever other
+        orders are asked for: these change no matrix but for zeros.
+        """
+        known = [nu for nu in orders if nu in PLACES]
+        found = self._known_weights(request, known)
+        if found is None:  # second derivatives too near a vertex
+            request.check(self._topology.patches.n_limit_faces, self._topology.lattice)
+            known = [nu for nu in known if sum(nu) < 2]
+            found = self._known_weights(request, known)
+        if found is None:
+            raise AssertionError("kernels and checks disagree about what is in range")
+        rest = [nu for nu in orders if nu not in known]
+        if not rest:
+            return found
+        others = iter(self._reference.weights(request, rest))
+        kernels = iter(found)
+        return on_one_pattern([next(kernels if nu in known else others) for nu in orders])
+
+    def _known_weights(self, request: Request, orders: Sequence[Order]) -> list[Any] | None:
+        """Weights of orders of `PLACES`; None if kernels do not know how to answer a query."""
+        if not orders:
+            return []
         packing, flat = self._topology.packing, request.flat()
         rest = self._without_rows(flat)
         known = flat if rest is None else flat.flat(~rest)
-        found = packing.weights((known.face, known.u, known.v), PLACES[nu], request.workers)
-        if found is None:
-            request.check(self._topology.patches.n_limit_faces, self._topology.lattice)
-            return self._reference.weights(request, nu)
-        if rest is None:
+        queries, places = (known.face, known.u, known.v), [PLACES[nu] for nu in orders]
+        found = packing.weights(queries, places, request.workers)
+        if found is None or rest is None:
             return found
-        both = stacked([found, self._reference.weights(flat.flat(rest), nu)])
-        both = both[np.argsort(np.argsort(rest, kind="stable"), kind="stable")]
-        parts = [x.astype(found.indices.dtype) for x in (both.indices, both.indptr)]
-        return type(found)((both.data, *parts), shape=both.shape)
+        return merged(found, self._reference.weights(flat.flat(rest), orders), rest)
 
     def _without_rows(self, flat: Request) -> Array | None:
         """Queries whose rows of weights only the reference can give; None if there are none.

@@ -20,6 +20,7 @@ from limitsurf.caching import cached_property
 from limitsurf.engine.results import Results
 from limitsurf.numbers import FLOAT64
 from limitsurf.patches import REGULAR, STRIP, PatchTable
+from limitsurf.refine import sharing
 
 if TYPE_CHECKING:
     from limitsurf._kernels import evaluation, grids, rows
@@ -256,8 +257,9 @@ class Packing:
         patches, kinds = self._patches, self.tables.kinds
         special = patches.controls[STRIP + 1 :]
         first = np.cumsum([0] * (STRIP + 2) + [control.size for control in special[:-1]])
-        wide = _rounded(int(kinds[:, evaluation.SIZE].max()) + 1)
-        left = np.zeros((len(kinds), wide, wide))
+        most = int(kinds[:, evaluation.SIZE].max()) + 1
+        wide = -(-most // rows.EIGHT) * rows.EIGHT
+        left = np.zeros((len(kinds), most, wide))
         for kind, table in enumerate(self._sectors):
             if table is not None and kinds[kind, evaluation.MODES] >= 0:
                 left[kind, : table.size, : table.size] = _left(table)
@@ -269,9 +271,36 @@ class Packing:
             self._own,
             patches.n_vertices,
             extra.indptr.astype(np.int64),
-            extra.indices.astype(np.int64),
+            extra.indices.astype(np.int32),
             extra.data,
         )
+
+    @cached_property
+    def _patterns(self) -> rows.Patterns:
+        from limitsurf._kernels import evaluation, rows
+
+        controls = self._controls
+        known = self.tables.kinds[:, evaluation.MODES] >= 0
+        blocks = [self.patches.ids.reshape(-1, self._shape.POINTS)]
+        blocks += [ids for ids, kept in zip(self._patches.controls, known, strict=True) if kept]
+        one = np.ones(controls.n_vertices, np.int64)
+        each = np.concatenate([one, np.diff(controls.indptr)])
+        terms = [each[ids].sum(axis=1) for ids in blocks]
+        # room enough if no columns are equal; memory beyond what remains is never touched
+        most, total = int(sum(map(np.sum, terms))), sum(map(len, blocks))
+        forms = np.empty(total, np.int64)
+        starts = np.zeros((total + 1, 2), np.int64)
+        found = rows.Patterns(forms, np.empty(most, np.int32), np.empty(most, np.uint16), starts)
+        seen = np.full(controls.n_vertices, -1)
+        room = np.empty((2, max(int(x.max(initial=0)) for x in terms)), np.int32)
+        start = number = 0
+        for k, ids in enumerate(blocks):
+            some = forms[start : start + len(ids)]
+            number = rows.patterns(ids, k == 0, controls, some, found, number, seen, room)
+            start += len(ids)
+        columns, slots = starts[number]
+        parts = found.columns[:columns], found.slots[:slots], starts[: number + 1]
+        return rows.Patterns(forms, *(part.copy() for part in parts))
 
     @cached_property
     def _over_vertices(self) -> tuple[Any, Array]:
@@ -320,18 +349,19 @@ class Packing:
                 result[here] = wide[controls[self._patches.row[here]]].any(axis=1)
         return result
 
-    def weights(self, queries: tuple[Array, Array, Array], term: int, workers: int) -> Any:
-        """Sparse matrix (Q, vertices) of the derivative at this place in the order of `jet`.
+    def weights(
+        self, queries: tuple[Array, Array, Array], terms: Sequence[int], workers: int
+    ) -> list[Any] | None:
+        """Sparse matrices (Q, vertices) of derivatives at these places in the order of `jet`.
 
-        None if a query is out of range, or in a patch that only the reference knows.
+        All have one pattern. None if a query is out of range, or in a patch that only the reference
+        knows.
         """
         with _kernels.preparing:
-            from scipy.sparse import csr_array
-
-            known = self.patches, self.tables, self._controls
+            known = self.patches, self.tables, self._controls, self._patterns
         from limitsurf._kernels import evaluation, rows
 
-        total, order = queries[0].size, sum(TERMS[term])
+        total, order = queries[0].size, max(_TOTALS[term] for term in terms)
         chunk = _chunks(queries)
         indptr = np.zeros(total + 1, dtype=np.int64)
 
@@ -342,24 +372,21 @@ class Packing:
         if any(found < 0 for found in over_chunks(total, workers, measure)):
             return None
         np.cumsum(indptr, out=indptr)
-        ends = np.empty(total, dtype=np.int64)
         most = max(int(indptr[-1]), self._patches.n_vertices)
         indices = np.empty(indptr[-1], dtype=np.int32 if most < 2**31 else np.int64)
-        data = np.empty(indptr[-1])
+        # (the C library keeps memory of freed arrays for the next, but not of very large ones)
+        data, wanted = [np.empty(indptr[-1]) for _ in terms], np.array(terms, np.int64)
+        addresses = np.array([values.ctypes.data for values in data])
 
         def fill(part: slice) -> None:
-            most = self._controls.left.shape[2] + self._shape.POINTS
-            room = evaluation.Room.of(self.tables), np.empty(most), np.empty(most, np.int64)
-            places = indptr[:-1][part], ends[part], indices, data
-            self._shape.fill(*chunk(part), *known, order, term, *places, *room)
+            places = indptr[:-1][part], indices, addresses
+            room = evaluation.Room.of(self.tables)
+            space = rows.Space.of(*known[2:], self._shape.POINTS, len(terms))
+            self._shape.fill(*chunk(part), *known, order, wanted, *places, room, space)
 
         for _ in over_chunks(total, workers, fill):
             pass
-        if (ends != indptr[1:]).any():
-            rows.close_gaps(indptr, ends, indices, data)
-            indices, data = indices[: indptr[-1]], data[: indptr[-1]]
-        shape = total, self._patches.n_vertices
-        return csr_array((data, indices, indptr.astype(indices.dtype)), shape=shape)
+        return sharing(indptr, indices, data, (total, self._patches.n_vertices))
 
     def block(self, points: evaluation.Points) -> Block:
         """All that kernels evaluate, prepared: patches, tables and points."""

@@ -152,8 +152,8 @@ class Engine(Protocol):
         """Curvatures k1, k2, mean and Gaussian, and directions d1 and d2, (Q, 10)."""
         ...
 
-    def weights(self, request: Request, nu: Order) -> Any:
-        """Sparse rows (Q, n_vertices) that give the derivative of this order."""
+    def weights(self, request: Request, orders: Sequence[Order]) -> list[Any]:
+        """Sparse rows (Q, n_vertices) that give derivatives of these orders, on one pattern."""
         ...
 
 

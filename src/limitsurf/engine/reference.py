@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from limitsurf.engine.limits import Limits
 from limitsurf.engine.places import CharacteristicJets, PlaceJets, Places
 from limitsurf.engine.protocol import Order, Request
 from limitsurf.engine.topology import Topology
-from limitsurf.refine import eliminated, sparse_operator, stacked
+from limitsurf.refine import eliminated, on_one_pattern, sparse_operator, stacked
 from limitsurf.values import Values, exact_control_points
 
 Array = NDArray[Any]
@@ -85,35 +85,39 @@ class Reference:
         (found,) = self._answers(request, [10], "curvatures", self.values)
         return found
 
-    def weights(self, request: Request, nu: Order) -> Any:
-        """See `Engine`; any order."""
+    def weights(self, request: Request, orders: Sequence[Order]) -> list[Any]:
+        """See `Engine`; any orders."""
         request.check(self._groups.patches.n_limit_faces, self._topology.lattice)
-        patches, parts = self._groups.patches, []
         face = request.face.ravel().astype(np.int64, copy=False)
         u, v = request.u.ravel(), request.v.ravel()
+        parts: list[list[Any]] = [[] for _ in orders]
         for start in range(0, max(len(face), 1), CHUNK):
             part = slice(start, start + CHUNK)
-            here = face[part]
-            undefined, groups = self._groups.by_kind(here, u[part], v[part])
-            rows, columns = [undefined], [self._topology.own_vertices[here[undefined]]]
+            found = self._weights(face[part], u[part], v[part], orders)
+            for matrices, matrix in zip(parts, found, strict=True):
+                matrices.append(matrix)
+        return on_one_pattern([stacked(matrices) for matrices in parts])
+
+    def _weights(self, face: Array, u: Array, v: Array, orders: Sequence[Order]) -> Iterator[Any]:
+        """Weights of a chunk of queries (Q,), each on a pattern of its own."""
+        patches = self._groups.patches
+        undefined, groups = self._groups.by_kind(face, u, v)
+        rows, columns = [undefined], [self._topology.own_vertices[face[undefined]]]
+        for g in groups:
+            ids = g.kind.ids(g.row)
+            rows.append(np.repeat(g.query, ids.shape[1]))
+            columns.append(ids.ravel())
+        pattern = np.concatenate(rows), np.concatenate(columns)
+        for nu in orders:
             values = [np.full(len(undefined), np.nan, dtype=self._dtype)]
             for g in groups:
-                ids = g.kind.ids(g.row)
-                rows.append(np.repeat(g.query, ids.shape[1]))
-                columns.append(ids.ravel())
                 with np.errstate(over="ignore", under="ignore", invalid="ignore"):
                     values.append(g.kind.weights(g, nu).ravel())
-            total = sparse_operator(
-                np.concatenate(rows),
-                np.concatenate(columns),
-                np.concatenate(values),
-                (len(here), patches.n_points),
-            )
+            total = sparse_operator(*pattern, np.concatenate(values), (len(face), patches.n_points))
             # back through the extra control points, last ones first
             for operator in reversed(patches.extras):
                 total = eliminated(total, operator)
-            parts.append(total)
-        return stacked(parts)
+            yield total
 
     def place_jets(self, places: Places, orders: Sequence[Order]) -> PlaceJets:
         """Derivatives of these orders in (s, t) at places, with powers of eigenvalues apart."""

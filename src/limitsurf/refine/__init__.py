@@ -2,7 +2,10 @@
 
 from limitsurf.refine.operators import ExactOperator as ExactOperator
 from limitsurf.refine.operators import eliminated as eliminated
+from limitsurf.refine.operators import merged as merged
+from limitsurf.refine.operators import on_one_pattern as on_one_pattern
 from limitsurf.refine.operators import over_values as over_values
+from limitsurf.refine.operators import sharing as sharing
 from limitsurf.refine.operators import sparse_operator as sparse_operator
 from limitsurf.refine.operators import stacked as stacked
 from limitsurf.refine.recursion import RefinedMesh as RefinedMesh

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from copy import copy
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, overload
 
@@ -86,6 +88,22 @@ class ExactOperator:
             terms = values[:, None] * flat[self.columns]
             result[present] = np.add.reduceat(terms, first, axis=0) * unit
         return result.reshape(self.shape[0], *dense.shape[1:])
+
+    def with_values(self, values: Array) -> ExactOperator:
+        """Another matrix with entries at the same places; it shares the arrays that say where.
+
+        Examples
+        --------
+        >>> import limitsurf as ls
+        >>> from fractions import Fraction
+        >>> square = ls.LimitSurface(ls.Mesh([[0], [1], [1], [0]], [[0, 1, 2, 3]]))
+        >>> W = square.weights(0, Fraction(1, 2), Fraction(1, 2))
+        >>> str((W.with_values(2 * W.values) @ [[1], [1], [1], [1]])[0, 0])
+        '2'
+        """
+        other = copy(self)
+        other.values = values
+        return other
 
     def toarray(self) -> Array:
         """The matrix as a dense object array."""
@@ -179,6 +197,53 @@ def stacked(parts: list[Any]) -> Any:
     from scipy.sparse import vstack
 
     return vstack(parts, format="csr")
+
+
+def sharing(
+    starts: Array, columns: Array, values: Iterable[Array], shape: tuple[int, int]
+) -> list[Any]:
+    """Sparse matrices of the same rows, one for each array of values; columns ascend."""
+    found = [csr(starts, columns, one, shape) for one in values]
+    for matrix in found:
+        matrix.indptr, matrix.indices = found[0].indptr, found[0].indices
+        matrix.has_sorted_indices = matrix.has_canonical_format = True
+    return found
+
+
+def on_one_pattern(operators: list[Any]) -> list[Any]:
+    """The same operators with the same entries: zeros are added where only others have any."""
+    if len(operators) < 2:
+        return operators
+    first, width = operators[0], operators[0].shape[1]
+    parts = list(map(entries, operators))
+    keys = [rows.astype(np.int64) * width + columns for rows, columns, _ in parts]
+    every = np.unique(np.concatenate(keys))  # (ascending, as all of them are)
+    number, filled = numbers.type_of(parts[0][2]), []
+    for key, (_, _, values) in zip(keys, parts, strict=True):
+        filled.append(number.full(len(every), number.zero))
+        filled[-1][np.searchsorted(every, key)] = values
+    rows, columns = np.divmod(every, max(width, 1))
+    if isinstance(first, ExactOperator):
+        one = ExactOperator(rows, columns, filled[0], first.shape)
+        return [one.with_values(values) for values in filled]
+    starts = np.searchsorted(rows, np.arange(first.shape[0] + 1))
+    return sharing(starts, columns, filled, first.shape)
+
+
+def merged(some: list[Any], others: list[Any], which: Array) -> list[Any]:
+    """Sparse matrices of which some rows are those of others, `which` (rows,) tells; in order.
+
+    Both are on one pattern.
+    """
+    one, other = some[0], others[0]
+    order = np.argsort(np.argsort(which, kind="stable"), kind="stable")
+    before = np.concatenate([one.indptr, one.indptr[-1] + other.indptr[1:]]).astype(np.int64)
+    counts = np.diff(before)[order]
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    take = np.arange(starts[-1]) + np.repeat(before[:-1][order] - starts[:-1], counts)
+    columns = np.concatenate([one.indices, other.indices])[take]
+    values = (np.concatenate([a.data, b.data])[take] for a, b in zip(some, others, strict=True))
+    return sharing(starts, columns, values, (len(which), one.shape[1]))
 
 
 def eliminated(total: Any, operator: Any) -> Any:
