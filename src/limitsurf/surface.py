@@ -481,17 +481,11 @@ class LimitSurface:
             return both
         surface = self.of_channel(channel)
         request, engine = surface._inexact(face, u, v, workers, "tangents")
-        *directions, noise, other = engine.tangents(request)
         points = surface.points
-        shape = request.face.shape + points.shape[1:]
         width = points.shape[-1] if points.ndim > 1 else 1
-        along, across = (
-            kernels.unit(
-                x.reshape(-1, width), np.repeat(noise, x.shape[1] // max(width, 1), axis=0)
-            ).reshape(shape)
-            for x, noise in zip(directions, (noise, other), strict=True)
-        )
-        return along, across
+        shape = request.face.shape + points.shape[1:]
+        along, across = engine.tangents(request, width)
+        return along.reshape(shape), across.reshape(shape)
 
     def normal(
         self,
