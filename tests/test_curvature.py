@@ -115,7 +115,6 @@ def test_kernels_give_the_same(name, monkeypatch):
     along, across = surface.tangents(face, u, v)
     sine = np.linalg.norm(np.cross(along, across), axis=1)
     monkeypatch.setattr(_kernels, "_always", True)
-    monkeypatch.setattr("limitsurf.engine.compiled._PORTION", 25)
     for workers in (1, 2):
         compiled = surface.curvature(face, u, v, workers=workers)
         # sums come in another order; what is flat is so up to rounding, more so where degenerate

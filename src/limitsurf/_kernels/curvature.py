@@ -466,9 +466,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         if not size_of_form > bent[_DOUBT]:
             if code >> KIND > 1 or not size_of_form < np.inf:
                 return False
-            _thorough(
-                code, s, t, factor, patches, tables, points, rounding, room, errors, mine[2]
-            )
+            _thorough(code, s, t, factor, patches, tables, points, rounding, room, errors, mine[2])
             _form(found, errors, 1.0, bent)
             if not size_of_form > bent[_DOUBT]:
                 value = 0.0 if bent[_DOUBT] * (extent * factor) <= _FLAT else np.nan

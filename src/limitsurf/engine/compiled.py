@@ -76,7 +76,9 @@ class Compiled:
         out = np.empty((2, request.face.size, self._reference.values.channels))
         rest = self._shapes("tangents", request, lambda: (width, out))
         if len(rest):
-            for part, x in zip(out, self._reference.tangents(request.flat(rest), width), strict=True):
+            for part, x in zip(
+                out, self._reference.tangents(request.flat(rest), width), strict=True
+            ):
                 part[rest] = x
         return out[0], out[1]
 
@@ -84,9 +86,7 @@ class Compiled:
         """See `Engine`."""
         values, inner = self._reference.values, self._topology.patches.n_vertices
         rounding, out = values.errors[inner:], np.empty((request.face.size, 10))
-        rest = self._shapes(
-            "curved", request, lambda: (rounding, np.empty((3, 24)), out)
-        )
+        rest = self._shapes("curved", request, lambda: (rounding, np.empty((3, 24)), out))
         if len(rest):
             out[rest] = self._reference.curvatures(request.flat(rest))
         return out

@@ -508,7 +508,9 @@ class Packing:
             left = function(face, u, v, *known, part.start, rest, room)
             return None if left < 0 else rest[:left]
 
-        return work(slice(0, total)) if total <= CHUNK else _joined(over_chunks(total, workers, work))
+        return (
+            work(slice(0, total)) if total <= CHUNK else _joined(over_chunks(total, workers, work))
+        )
 
 
 def _joined(parts: Iterable[Array | None]) -> Array | None:
