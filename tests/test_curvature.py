@@ -121,7 +121,7 @@ def test_kernels_give_the_same(name, monkeypatch):
         size = np.fmax(abs(plain.k1), abs(plain.k2)) + 0.01
         for a, b in zip((plain.k1, plain.k2), (compiled.k1, compiled.k2), strict=True):
             off = np.abs(b - a) / size * np.minimum(sine, 1) ** 3
-            assert np.nanmax(off, initial=0) < 1e-12
+            assert np.nanmax(off, initial=0) < 6e-12  # each is within 3e-12 of what is true
             np.testing.assert_array_equal(np.isnan(a), np.isnan(b))
 
 

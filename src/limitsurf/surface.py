@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import _kernels, lazy, numbers
-from limitsurf._kernels import reference as kernels
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles
 from limitsurf.channels import ChannelMesh

@@ -46,7 +46,6 @@ from limitsurf._kernels.jit import (
     differences,
     inlined,
     lean,
-    of_bits,
     part,
     prefetch,
 )
@@ -158,7 +157,8 @@ def _independent(jet: Array, errors: Array) -> bool:
 def _largest(bent: Array) -> float:
     """Of the entries of a form; NaN if one of them is."""
     x, y, z = abs(bent[_FORM]), abs(bent[_FORM + 1]), abs(bent[_FORM + 2])
-    return max(x, y, z) + 0 * (x + y + z)
+    largest: float = max(x, y, z) + 0 * (x + y + z)
+    return largest
 
 
 @part
@@ -239,7 +239,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         for k in range(count):
             if begin + k + 4 * _AHEAD < len(face):
                 prefetch(patches.info, face[begin + k + 4 * _AHEAD])
-            code, depth, s, t, fine = located(face[begin + k], u[begin + k], v[begin + k], patches)
+            code, _, s, t, fine = located(face[begin + k], u[begin + k], v[begin + k], patches)
             if not fine:
                 return False
             level, piece = 0, 0
@@ -270,7 +270,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         """Prefetch what queries some way beyond number i need."""
         for j in range(0 if i == 0 else i + 2 * _AHEAD, min(i + 2 * _AHEAD + 1, count)):
             code = codes[j]
-            if 0 <= code and code >> KIND <= 1:
+            if code >= 0 and code >> KIND <= 1:
                 prefetch(patches.ids, (code & ROW) * size)
         j = i + _AHEAD
         if j >= count or codes[j] < 0:
@@ -294,7 +294,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         code: int, place: int, channel: int, patches: Patches, tables: Tables, points: Points,
         room: Room,
     ) -> tuple[Array, Array, int, int, int]:  # fmt: skip
-        """Rows of control points of a spline: of what, numbers, where these begin, base, channel."""
+        """Control points of a spline: of what, numbers, where these begin, base, channel."""
         grid, numbers, at, base = points.high, patches.ids, (code & ROW) * size, 0
         copy = _copy(code, patches, tables)
         if code >> KIND > 1:
