@@ -7,6 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 import zoo
+import zoo_triangles
 
 import limitsurf as ls
 from limitsurf import _kernels
@@ -114,8 +115,11 @@ def test_kernels_give_the_same(name, monkeypatch):
     # where tangents are parallel up to rounding, it is rounding that bends the surface
     along, across = surface.tangents(face, u, v)
     sine = np.linalg.norm(np.cross(along, across), axis=1)
+    directions = along, across
     monkeypatch.setattr(_kernels, "_always", True)
     for workers in (1, 2):
+        for a, b in zip(directions, surface.tangents(face, u, v, workers=workers), strict=True):
+            np.testing.assert_allclose(b, a, rtol=0, atol=1e-12)
         compiled = surface.curvature(face, u, v, workers=workers)
         # sums come in another order; what is flat is so up to rounding, more so where degenerate
         size = np.fmax(abs(plain.k1), abs(plain.k2)) + 0.01
@@ -123,6 +127,32 @@ def test_kernels_give_the_same(name, monkeypatch):
             off = np.abs(b - a) / size * np.minimum(sine, 1) ** 3
             assert np.nanmax(off, initial=0) < 6e-12  # each is within 3e-12 of what is true
             np.testing.assert_array_equal(np.isnan(a), np.isnan(b))
+
+
+@pytest.mark.parametrize("name", ["crowded", "fan", "disc"])
+def test_triangles_by_kernels(name):
+    points, faces = getattr(zoo_triangles, name)(*() if name == "crowded" else (5,))
+    mesh = ls.Mesh(zoo.random_points(len(points), 4), faces, scheme="loop")
+    plain, other = (ls.LimitSurface(mesh, engine=x) for x in ("reference", "compiled"))
+    face = np.arange(len(faces))[:, None]
+    near = np.array([0, 0.3, 0.5, 2.0**-9, 2.0**-40, 1e-300])
+    # towards each of the corners, but that floats do not reach two of them as closely
+    for u, v in ((near, near / 3), (1 - near, near / 3), (near / 3, 1 - near)):
+        for a, b in zip(plain.tangents(face, u, v), other.tangents(face, u, v), strict=True):
+            np.testing.assert_allclose(b, a, rtol=0, atol=1e-12)
+        one, two = plain.curvature(face, u, v), other.curvature(face, u, v)
+        size = np.fmax(abs(one.k1), abs(one.k2))
+        for a, b in ((one.k1, two.k1), (one.k2, two.k2)):
+            np.testing.assert_array_equal(np.isnan(a), np.isnan(b))
+            assert (abs(a - b) <= 1e-10 * size + 1e-300)[np.isfinite(size)].all()
+
+
+def test_kernels_of_different_shapes_have_different_files():
+    from limitsurf._kernels import quads, triangles
+
+    for name in ("scattered", "gridded", "lengths", "fill", "tangents", "curved"):
+        one, other = (getattr(shape, name)._cache._code for shape in (quads, triangles))
+        assert one != other
 
 
 def test_a_torus_of_many_points():
