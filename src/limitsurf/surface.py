@@ -561,10 +561,11 @@ class LimitSurface:
             `k1` >= `k2`, of the shape of the query; their directions `d1`, `d2`, unit vectors in
             the tangent plane, (..., 3), with d1 x d2 the normal; `mean`, (k1 + k2) / 2, and
             `gaussian`, k1 k2. Where k1 = k2 the directions are some of all. Curvatures are +-inf
-            beyond float64's range. What is flat within rounding errors is 0. NaN where these errors outweigh what bends the surface (beside an edge
-            that is a point), where derivatives are dependent, and at vertices where they have no
-            limit: in general all but those of smooth valence 4 and 3, where they tend to 0 and
-            directions are NaN. `LimitSurface` has the table.
+            beyond float64's range. What is flat within rounding errors is 0. NaN where these errors
+            outweigh what bends the surface (beside an edge that is a point), where derivatives are
+            dependent, and at vertices where they have no limit: in general all but those of smooth
+            valence 4 and 3, where they tend to 0 and directions are NaN. `LimitSurface` has the
+            table.
 
         Examples
         --------
