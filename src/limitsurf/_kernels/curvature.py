@@ -56,8 +56,8 @@ _BLOCK = 256  # queries that are located before any is answered
 _AHEAD = 4  # queries that memory is asked for ahead of time
 _FIRST_ORDER = np.array([1, 2])  # in the order of `LimitSurface.jet`
 _FLAT = 1e-6  # curvature times size, as in `reference.honest`
-# part of a form that bounds of its errors are to stay below around special corners, where the
-# reference leaves out what errors alone may be: at most this is what that changes
+# part of a form that bounds of its errors are to stay below where the first coefficient that bends
+# it may be errors alone, which the reference leaves out: at most this is what that changes
 _CERTAIN = 2.0**-36
 # a coordinate in other axes has errors of at most sqrt(3) times those of the given ones
 _TURNED = 1.75
@@ -535,6 +535,9 @@ def shapers(shape: Any) -> tuple[Any, Any]:
             errors[LANES * j] = rows[j, 1]
             rows[j, 0] = rows[j, 1] = 0.0
         _sum6(rows, n, modes, block + wide, wide, found)
+        at = block + 3 * wide
+        height = (modes[at] * n0 + modes[at + 1] * n1 + modes[at + 2] * n2) * factor
+        certain = 1.0 if abs(height) > noise * tables.sizes[kind, 2] else _CERTAIN
         tall = noise * tables.sizes[kind, 1]
         for j in range(1, 6):
             total = 0.0
@@ -553,7 +556,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         bent[_FORM] *= abs(ratio)
         bent[_FORM + 2] /= abs(ratio)
         size_of_form = _largest(bent)
-        if not (_CERTAIN * size_of_form > bent[_DOUBT] and size_of_form < np.inf):
+        if not (certain * size_of_form > bent[_DOUBT] and size_of_form < np.inf):
             return False
         # in terms of the points; normals are along d/ds x d/dt, whatever the signs of powers
         x0, x1, x2 = bent[_AXIS], bent[_AXIS + 1], bent[_AXIS + 2]
