@@ -56,8 +56,10 @@ _BLOCK = 256  # queries that are located before any is answered
 _AHEAD = 4  # queries that memory is asked for ahead of time
 _FIRST_ORDER = np.array([1, 2])  # in the order of `LimitSurface.jet`
 _FLAT = 1e-6  # curvature times size, as in `reference.honest`
-# part of a form that bounds of its errors are to stay below where the first coefficient that bends
-# it may be errors alone, which the reference leaves out: at most this is what that changes
+# Part of a result that bounds of its errors are to stay below in two cases. The first coefficient
+# that bends a form may be errors alone, which the reference leaves out: at most this is what that
+# changes. And refined points around special corners, where they cancel each other, know fewer
+# digits than eigenfunctions do, which are 0 where they should be.
 _CERTAIN = 2.0**-36
 # a coordinate in other axes has errors of at most sqrt(3) times those of the given ones
 _TURNED = 1.75
@@ -355,6 +357,8 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         sizes_of_weights(room.weights, 1, found)
         noise = (reach + _error(code, patches, tables, points)) * NOISE + TINY
         noise *= found[1] + found[2]
+        if code >> KIND > 1:
+            noise /= _CERTAIN
         return _unit(out, 0, query, width, noise) and _unit(out, 1, query, width, noise)
 
     @part
@@ -406,11 +410,12 @@ def shapers(shape: Any) -> tuple[Any, Any]:
                         out[0, query, c] = out[1, query, c] = np.nan
                     continue
                 given = k, query, patches, tables, points, out, width, room
-                if code >> KIND > 1 and (room.places[k] >> 2 != 1 or tables.kinds[
-                    code >> KIND, MODES] < 0):  # fmt: skip
-                    done = _special_tangents(*given)
-                else:
+                done, special = False, code >> KIND > 1
+                known = special and tables.kinds[code >> KIND, MODES] >= 0
+                if not special or (known and room.places[k] >> 2 == 1):
                     done = _spline_tangents(*given)
+                if known and not done:
+                    done = _special_tangents(*given)
                 if not done:
                     rest[left] = query
                     left += 1
@@ -467,8 +472,10 @@ def shapers(shape: Any) -> tuple[Any, Any]:
             return False
         _form(found, errors, 1.0, bent)
         size_of_form = _largest(bent)
+        if code >> KIND > 1 and not _CERTAIN * size_of_form > bent[_DOUBT]:
+            return False
         if not size_of_form > bent[_DOUBT]:
-            if code >> KIND > 1 or not size_of_form < np.inf:
+            if not size_of_form < np.inf:
                 return False
             _thorough(code, s, t, factor, patches, tables, points, rounding, room, errors, mine[2])
             _form(found, errors, 1.0, bent)
@@ -601,11 +608,12 @@ def shapers(shape: Any) -> tuple[Any, Any]:
                         out[query, c] = np.nan
                     continue
                 given = k, query, patches, tables, points, rounding, out, room, mine
-                if code >> KIND > 1 and (room.places[k] >> 2 != 1 or tables.kinds[
-                    code >> KIND, MODES] < 0):  # fmt: skip
-                    done = _bent_special(*given)
-                else:
+                done, special = False, code >> KIND > 1
+                known = special and tables.kinds[code >> KIND, MODES] >= 0
+                if not special or (known and room.places[k] >> 2 == 1):
                     done = _bent_spline(*given)
+                if known and not done:
+                    done = _bent_special(*given)
                 if not done:
                     rest[left] = query
                     left += 1
