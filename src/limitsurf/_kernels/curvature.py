@@ -336,7 +336,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
                     error = max(error, points.errors[number])
         return error
 
-    @part
+    @inlined
     def _spline_tangents(
         k: int, query: int, patches: Patches, tables: Tables, points: Points, out: Array,
         width: int, room: Room,
@@ -361,7 +361,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
             noise /= _CERTAIN
         return _unit(out, 0, query, width, noise) and _unit(out, 1, query, width, noise)
 
-    @part
+    @inlined
     def _special_tangents(
         k: int, query: int, patches: Patches, tables: Tables, points: Points, out: Array,
         width: int, room: Room,
@@ -442,7 +442,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
                     total += abs(weights[j]) * x
                 errors[LANES * term + c] = NOISE * factor * total
 
-    @part
+    @inlined
     def _bent_spline(
         k: int, query: int, patches: Patches, tables: Tables, points: Points, rounding: Array,
         out: Array, room: Room, mine: Array,
@@ -488,7 +488,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         _principal(bent, exponent, sign, out, query)
         return True
 
-    @part
+    @inlined
     def _bent_special(
         k: int, query: int, patches: Patches, tables: Tables, points: Points, rounding: Array,
         out: Array, room: Room, mine: Array,
