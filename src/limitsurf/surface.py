@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import _kernels, lazy, numbers
-from limitsurf._kernels import reference as kernels
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles
 from limitsurf.channels import ChannelMesh
@@ -497,8 +496,7 @@ class LimitSurface:
         one face they are opposite. NaN where a derivative vanishes otherwise, up to rounding
         (degenerate points), and at smooth vertices of valence 2, where in general they oscillate.
 
-        Arguments, shapes and errors are those of `evaluate`; `workers` change nothing, for there
-        are no kernels and threads for directions.
+        Arguments, shapes and errors are those of `evaluate`.
 
         Raises
         ------
@@ -519,16 +517,10 @@ class LimitSurface:
         if channel is not None:
             return self.of_channel(channel).tangents(face, u, v, workers=workers)
         request, engine = self._inexact(face, u, v, workers, "tangents")
-        *directions, noise, other = engine.tangents(request)
-        shape = request.face.shape + self._shape
         width = self._shape[-1] if self._shape else 1
-        along, across = (
-            kernels.unit(
-                x.reshape(-1, width), np.repeat(noise, x.shape[1] // max(width, 1), axis=0)
-            ).reshape(shape)
-            for x, noise in zip(directions, (noise, other), strict=True)
-        )
-        return along, across
+        shape = request.face.shape + self._shape
+        along, across = engine.tangents(request, width)
+        return along.reshape(shape), across.reshape(shape)
 
     def normal(
         self,
@@ -605,8 +597,9 @@ class LimitSurface:
         anything is added up, so that they are as precise next to a vertex as elsewhere: within some
         1e-12 of the larger one's size, as long as the points say what it is.
 
-        Arguments and errors are those of `normal`. The unit is 1 / that of the points. Patches
-        with a special corner take some microseconds a query, without kernels and threads.
+        Arguments and errors are those of `normal`. The unit is 1 / that of the points. Queries next
+        to or at a special vertex where what bends the surface is near rounding errors take some
+        microseconds each: kernels leave them to NumPy.
 
         Returns
         -------
@@ -614,11 +607,11 @@ class LimitSurface:
             `k1` >= `k2`, of the shape of the query; their directions `d1`, `d2`, unit vectors in
             the tangent plane, (..., 3), with d1 x d2 the normal; `mean`, (k1 + k2) / 2, and
             `gaussian`, k1 k2. Where k1 = k2 the directions are some of all. Curvatures are +-inf
-            beyond float64's range. What is flat within rounding errors is 0, exactly so in calls
-            without kernels. NaN where these errors outweigh what bends the surface (beside an edge
-            that is a point), where derivatives are dependent, and at vertices where they have no
-            limit: in general all but those of smooth valence 4 and 3, where they tend to 0 and
-            directions are NaN. `LimitSurface` has the table.
+            beyond float64's range. What is flat within rounding errors is 0. NaN where these errors
+            outweigh what bends the surface (beside an edge that is a point), where derivatives are
+            dependent, and at vertices where they have no limit: in general all but those of smooth
+            valence 4 and 3, where they tend to 0 and directions are NaN. `LimitSurface` has the
+            table.
 
         Examples
         --------

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf._kernels.curvature import shapers
 from limitsurf._kernels.doubt import NOISE
 from limitsurf._kernels.evaluation import (
     KIND,
@@ -37,6 +38,7 @@ Array = NDArray[Any]
 
 POINTS, OWN = 16, 5  # control points of a regular patch, and which of them all are relative to
 MONOMIALS = 16  # of a piece
+MIDDLE = -1  # the piece that is turned by half a turn: none
 REFINED = 25  # points of the pieces around a special corner, 5 x 5
 # the grids of the three pieces (right, diagonal, up) among them
 PIECES = np.array(
@@ -50,7 +52,7 @@ SIGN = np.array([
 ])  # fmt: skip
 
 _bicubic0, _bicubic1, _bicubic2 = (bicubic(order) for order in range(3))
-_bicubic_sized = bicubic(1, sized=True)
+_bicubic_sized, _bicubic_bent = bicubic(1, sized=True), bicubic(2, sized=True)
 _polynomials0, _polynomials1, _polynomials2 = (polynomials(order, (3,) * 4) for order in range(3))
 
 
@@ -181,6 +183,27 @@ def spline(
 
 
 @inlined
+def bent_spline(
+    points: Array, ids: Array, at: int, base: int, weights: Array, found: Array
+) -> None:
+    """As `spline` of order 2, of the first channels, sized."""
+    _bicubic_bent(points, ids, at, base, 0, weights, found)
+
+
+@inlined
+def sizes_of_weights(weights: Array, order: int, sums: Array) -> None:
+    """Sums of the sizes of the weights of a patch, for derivatives of order 1 up to an order."""
+    for m in range(1, order + 1):
+        for n in range(m + 1):
+            i, j = 4 * (m - n), 4 * (order + 1 + n)
+            along = abs(weights[i]) + abs(weights[i + 1])
+            along += abs(weights[i + 2]) + abs(weights[i + 3])
+            across = abs(weights[j]) + abs(weights[j + 1])
+            across += abs(weights[j + 2]) + abs(weights[j + 3])
+            sums[m * (m + 1) // 2 + n] = along * across
+
+
+@inlined
 def spline_normal(weights: Array, found: Array, error: float, out: Array, query: int) -> bool:
     """As `crossed` of a patch, from its weights, sums of order 1 and errors of its points."""
     reach = max(found[3 * LANES], found[3 * LANES + 1], found[3 * LANES + 2]) + error
@@ -281,3 +304,4 @@ def chosen(rows: Array, n: int, turn: int, piece: int, term: int, found: Array) 
 _shape = sys.modules[__name__]
 scattered, gridded = evaluator(_shape), gridder(_shape)
 lengths, fill = writers(_shape)
+tangents, curved = shapers(_shape)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf._kernels.curvature import shapers
 from limitsurf._kernels.doubt import NOISE
 from limitsurf._kernels.evaluation import (
     LANES,
@@ -47,6 +48,7 @@ _PIECES = [
     *((3 - i, 3 - j) for i, j in _TEMPLATE),
 ]
 _PLACES = sorted(set(_PIECES))
+MIDDLE = 2  # the piece that is turned by half a turn
 REFINED = len(_PLACES)  # points of these pieces
 PIECES = np.array([_PLACES.index(place) for place in _PIECES], dtype=np.int32)
 
@@ -72,6 +74,7 @@ for _k, (_i, _j) in enumerate(((0, 0), (0, 1), (1, 1)), start=3):
 
 _gathered1, _gathered3, _gathered6 = (gathered(POINTS, OWN, count) for count in (1, 3, 6))
 _gathered_sized = gathered(POINTS, OWN, 3, sized=True)
+_gathered_bent = gathered(POINTS, OWN, 6, sized=True)
 _polynomials0, _polynomials1, _polynomials2 = (
     polynomials(order, (4, 3, 2, 1, 0)) for order in range(3)
 )
@@ -274,6 +277,23 @@ def spline(
 
 
 @inlined
+def bent_spline(
+    points: Array, ids: Array, at: int, base: int, weights: Array, found: Array
+) -> None:
+    """As `spline` of order 2, of the first channels, sized."""
+    _gathered_bent(points, ids, at, base, 0, weights, _UNIT, found)
+
+
+@inlined
+def sizes_of_weights(weights: Array, order: int, sums: Array) -> None:
+    """Sums of the sizes of the weights of a patch, at most, for derivatives up to an order."""
+    # these are means of differences of two control points, and of differences of such
+    sums[1] = sums[2] = 2.0
+    if order > 1:
+        sums[3] = sums[4] = sums[5] = 4.0
+
+
+@inlined
 def spline_normal(weights: Array, found: Array, error: float, out: Array, query: int) -> bool:
     """As `crossed` of a patch, from its weights, sums of order 1 and errors of its points."""
     reach = max(found[3 * LANES], found[3 * LANES + 1], found[3 * LANES + 2]) + error
@@ -392,3 +412,4 @@ def chosen(rows: Array, n: int, turn: int, piece: int, term: int, found: Array) 
 _shape = sys.modules[__name__]
 scattered, gridded = evaluator(_shape), gridder(_shape)
 lengths, fill = writers(_shape)
+tangents, curved = shapers(_shape)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import _kernels
-from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
-from limitsurf.engine.kinds import curvatures
 from limitsurf.engine.packing import TERMS, asked
-from limitsurf.engine.protocol import JET, Order, Request
+from limitsurf.engine.protocol import Order, Request
 from limitsurf.engine.reference import Reference
 from limitsurf.engine.results import Results
 from limitsurf.engine.topology import Topology
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-_PORTION = 1 << 20  # queries whose jets are in memory at once
 # derivatives that kernels know, in the order of `jet`
 PLACES = {nu: place for place, nu in enumerate(TERMS)}
 
@@ -97,25 +94,35 @@ class Compiled:
             normals[rest] = self._reference.normals(request.flat(rest), limits)
         return normals
 
-    def tangents(self, request: Request) -> tuple[Array, Array, Array, Array]:
-        """See `Engine`; by the reference, for there are no kernels."""
-        return self._reference.tangents(request)
+    def tangents(self, request: Request, width: int) -> tuple[Array, Array]:
+        """See `Engine`."""
+        out = np.empty((2, request.face.size, self._reference.values.channels))
+        rest = self._shapes("tangents", request, lambda: (width, out))
+        if len(rest):
+            for part, x in zip(
+                out, self._reference.tangents(request.flat(rest), width), strict=True
+            ):
+                part[rest] = x
+        return out[0], out[1]
 
     def curvatures(self, request: Request) -> Array:
-        """See `Engine`; around special corners, and where errors may weigh, by the reference."""
-        request.check(self._topology.patches.n_limit_faces, self._topology.lattice)
-        total, start = request.face.size, 0
-        found = np.empty((total, 10))
-        for part in np.array_split(found, max(1, total // _PORTION)):  # views
-            some = request.flat(slice(start, start + len(part)))
-            start += len(part)
-            jet = np.stack(self.derivatives(some, JET))
-            part[:] = curvatures(jet, self.normals(some, limits=False))
-            left = kernels.nearly_dependent(*jet[:2])
-            left |= self._topology.groups.special(some.face, some.u, some.v)
-            here = np.flatnonzero(left)
-            part[here] = self._reference.curvatures(some.flat(here))
-        return found
+        """See `Engine`."""
+        values, inner = self._reference.values, self._topology.patches.n_vertices
+        rounding, out = values.errors[inner:], np.empty((request.face.size, 10))
+        rest = self._shapes("curved", request, lambda: (rounding, np.empty((3, 24)), out))
+        if len(rest):
+            out[rest] = self._reference.curvatures(request.flat(rest))
+        return out
+
+    def _shapes(self, kernel: str, request: Request, given: Callable[[], Sequence[Any]]) -> Array:
+        """What `Packing.shapes` returns, of requests that are in range."""
+        queries = request.face, request.u, request.v
+        packing = self._topology.packing
+        rest = packing.shapes(kernel, self._points, queries, given, request.workers)
+        if rest is None:
+            request.check(self._topology.patches.n_limit_faces, self._topology.lattice)
+            raise AssertionError("kernels and checks disagree about what is in range")
+        return rest
 
     def weights(self, request: Request, orders: Sequence[Order]) -> list[Any]:
         """See `Engine`; orders of `PLACES` by kernels, others by the reference.

@@ -440,6 +440,34 @@ class Packing:
                 return None if left is None else rest[left]
         return self._scattered(words, queries, given, out, workers)
 
+    def shapes(
+        self,
+        kernel: str,
+        points: evaluation.Points,
+        queries: tuple[Array, Array, Array],
+        given: Callable[[], Sequence[Any]],
+        workers: int,
+    ) -> Array | None:
+        """Answer queries by a kernel of ``_kernels/curvature.py``; which are left to the reference.
+
+        `given` makes what it takes between the points and the number of the first query. Returns
+        None if a query is out of range.
+        """
+        from limitsurf._kernels import evaluation
+
+        total, chunk, function = queries[0].size, _chunks(queries), getattr(self._shape, kernel)
+
+        def work(part: slice) -> Array | None:
+            face, u, v = chunk(part)
+            rest, room = np.empty(len(face), dtype=np.int64), evaluation.Room.of(self.tables)
+            known = self.patches, self.tables, points, *given()
+            left = function(face, u, v, *known, part.start, rest, room)
+            return None if left < 0 else rest[:left]
+
+        if total <= CHUNK:
+            return work(slice(0, total))
+        return _joined(over_chunks(total, workers, work))
+
     def _gridded(
         self,
         words: Array,

@@ -144,8 +144,8 @@ class Engine(Protocol):
         """
         ...
 
-    def tangents(self, request: Request) -> tuple[Array, Array, Array, Array]:
-        """Directions of d/du and d/dv, (Q, d), up to positive factors, and their noise (Q, 1)."""
+    def tangents(self, request: Request, width: int) -> tuple[Array, Array]:
+        """Unit vectors along d/du and d/dv, of `width` channels each, (Q, d); NaN in doubt."""
         ...
 
     def curvatures(self, request: Request) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import numbers
+from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine import places as places_
@@ -72,13 +73,15 @@ class Reference:
             self.limits.fill(request, normals)
         return normals
 
-    def tangents(self, request: Request) -> tuple[Array, Array, Array, Array]:
+    def tangents(self, request: Request, width: int) -> tuple[Array, Array]:
         """See `Engine`."""
         d = self.values.channels
-        along, across, noise, other = self._answers(
-            request, [d, d, 1, 1], "directions", self.values
+        found = self._answers(request, [d, d, 1, 1], "directions", self.values)
+        along, across = (
+            kernels.unit(x.reshape(len(x), -1, width), noise[:, None]).reshape(x.shape)
+            for x, noise in zip(found[:2], found[2:], strict=True)
         )
-        return along, across, noise, other
+        return along, across
 
     def curvatures(self, request: Request) -> Array:
         """See `Engine`."""
