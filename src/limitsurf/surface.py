@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import _kernels, lazy, numbers
+from limitsurf import lazy, numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles
@@ -17,7 +17,7 @@ from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.topology import Topology
 from limitsurf.numbers import Exact, Numbers, Plain
 from limitsurf.patches import PatchTable
-from limitsurf.refine import ExactOperator, refined, sparse_operator
+from limitsurf.refine import ExactOperator, sparse_operator
 from limitsurf.rules import Rules
 from limitsurf.topology import LimitFaces
 
@@ -193,7 +193,7 @@ class LimitSurface:
         if not isinstance(mesh, Mesh):
             raise TypeError(f"a surface needs a Mesh, got {type(mesh).__name__}")
         rules, choice = Rules.resolve(mesh, scheme, boundary, creasing, triangles), chosen(engine)
-        topology = Topology(mesh, rules)
+        topology = Topology(mesh, rules, choice)
         topology.groups.kinds  # noqa: B018  (refuses masks that do not converge)
         self._begin(mesh, topology, choice, {})
 
@@ -226,7 +226,7 @@ class LimitSurface:
         return {**known, "choice": self._choice}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        topology = Topology(state["mesh"], state["rules"], state["patches"])
+        topology = Topology(state["mesh"], state["rules"], state["choice"], state["patches"])
         self._begin(state["mesh"], topology, state["choice"], {})
 
     def of_channel(self, channel: str | None) -> LimitSurface:
@@ -698,32 +698,6 @@ class LimitSurface:
         if shape[1:] != (3,):
             raise ValueError(f"{what} needs points of shape (n, 3), got {shape}")
         return surface
-
-
-def precompile() -> None:
-    """Compile all kernels now, or load them, and use them for calls of any size from now on.
-
-    For services that answer many small queries: a call takes microseconds instead of milliseconds.
-    The first time on a machine this takes some twenty seconds, later about one: what is compiled is
-    kept in a cache directory, ``LIMITSURF_CACHE_DIR`` or else the user's, which is used only if
-    nobody but the user, root and the owner of the installed package may write it.
-
-    Examples
-    --------
-    >>> import limitsurf as ls
-    >>> ls.precompile()  # doctest: +SKIP
-    """
-    _kernels.always()
-    points = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
-    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    surface = LimitSurface(refined(Mesh(points, quads, creases={(0, 1): 1.5}), operator=True)[0])
-    face, u = np.arange(len(surface.limit_faces)), np.linspace(0, 1, 5)
-    for places in (0.5, u):
-        surface.jet(face[:, None], places, places)
-        surface.normal(face[:, None], places, places)
-    surface.weights(face, 0.5, 0.5)
-    fine = refined(surface.mesh)
-    fine.limit_points, fine.limit_normals, fine.edges  # noqa: B018
 
 
 def _order(nu: Any) -> Order:

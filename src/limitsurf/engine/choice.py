@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from typing import Literal, TypeAlias, get_args
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import NDArray
 
 from limitsurf import _kernels
+from limitsurf._kernels import VARIABLE as VARIABLE
 from limitsurf.caching import cached_property
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.compiled import Compiled
 from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.reference import Reference
 from limitsurf.engine.topology import Topology
+from limitsurf.refine import stacked
 
+Array = NDArray[Any]
 Choice: TypeAlias = Literal["auto", "reference", "compiled"]
-VARIABLE = "LIMITSURF_ENGINE"
+
+# seconds that NumPy takes for a call, and for a query of one order
+_CALL, _QUERY = 6e-4, 1e-6
+_PORTION = 1 << 18  # queries of a call after which is asked anew who answers
 
 
 def chosen(engine: str | None) -> Choice:
@@ -41,34 +50,92 @@ class Answers:
     """Both engines for the points of `mesh`, and which of them is asked."""
 
     def __init__(self, topology: Topology, mesh: Mesh, choice: Choice) -> None:
-        self._topology, self._mesh, self._choice = topology, mesh, choice
+        self.topology, self._mesh, self._choice = topology, mesh, choice
 
     @cached_property
     def reference(self) -> Reference:
         """NumPy in float64."""
-        return Reference(self._topology, self._mesh, False)
+        return Reference(self.topology, self._mesh, False)
 
     @cached_property
     def exact(self) -> Reference:
         """NumPy in Fractions."""
-        return Reference(self._topology, self._mesh, True)
+        return Reference(self.topology, self._mesh, True)
 
     @cached_property
     def compiled(self) -> Compiled:
         """Kernels."""
-        return Compiled(self._topology, self.reference)
+        return Compiled(self.topology, self.reference)
 
     def engine(
         self, request: Request, orders: Sequence[Order] = (), weights: bool = False
     ) -> Engine:
         """Who answers a request for derivatives of these orders or their weights, or what else.
 
-        Kernels where they can, unless "reference" is chosen, or "auto" and the call is small. That
-        depends on the call alone: equal calls have equal answers, to the last digit.
+        Kernels where they can, unless "reference" is chosen. If neither is, they do so as soon as
+        they are loaded, and NumPy until then.
         """
         if request.exact:
             return self.exact
-        choice = self._choice
-        if choice == "reference" or (choice == "auto" and not _kernels.pays(request.face.size)):
+        choice, shape = self._choice, self.topology.shape
+        if choice == "reference" or shape is None:
             return self.reference
+        if choice == "auto" and shape not in _kernels.available:
+            size = request.face.size
+            if not _kernels.answer(shape, _CALL + _QUERY * size * (1 + (len(orders) or 3))):
+                portions = size > _PORTION and self.compiled.knows(orders, weights)
+                return _Portions(self, orders, weights) if portions else self.reference
         return self.compiled if self.compiled.knows(orders, weights) else self.reference
+
+
+class _Portions:
+    """Large calls while kernels are not there: in portions, so that these take over when they come.
+
+    The portions are accounted as well as the whole; what is decided by that does not need care.
+    """
+
+    def __init__(self, answers: Answers, orders: Sequence[Order], weights: bool) -> None:
+        self._answers, self._asked = answers, (orders, weights)
+
+    def derivatives(self, request: Request, orders: Sequence[Order]) -> Sequence[Array]:
+        """See `Engine`."""
+        return self._joined(request, lambda engine, some: engine.derivatives(some, orders))
+
+    def normals(self, request: Request, limits: bool = True) -> Array:
+        """See `Engine`."""
+        return self._joined(request, lambda engine, some: [engine.normals(some, limits)])[0]
+
+    def tangents(self, request: Request) -> tuple[Array, Array, Array, Array]:
+        """See `Engine`."""
+        found = self._joined(request, lambda engine, some: engine.tangents(some))
+        along, across, noise, other = found
+        return along, across, noise, other
+
+    def curvatures(self, request: Request) -> Array:
+        """See `Engine`."""
+        return self._joined(request, lambda engine, some: [engine.curvatures(some)])[0]
+
+    def weights(self, request: Request, nu: Order) -> Any:
+        """See `Engine`."""
+        return stacked([engine.weights(some, nu) for engine, some, _ in self._portions(request)])
+
+    def _joined(
+        self, request: Request, ask: Callable[[Engine, Request], Sequence[Array]]
+    ) -> list[Array]:
+        """Arrays (Q, width) of all portions."""
+        results: list[Array] = []
+        for engine, some, part in self._portions(request):
+            found = ask(engine, some)
+            if not results:
+                results = [np.empty((request.face.size, x.shape[1])) for x in found]
+            for result, values in zip(results, found, strict=True):
+                result[part] = values
+        return results
+
+    def _portions(self, request: Request) -> Iterator[tuple[Engine, Request, slice]]:
+        topology, total = self._answers.topology, request.face.size
+        request.check(topology.patches.n_limit_faces, topology.lattice)
+        for start in range(0, total, _PORTION):
+            part = slice(start, start + _PORTION)
+            some = request.flat(part)
+            yield self._answers.engine(some, *self._asked), some, part

@@ -39,7 +39,7 @@ class Compiled:
         Patches must be of a shape that has kernels, and there must be numbers to be answered. For
         `weights` points do not matter.
         """
-        if not self._topology.packs:
+        if self._topology.shape is None:
             return False
         for nu in orders:
             if nu not in PLACES:
