@@ -39,7 +39,7 @@ _SHAPES = {
 }
 _CORNER = 5e-8  # seconds that NumPy takes for one, in a pass over a mesh
 _spent = 0.0  # seconds that NumPy has taken for what kernels might have done
-_next = 0.0  # when to look at the cache again
+_next: dict[str, float] = {}  # when to look for a kind in the cache again
 _loaded = False
 _choice: ContextVar[str | None] = ContextVar("_choice", default=None)
 
@@ -108,16 +108,16 @@ def evaluating(shape: str) -> Any:
 
 def _pays(kind: str, seconds: float) -> bool:
     """Account for a call; whether kernels answer it, since loading them would have paid."""
-    global _spent, _next
+    global _spent
     _spent += seconds
     if _spent < _LOADING or _disabled():
         return False
-    if time.monotonic() < _next:
+    if time.monotonic() < _next.get(kind, 0):
         return False
     with preparing:
         if kind not in available and (_read(kind) or _in_haste(kind)):
             available.add(kind)
-        _next = time.monotonic() + _AGAIN
+        _next[kind] = time.monotonic() + _AGAIN
     return kind in available
 
 
