@@ -71,11 +71,12 @@ class LimitSurface:
     triangles : {"catmull-clark", "smooth"}, optional
         Edges of triangles are like others (default), or have a smoother mask.
     engine : {"auto", "reference", "compiled"}, optional
-        Who answers in float64: compiled kernels in large calls and NumPy in others ("auto"), NumPy
-        alone, or kernels in calls of any size, but for what they do not know: derivatives beyond
+        Who answers in float64: compiled kernels once they are loaded and NumPy until then ("auto";
+        last digits may change then, once in a process), NumPy alone, or kernels, which are compiled
+        at once where they must be, but for what they do not know: derivatives beyond
         the second order, `tangents`, and points beyond 2^1000 or all below 2^-900. The argument,
         else the environment variable ``LIMITSURF_ENGINE``, else "auto". Equal calls get the same
-        digits of either; kernels also give a query the same whatever else is in the call, but where
+        digits of either that is chosen; kernels also give a query the same whatever else is in the call, but where
         parameters broadcast over faces, as NumPy, whose last digits may depend on it, does not.
 
     Attributes
@@ -148,10 +149,10 @@ class LimitSurface:
     **NaN** is returned for NaN or infinite u or v, where face, u or v is masked (``numpy.ma``), on
     faces without a limit, and where a value does not exist; nowhere else.
 
-    **Many queries**, 100,000 in a call and more, are answered by compiled kernels, in as many
-    threads as `workers` says; fewer by NumPy, to spare small jobs the loading of a compiler
-    (`precompile` loads it at once, `engine` chooses one of both). Both are equally accurate; last
-    digits may differ. Any integers and real numbers do, also strided, read-only and memory-mapped
+    **Many queries** are answered by compiled kernels, in as many threads as `workers` says. They
+    are loaded when NumPy has spent as much time as that takes, compiled in the background if need
+    be (`precompile` does both at once, `engine` chooses one of both). Both are equally accurate;
+    last digits may differ. Any integers and real numbers do, also strided, read-only and memory-mapped
     ones; float32 counts as the float64 that it is. Queries that broadcast all parameters over all
     faces, such as faces (n, 1) and u, v (m,), are the fastest. Dask arrays of queries give Dask
     arrays, evaluated lazily; the surface goes to each process once (extra ``dask``).
