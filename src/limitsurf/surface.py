@@ -76,8 +76,9 @@ class LimitSurface:
         at once where they must be, but for what they do not know: derivatives beyond
         the second order, `tangents`, and points beyond 2^1000 or all below 2^-900. The argument,
         else the environment variable ``LIMITSURF_ENGINE``, else "auto". Equal calls get the same
-        digits of either that is chosen; kernels also give a query the same whatever else is in the call, but where
-        parameters broadcast over faces, as NumPy, whose last digits may depend on it, does not.
+        digits of either that is chosen; kernels also give a query the same whatever else is in the
+        call, but where parameters broadcast over faces, as NumPy, whose last digits may depend on
+        it, does not.
 
     Attributes
     ----------
@@ -152,10 +153,11 @@ class LimitSurface:
     **Many queries** are answered by compiled kernels, in as many threads as `workers` says. They
     are loaded when NumPy has spent as much time as that takes, compiled in the background if need
     be (`precompile` does both at once, `engine` chooses one of both). Both are equally accurate;
-    last digits may differ. Any integers and real numbers do, also strided, read-only and memory-mapped
-    ones; float32 counts as the float64 that it is. Queries that broadcast all parameters over all
-    faces, such as faces (n, 1) and u, v (m,), are the fastest. Dask arrays of queries give Dask
-    arrays, evaluated lazily; the surface goes to each process once (extra ``dask``).
+    last digits may differ. Any integers and real numbers do, also strided, read-only and
+    memory-mapped ones; float32 counts as the float64 that it is. Queries that broadcast all
+    parameters over all faces, such as faces (n, 1) and u, v (m,), are the fastest. Dask arrays of
+    queries give Dask arrays, evaluated lazily; the surface goes to each process once (extra
+    ``dask``).
 
     **Numbers.** float64 points, u and v give float64. If any of them is an object array or a
     Fraction, ints and floats count as the rationals they are, and the result is exact. It is a
