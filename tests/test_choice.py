@@ -1,6 +1,7 @@
 """Which engine answers when: by cost, by what is in the cache, and while kernels are compiled."""
 
 import os
+import platform
 import subprocess
 import sys
 import threading
@@ -14,6 +15,8 @@ import limitsurf as ls
 from limitsurf import _kernels, disk_cache
 from limitsurf._kernels import background
 from limitsurf.engine import choice
+from limitsurf.engine.compiled import Compiled
+from limitsurf.engine.protocol import Request
 
 TRUE = _kernels._pays  # which tests do without
 posix = pytest.mark.skipif(os.name != "posix", reason="needs signals and owners")
@@ -42,7 +45,7 @@ def cache(monkeypatch):
     """Kinds that are said to be in the cache, and those of which compiling has been begun."""
     found, begun = set(), []
     monkeypatch.setattr(_kernels, "_read", lambda kind: kind in found and _kernels.load())
-    monkeypatch.setattr(background, "begin", lambda kind: begun.append(kind) is None)
+    monkeypatch.setattr(background, "begin", lambda kind: (begun.append(kind), True)[1])
     return found, begun
 
 
@@ -53,9 +56,7 @@ def surface():
 
 def asked(surface, size=1):
     """Who answers so many queries."""
-    return surface._answers.engine(
-        choice.Request.of(0, np.full(size, 0.5), 0.5, False, 1), [(0, 0)]
-    )
+    return surface._answers.engine(Request.of(0, np.full(size, 0.5), 0.5, False, 1), [(0, 0)])
 
 
 def test_kernels_are_loaded_when_numpy_has_cost_as_much(policy, cache):
@@ -66,14 +67,14 @@ def test_kernels_are_loaded_when_numpy_has_cost_as_much(policy, cache):
         calls += 1
     assert _kernels._LOADING / 2 < calls * choice._CALL <= _kernels._LOADING
     assert asked(one) is one._answers.compiled
-    assert asked(surface()).__class__ is choice.Compiled  # from one query on, of any surface
+    assert asked(surface()).__class__ is Compiled  # from one query on, of any surface
     assert "triangles" not in _kernels.available
     assert not cache[1]
 
 
 def test_a_large_call_does_not_wait_for_more(policy, cache):
     cache[0].update(_kernels.KINDS)
-    assert asked(surface(), 1_000_000).__class__ is choice.Compiled
+    assert asked(surface(), 1_000_000).__class__ is Compiled
 
 
 @pytest.mark.parametrize("engine", ["reference", "compiled"])
@@ -111,7 +112,7 @@ def test_kernels_take_over_within_a_call(policy, cache, monkeypatch):
     monkeypatch.setattr(_kernels, "_read", read)
     found = one.evaluate(face, u, v)
     assert asks == ["quads"] * 4  # of all, and of three portions
-    request = choice.Request.of(face, u, v, False, 1)
+    request = Request.of(face, u, v, False, 1)
     numpy, kernels = (
         engine.derivatives(request, [(0, 0)])[0]
         for engine in (one._answers.reference, one._answers.compiled)
@@ -271,7 +272,7 @@ def test_a_lock_is_held_by_one(place):
 
 
 def test_who_waits_for_a_lock_goes_on_when_it_is_free(place):
-    place.write_text(f"{os.getppid()} {disk_cache.platform.node()}")
+    place.write_text(f"{os.getppid()} {platform.node()}")
     timer = threading.Timer(0.2, place.unlink)
     timer.start()
     start = time.monotonic()
@@ -286,7 +287,7 @@ def test_what_is_left_of_a_lock_is_taken(place, left):
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     pid = {"ended": ended.pid, "before": os.getpid(), "old": 1}[left]
-    place.write_text(f"{pid} {disk_cache.platform.node()}")
+    place.write_text(f"{pid} {platform.node()}")
     if left == "old":
         assert disk_cache.claimed("kernels/lock")
         os.utime(place, (0, 0))

@@ -664,7 +664,7 @@ def precompile(directory: str | None, as_json: bool) -> None:
     \b
     Example:
       limitsurf precompile
-      limitsurf precompile --dir /opt/limitsurf-cache
+      limitsurf precompile --json
 
     This takes a minute of one processor, once for each version and kind of processor. DIR is made
     if need be, for all to read; processes use it where LIMITSURF_CACHE_DIR names it.
