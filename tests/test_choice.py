@@ -44,8 +44,13 @@ def empty(policy, monkeypatch, tmp_path):
 def cache(monkeypatch):
     """Kinds that are said to be in the cache, and those of which compiling has been begun."""
     found, begun = set(), []
+
+    def begin(kind):
+        begun.append(kind)
+        return True
+
     monkeypatch.setattr(_kernels, "_read", lambda kind: kind in found and _kernels.load())
-    monkeypatch.setattr(background, "begin", lambda kind: (begun.append(kind), True)[1])
+    monkeypatch.setattr(background, "begin", begin)
     return found, begun
 
 
