@@ -22,8 +22,8 @@ from limitsurf.refine import stacked
 Array = NDArray[Any]
 Choice: TypeAlias = Literal["auto", "reference", "compiled"]
 
-# seconds that NumPy takes for a call, and for a query of one order
-_CALL, _QUERY = 6e-4, 1e-6
+# seconds that NumPy takes for a call, for each kind of patch in it, and for a query of one order
+_CALL, _KIND, _QUERY = 6e-4, 2e-4, 1e-6
 _PORTION = 1 << 18  # queries of a call after which is asked anew who answers
 
 
@@ -81,8 +81,9 @@ class Answers:
         if choice == "reference" or shape is None:
             return self.reference
         if choice == "auto" and shape not in _kernels.available:
-            size = request.face.size
-            if not _kernels.answer(shape, _CALL + _QUERY * size * (1 + (len(orders) or 3))):
+            size, kinds = request.face.size, len(self.topology.patches.controls)
+            seconds = _CALL + _KIND * min(size, kinds) + _QUERY * size * (1 + (len(orders) or 3))
+            if not _kernels.answer(shape, seconds):
                 portions = size > _PORTION and self.compiled.knows(orders, weights)
                 return _Portions(self, orders, weights) if portions else self.reference
         return self.compiled if self.compiled.knows(orders, weights) else self.reference
