@@ -261,7 +261,7 @@ print(frame.shape)
 # ## Many queries
 #
 # From 100,000 queries in a call on, compiled kernels answer. They are compiled once on a machine,
-# when they are first needed, which takes some 20 seconds; `ls.precompile()` does so at once.
+# in the background, once on a machine; `ls.precompile()` does so at once.
 # `workers=-1` divides the queries among all processors. The results are the same for any number of
 # workers, to the last digit.
 

@@ -10,7 +10,7 @@ Floats may differ in their last digits from machine to machine: record and compa
 """
 
 import argparse
-import contextlib
+import os
 import pickle
 import sys
 import warnings
@@ -22,7 +22,7 @@ import numpy as np
 import zoo
 
 import limitsurf as ls
-from limitsurf import _kernels
+from limitsurf._kernels import VARIABLE
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "cages"
 ORDERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (4, 0)]
@@ -166,23 +166,20 @@ def record(only=""):
     """All answers, by (cage, engine, what was asked)."""
     found = {}
     for engine in ENGINES:
-        if engine == "compiled":
-            ls.precompile()
-        around = _kernels.numpy_only if engine == "reference" else contextlib.nullcontext
+        os.environ[VARIABLE] = engine
         for name, mesh, options in cages():
             if only not in name:
                 continue
-            with around():
-                surface = answered(ls.LimitSurface, mesh, **options)
-                if isinstance(surface, str):
-                    found[name, engine, "surface"] = surface
-                    continue
-                asked = [of_surface(surface, name), of_refinement(mesh, options)]
-                if engine == "reference" and mesh.n_faces < 300:
-                    asked.append(of_fractions(surface, name))
-                for each in asked:
-                    for what, answer in each:
-                        found[name, engine, what] = answer
+            surface = answered(ls.LimitSurface, mesh, **options)
+            if isinstance(surface, str):
+                found[name, engine, "surface"] = surface
+                continue
+            asked = [of_surface(surface, name), of_refinement(mesh, options)]
+            if engine == "reference" and mesh.n_faces < 300:
+                asked.append(of_fractions(surface, name))
+            for each in asked:
+                for what, answer in each:
+                    found[name, engine, what] = answer
             print(".", end="", flush=True, file=sys.stderr)
     print(file=sys.stderr)
     return found

@@ -1,4 +1,9 @@
-"""What the whole suite shares: a table cache of its own, no windows, options and settings.
+"""What the whole suite shares: a cache of its own, no windows, options and settings.
+
+In every test NumPy answers, and kernels do what takes it `LARGE` seconds in one call, whatever was
+called before or is in the cache; a fixture `use` has one of both answer everything. No process
+compiles in the background, neither for tests nor for the processes that they start. What decides
+outside of tests is tested in test_choice.py.
 
 ``pytest --wicked=KIND`` runs the tests with one wrong mask or rule of Catmull-Clark, which must
 turn them red (test_wicked.py). ``pytest --cages=N`` judges the accuracy on N random cages,
@@ -13,7 +18,7 @@ import os
 import random
 import signal
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from typing import Any
 
@@ -22,7 +27,10 @@ import zoo
 from hypothesis import settings
 
 from limitsurf import _kernels, tables
+from limitsurf._kernels import background
 from limitsurf.rules import Sharpness
+
+LARGE = 0.2  # as 100,000 positions
 
 settings.register_profile("search", deadline=None)
 settings.register_profile("repeatable", deadline=None, derandomize=True)
@@ -86,13 +94,23 @@ WICKED_RULES = {
 class Alike:
     """Every test, doctests included, starts from the same state, whichever ran before it."""
 
-    engine = _kernels._always, _kernels._PAYS
-
     @pytest.fixture(autouse=True)
-    def engine_of_a_new_process(self) -> Iterator[None]:
+    def engine_by_size(self) -> Iterator[None]:
         """Kernels answer large calls only: what a test chooses ends with it."""
-        yield
-        _kernels._always, _kernels._PAYS = Alike.engine
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(_kernels, "available", set())
+            patch.setattr(_kernels, "_pays", lambda _, cost: cost >= LARGE and _kernels.load())
+            yield
+
+    @pytest.fixture
+    def use(self, engine_by_size: None, monkeypatch: pytest.MonkeyPatch) -> Callable[[bool], None]:
+        """Have kernels, or NumPy, answer everything from now on."""
+
+        def choose(kernels: bool) -> None:
+            monkeypatch.setattr(_kernels, "_pays", lambda *_: kernels and _kernels.load())
+            monkeypatch.setattr(_kernels, "available", set())
+
+        return choose
 
     @pytest.fixture(autouse=True)
     def default_signals(self) -> Iterator[None]:
@@ -126,6 +144,7 @@ def pytest_configure(config: pytest.Config) -> None:
         cache = tempfile.TemporaryDirectory(prefix="limitsurf-tests-")
         config.add_cleanup(cache.cleanup)
         os.environ["LIMITSURF_CACHE_DIR"] = cache.name
+        os.environ[background.VARIABLE] = "0"
     wicked = config.getoption("wicked")
     if wicked in WICKED:
         # a copy is not checked as a new Scheme is: some of these masks it would refuse

@@ -12,7 +12,6 @@ import zoo
 import zoo_triangles
 
 import limitsurf as ls
-from limitsurf import _kernels
 from limitsurf.engine.choice import VARIABLE
 from limitsurf.engine.places import Places
 from limitsurf.patches import STRIP
@@ -56,7 +55,7 @@ def test_both_give_the_same_to_rounding(name):
 
 
 @pytest.mark.parametrize("engine", ["reference", "compiled"])
-def test_a_fixed_engine_gives_the_same_digits_every_time(engine, monkeypatch):
+def test_a_fixed_engine_gives_the_same_digits_every_time(engine, use):
     surface = ls.LimitSurface(mesh_of("carved_cube_1"), engine=engine)
     query = queries(surface)
     together, normals, rows = (
@@ -67,10 +66,10 @@ def test_a_fixed_engine_gives_the_same_digits_every_time(engine, monkeypatch):
     if engine == "compiled":  # also whatever else is in the call
         assert np.array_equal(together, alone)
     # whatever else was compiled, or is
-    for always in (True, False):
-        monkeypatch.setattr(_kernels, "_always", always)
-        monkeypatch.setattr(_kernels, "_PAYS", 1 if always else 10**18)
-        for found in (surface, surface.with_points(surface.points)):
+    for kernels in (True, False):
+        use(kernels)
+        other = ls.LimitSurface(mesh_of("carved_cube_1"), engine=engine)
+        for found in (surface, surface.with_points(surface.points), other):
             assert found.evaluate(*query).tobytes() == together.tobytes()
             assert found.normal(*query).tobytes() == normals.tobytes()
             assert (found.weights(*query) != rows).nnz == 0

@@ -22,7 +22,7 @@ import zoo_triangles
 from test_surface import accuracy, float_queries, largest_on_ring, random_cage
 
 import limitsurf as ls
-from limitsurf import _kernels, basis, tables
+from limitsurf import basis, tables
 from limitsurf._kernels import evaluation, jit, quads, reference
 from limitsurf.engine import packing
 from limitsurf.numbers import FLOAT64
@@ -52,17 +52,6 @@ over_some = pytest.mark.parametrize("name", sorted({*SAMPLE, *NAMES[::4]}))
 LEAST = 5e-324
 NEAR = [0, 1e-30, 1e-16, 2.0**-52, 1e-12, 1e-6, 1e-3, 2.0**-7, 0.1, 0.125, 0.25, 0.3, 0.5]
 NEAREST = [LEAST, 2e-320, 2.0**-1022, 1e-300, 1e-290, 1e-200, 2.0**-500, 1e-100]
-
-
-@pytest.fixture
-def use(monkeypatch):
-    """Decide between kernels and NumPy from now on."""
-
-    def choose(kernels):
-        monkeypatch.setattr(_kernels, "_PAYS", 10**18)
-        monkeypatch.setattr(_kernels, "_always", kernels)
-
-    return choose
 
 
 def cage(name):
@@ -572,23 +561,6 @@ def test_numbers_of_workers(workers, use):
     for call in CALLS.values():
         one, some = call(surface, query, 1), call(surface, query, workers)
         assert all(same_bits(x, y) for x, y in zip(one, some, strict=True))
-
-
-def test_kernels_are_for_large_calls(monkeypatch):
-    """It depends on the call alone, so that equal calls give equal bits."""
-    monkeypatch.setattr(_kernels, "_always", False)
-    assert not _kernels.compiled(_kernels._PAYS - 1)
-    assert _kernels.compiled(_kernels._PAYS)
-    surface = surface_of("crease_3_3")
-    query = queries(surface, 1000, np.random.default_rng(10), NEAR)
-    before = surface.evaluate(*query)
-    large = [np.resize(x, _kernels._PAYS) for x in query]
-    first = surface.evaluate(*large)
-    assert same_bits(surface.evaluate(*large), first)
-    assert same_bits(surface.evaluate(*query), before)
-    _kernels.always()
-    assert _kernels.compiled(1)
-    assert same_bits(surface.evaluate(*query), first[:1000])
 
 
 @on_samples

@@ -14,7 +14,7 @@ import oracles_loop
 import pytest
 import zoo_triangles
 from oracles_creases import Cage
-from test_kernels import EDGES, NEAR, TERMS, use  # noqa: F401
+from test_kernels import EDGES, NEAR, TERMS
 
 import limitsurf as ls
 from limitsurf import _kernels
@@ -71,7 +71,7 @@ def of_order(order, derivative):
 
 @pytest.mark.filterwarnings("ignore:.* has no tangent plane")
 @pytest.mark.parametrize("name", SAMPLE)
-def test_cages(name, use):  # noqa: F811
+def test_cages(name, use):
     """Derivatives, jets, normals and weights at parameters of every kind."""
     surface, rng = surface_of(name), np.random.default_rng(len(name))
     query = queries(surface, 300, rng)
@@ -101,7 +101,7 @@ def test_cages(name, use):  # noqa: F811
 
 
 @pytest.mark.parametrize("name", SAMPLE[::3])
-def test_grids(name, use, monkeypatch):  # noqa: F811
+def test_grids(name, use, monkeypatch):
     monkeypatch.setattr(packing, "_FACES", 1)  # also cages of few faces
     surface = surface_of(name)
     n = len(surface.limit_faces)
@@ -125,7 +125,7 @@ def test_grids(name, use, monkeypatch):  # noqa: F811
 
 
 @pytest.mark.parametrize("name", ["octahedron", "tetrahedron", "fan_2", "crease_1_of_6"])
-def test_accuracy_next_to_corners(name, use):  # noqa: F811
+def test_accuracy_next_to_corners(name, use):
     """Positions and derivatives against exact ones of naive refinement, down to 2^-900."""
     cage = {**zoo_triangles.ZOO, **zoo_triangles.TAGGED}[name]()
     surface, oracle = surface_of(name), oracles_loop.LoopSurface(Cage(*cage[:2], **dict(*cage[2:])))
@@ -143,7 +143,7 @@ def test_accuracy_next_to_corners(name, use):  # noqa: F811
             assert error <= (F(1e-12) * largest if order else F(1e-14 * size))
 
 
-def test_workers_change_nothing(use):  # noqa: F811
+def test_workers_change_nothing(use):
     surface = surface_of("tagged_sphere_1")
     query = queries(surface, 2 * packing.CHUNK + 5, np.random.default_rng(0))
     use(True)
@@ -152,7 +152,7 @@ def test_workers_change_nothing(use):  # noqa: F811
 
 
 @pytest.mark.parametrize(("u", "v"), [(-0.1, 0.5), (0.6, 0.41), (0.5, 0.5 + 1e-14), (1.5, 0)])
-def test_outside(u, v, use):  # noqa: F811
+def test_outside(u, v, use):
     surface = surface_of("torus_5x4")
     use(True)
     with pytest.raises(ValueError, match="outside"):

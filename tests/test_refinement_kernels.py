@@ -35,16 +35,6 @@ CONNECTIVITY = (
 )
 
 
-@pytest.fixture
-def use(monkeypatch):
-    """Decide between kernels and NumPy from now on."""
-
-    def choose(kernels):
-        monkeypatch.setattr(_kernels, "_always", kernels)
-
-    return choose
-
-
 def cage(name, boundary=None):
     """A new mesh of the zoo in float64: nothing is cached."""
     points, faces, tags = (*zoo.ZOO[name](), {}) if name in zoo.ZOO else zoo.TAGGED[name]()
@@ -130,18 +120,15 @@ def test_any_number_of_channels(triangles, shape, use):
 
 @given(cage=zoo.tagged_cages())
 def test_random_cages(cage):
-    before = _kernels._always
-    try:
-        found = []
-        for _kernels._always in (False, True):
-            points, faces, tags = cage
-            mesh = ls.Mesh(np.asarray(points, dtype=float), faces, **tags)
+    found = []
+    for engine in ("reference", "compiled"):
+        points, faces, tags = cage
+        mesh = ls.Mesh(np.asarray(points, dtype=float), faces, **tags)
+        with _kernels.chosen(engine):
             fine, R = ls.refined(mesh, 2, operator=True)
             found.append((fine.points, R.toarray(), fine.limit_points))
             if not mesh.separate.any():
                 assert (fine.twin == Mesh(fine.points, (fine.sizes, fine.indices)).twin).all()
-    finally:
-        _kernels._always = before
     size = max(1, np.abs(found[0][0]).max())
     for one, other in zip(*found, strict=True):
         assert close(one, other, size)

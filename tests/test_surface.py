@@ -18,7 +18,7 @@ import pytest
 import zoo
 
 import limitsurf as ls
-from limitsurf import _kernels, tables
+from limitsurf import tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.patches import REGULAR
 
@@ -1134,9 +1134,8 @@ def test_repr():
 
 @pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.skipif(not SHARED_CAGES.is_dir(), reason="these cages are not part of the package")
-def test_values_on_faces_that_repeat_a_vertex(compiled, monkeypatch):
-    monkeypatch.setattr(_kernels, "_always", compiled)
-    monkeypatch.setattr(_kernels, "_PAYS", 0 if compiled else 10**18)
+def test_values_on_faces_that_repeat_a_vertex(compiled, use):
+    use(compiled)
     surface = ls.LimitSurface(ls.read(SHARED_CAGES / "catmark_nonman_edges.obj"))
     table = ls.validate(surface.of_channel("uv"), 3)
     assert table["limit_error"].max() < 1e-15
@@ -1158,10 +1157,9 @@ def test_refinement_parts_all_patches_in_time(monkeypatch):
 
 
 @pytest.fixture(params=[False, True], ids=["numpy", "compiled"])
-def engine(request, monkeypatch):
+def engine(request, use):
     """Either of both engines, for calls of any size."""
-    monkeypatch.setattr(_kernels, "_always", request.param)
-    monkeypatch.setattr(_kernels, "_PAYS", 10**18)
+    use(request.param)
 
 
 def direction(a, b):

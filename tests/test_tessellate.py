@@ -384,13 +384,13 @@ def test_holes_are_left_out():
     assert np.isfinite(found.points).all()
 
 
-def test_compiled_alike(monkeypatch):
+def test_compiled_alike(use, monkeypatch):
     points, faces = zoo.carved(zoo.torus(3, 4), 8)
     answers = []
     compiled = _kernels.compiled
 
-    def heard(items):
-        answers.append(compiled(items))
+    def heard(*items):
+        answers.append(compiled(*items))
         return answers[-1]
 
     def found():
@@ -398,11 +398,11 @@ def test_compiled_alike(monkeypatch):
         return surface, ls.tessellate(surface, 12)
 
     monkeypatch.setattr(_kernels, "compiled", heard)
-    with _kernels.numpy_only():
-        _, twin = found()
+    use(False)
+    _, twin = found()
     assert set(answers) == {False}
     answers.clear()
-    monkeypatch.setattr(_kernels, "_always", True)
+    use(True)
     surface, fast = found()
     assert set(answers) == {True}
     for name in ("sizes", "indices", "face", "u", "v", "normal_indices"):

@@ -90,9 +90,6 @@ if TYPE_CHECKING:
     from limitsurf.surface import (
         LimitSurface as LimitSurface,
     )
-    from limitsurf.surface import (
-        precompile as precompile,
-    )
 
 __version__ = "0.2.0"
 
@@ -120,7 +117,7 @@ _HOME = {
     "plot_characteristic_map": "shell.plot.plots",
     "plot_convergence": "shell.plot.plots",
     "plot_eigenfunctions": "shell.plot.plots",
-    "precompile": "surface",
+    "precompile": "compiling",
     "read": "shell.io.by_suffix",
     "refined": "refine",
     "refinement_gap": "query",

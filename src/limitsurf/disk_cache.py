@@ -18,10 +18,14 @@ import hashlib
 import io
 import json
 import os
+import platform
 import stat
 import tempfile
+import time
 import warnings
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from math import prod
 from pathlib import Path
@@ -89,16 +93,37 @@ def write(name: str, content: bytes, top: str | None = None) -> None:
     what = "the cache"
     try:
         directory = Path(top) if top else cache_directory()
-        what, path = f"the cache in {directory}", directory / name
-        _make(directory, 0o700)
-        _check_place(directory, directory)
-        _make(path.parent, stat.S_IMODE(os.stat(directory).st_mode) & 0o755)
-        _check_place(path.parent, directory)
-        replace(path, content)
+        what = f"the cache in {directory}"
+        replace(_place(name, directory), content)
     except _UntrustedError as reason:
         _warn_once(f"{what} is not used: {reason}")
     except OSError as error:
         _warn_once(f"nothing can be kept in {what} ({error.strerror or error})")
+
+
+def _place(name: str, top: Path | None = None) -> Path:
+    """Where a file is to be in the cache, in a directory that is made and trusted."""
+    directory = top or cache_directory()
+    path = directory / name
+    _make(directory, 0o700)
+    _check_place(directory, directory)
+    _make(path.parent, stat.S_IMODE(os.stat(directory).st_mode) & 0o755)
+    _check_place(path.parent, directory)
+    return path
+
+
+def make_for_all(directory: Path) -> None:
+    """Make a cache directory that all may read, unless it is there."""
+    with suppress(_UntrustedError):  # of which `write` will warn
+        _make(directory, 0o755)
+
+
+def there(name: str) -> bool:
+    """Whether a file is in the cache, whatever it holds."""
+    try:
+        return (cache_directory() / name).is_file()
+    except OSError:
+        return False
 
 
 def replace(path: Path, content: bytes) -> None:
@@ -126,6 +151,91 @@ def _make(directory: Path, mode: int) -> None:
     except FileExistsError:  # another process was sooner, or something is in the way
         if not directory.is_dir():
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR)) from None
+
+
+# --- locks ----------------------------------------------------------------------------------------
+
+
+@contextmanager
+def alone(name: str, patience: float) -> Iterator[bool]:
+    """Hold the lock of this name in the cache, if it can be had within so many seconds.
+
+    Whether it is held is what the context gives; where nothing can be kept it never is. It is a
+    file, and what one leaves behind that ended without removing it is nobody's.
+    """
+    try:
+        path, end = _place(name), time.monotonic() + patience
+    except (OSError, _UntrustedError):
+        yield False
+        return
+    held = _take(path)
+    while not held and time.monotonic() < end and path.exists():
+        time.sleep(_STEP)
+        held = _is_left(path) and _take(path)
+    try:
+        yield held
+    finally:
+        if held:
+            _held.discard(path)
+            path.unlink(missing_ok=True)
+
+
+def claimed(name: str) -> bool:
+    """Whether another process holds the lock of this name."""
+    try:
+        path = cache_directory() / name
+        return path.exists() and not _is_left(path)
+    except OSError:
+        return False
+
+
+def writable(name: str) -> bool:
+    """Whether files can be kept in a directory of the cache, which is made."""
+    try:
+        place = _place(f"{name}/file").parent
+        return os.access(place, os.W_OK | os.X_OK)
+    except (OSError, _UntrustedError):
+        return False
+
+
+_LEFT = 300.0  # seconds after which a lock is nobody's: nothing takes as long
+_STEP = 0.02  # between two looks at a lock
+_held: set[Path] = set()
+
+
+def _take(path: Path) -> bool:
+    """Make the file of a lock, unless another process has."""
+    if _is_left(path):
+        with suppress(OSError):
+            path.unlink()
+    try:
+        with open(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644), "w") as file:
+            file.write(f"{os.getpid()} {platform.node()}")
+    except OSError:  # there, or no place for it
+        return False
+    _held.add(path)
+    return True
+
+
+def _is_left(path: Path) -> bool:
+    """Whether who made a lock has ended, or has had it for too long."""
+    try:
+        pid, _, host = path.read_text().partition(" ")
+        if time.time() - path.stat().st_mtime > _LEFT:
+            return True
+    except (OSError, ValueError):
+        return False
+    if os.name != "posix" or host != platform.node() or not pid.isdigit():
+        return False
+    if int(pid) == os.getpid():  # of one before, with the same number
+        return path not in _held
+    try:
+        os.kill(int(pid), 0)
+    except (ProcessLookupError, OverflowError):
+        return True
+    except OSError:  # another user's
+        pass
+    return False
 
 
 # --- trust ----------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import _kernels, lazy, numbers
+from limitsurf import lazy, numbers
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles
 from limitsurf.channels import ChannelMesh
@@ -19,7 +19,7 @@ from limitsurf.engine.results import arrays_of, written
 from limitsurf.engine.topology import Topology
 from limitsurf.numbers import Exact, Numbers, Plain
 from limitsurf.patches import PatchTable
-from limitsurf.refine import ExactOperator, on_one_pattern, over_values, refined
+from limitsurf.refine import ExactOperator, on_one_pattern, over_values
 from limitsurf.rules import Rules
 from limitsurf.topology import LimitFaces
 
@@ -74,12 +74,14 @@ class LimitSurface:
     triangles : {"catmull-clark", "smooth"}, optional
         Edges of triangles are like others (default), or have a smoother mask.
     engine : {"auto", "reference", "compiled"}, optional
-        Who answers in float64: compiled kernels in large calls and NumPy in others ("auto"), NumPy
-        alone, or kernels in calls of any size, but for what they do not know: derivatives beyond
+        Who answers in float64: compiled kernels once they are loaded and NumPy until then ("auto";
+        last digits may change then, once in a process), NumPy alone, or kernels, which are compiled
+        at once where they must be, but for what they do not know: derivatives beyond
         the second order, `tangents`, and points beyond 2^1000 or all below 2^-900. The argument,
         else the environment variable ``LIMITSURF_ENGINE``, else "auto". Equal calls get the same
-        digits of either; kernels also give a query the same whatever else is in the call, but where
-        parameters broadcast over faces, as NumPy, whose last digits may depend on it, does not.
+        digits of either that is chosen; kernels also give a query the same whatever else is in the
+        call, but where parameters broadcast over faces, as NumPy, whose last digits may depend on
+        it, does not.
 
     Attributes
     ----------
@@ -154,13 +156,14 @@ class LimitSurface:
     **NaN** is returned for NaN or infinite u or v, where face, u or v is masked (``numpy.ma``), on
     faces without a limit, and where a value does not exist; nowhere else.
 
-    **Many queries**, 100,000 in a call and more, are answered by compiled kernels, in as many
-    threads as `workers` says; fewer by NumPy, to spare small jobs the loading of a compiler
-    (`precompile` loads it at once, `engine` chooses one of both). Both are equally accurate; last
-    digits may differ. Any integers and real numbers do, also strided, read-only and memory-mapped
-    ones; float32 counts as the float64 that it is. Queries that broadcast all parameters over all
-    faces, such as faces (n, 1) and u, v (m,), are the fastest. Dask arrays of queries give Dask
-    arrays, evaluated lazily; the surface goes to each process once (extra ``dask``).
+    **Many queries** are answered by compiled kernels, in as many threads as `workers` says. They
+    are loaded when NumPy has spent as much time as that takes, compiled in the background if need
+    be (`precompile` does both at once, `engine` chooses one of both). Both are equally accurate;
+    last digits may differ. Any integers and real numbers do, also strided, read-only and
+    memory-mapped ones; float32 counts as the float64 that it is. Queries that broadcast all
+    parameters over all faces, such as faces (n, 1) and u, v (m,), are the fastest. Dask arrays of
+    queries give Dask arrays, evaluated lazily; the surface goes to each process once (extra
+    ``dask``).
 
     **Numbers.** float64 points, u and v give float64. If any of them is an object array or a
     Fraction, ints and floats count as the rationals they are, and the result is exact. It is a
@@ -200,7 +203,7 @@ class LimitSurface:
         if not isinstance(mesh, Mesh):
             raise TypeError(f"a surface needs a Mesh, got {type(mesh).__name__}")
         rules, choice = Rules.resolve(mesh, scheme, boundary, creasing, triangles), chosen(engine)
-        topology = Topology(mesh, rules)
+        topology = Topology(mesh, rules, choice)
         topology.groups.kinds  # noqa: B018  (refuses masks that do not converge)
         self._begin(mesh, topology, choice, {})
 
@@ -234,7 +237,7 @@ class LimitSurface:
         return {**known, "choice": self._choice}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        topology = Topology(state["mesh"], state["rules"], state["patches"])
+        topology = Topology(state["mesh"], state["rules"], state["choice"], state["patches"])
         self._begin(state["mesh"], topology, state["choice"], {})
 
     def of_channel(self, channel: str | None) -> LimitSurface:
@@ -764,32 +767,6 @@ class LimitSurface:
         """Complain of points that are not of shape (n, 3)."""
         if self._shape != (3,):
             raise ValueError(f"{what} needs points of shape (n, 3), got {self.points.shape}")
-
-
-def precompile() -> None:
-    """Compile all kernels now, or load them, and use them for calls of any size from now on.
-
-    For services that answer many small queries: a call takes microseconds instead of milliseconds.
-    The first time on a machine this takes some twenty seconds, later about one: what is compiled is
-    kept in a cache directory, ``LIMITSURF_CACHE_DIR`` or else the user's, which is used only if
-    nobody but the user, root and the owner of the installed package may write it.
-
-    Examples
-    --------
-    >>> import limitsurf as ls
-    >>> ls.precompile()  # doctest: +SKIP
-    """
-    _kernels.always()
-    points = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
-    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    surface = LimitSurface(refined(Mesh(points, faces, creases={(0, 1): 1.5}), operator=True)[0])
-    face, u = np.arange(len(surface.limit_faces)), np.linspace(0, 1, 5)
-    for places in (0.5, u):
-        surface.jet(face[:, None], places, places)
-        surface.normal(face[:, None], places, places)
-    surface.weights(face, 0.5, 0.5)
-    fine = refined(surface.mesh)
-    fine.limit_points, fine.limit_normals, fine.edges  # noqa: B018
 
 
 def _orders(nu: Any) -> tuple[bool, list[Order]]:

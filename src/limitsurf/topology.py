@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import _kernels
 from limitsurf.cage.connectivity import Connectivity, derived, read_only
 from limitsurf.cage.faces import IntArray
 from limitsurf.cage.mesh import Mesh, valid_mesh
@@ -36,7 +35,6 @@ class ChildConnectivity(Connectivity):
             faces.ravel(),
             repeats=False,
             uniform_size=lattice.face_size,
-            large=coarse.large or _kernels.compiled(4 * coarse.n_corners),
         )
         self.coarse, self.lattice = coarse, lattice
 
@@ -361,7 +359,7 @@ class MeshPart:
     def of(cls, mesh: Mesh, wanted: Array) -> MeshPart:
         """The faces that have one of the wanted corners (n_corners,) bool."""
         cage = mesh.connectivity
-        known: dict[str, Any] = {"repeats": cage.repeats, "large": cage.large}
+        known: dict[str, Any] = {"repeats": cage.repeats}
         if cage.compiled:
             from limitsurf._kernels import connectivity
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import json
+import math
 import multiprocessing
 import os
 import platform
@@ -40,7 +41,6 @@ from numpy.typing import NDArray
 import limitsurf as ls
 from limitsurf import _kernels
 
-NEVER = 10**18  # more queries than any call has
 Array = NDArray[Any]
 Queries = tuple[Array, Array, Array]  # limit face, u, v
 
@@ -59,7 +59,6 @@ class Options:
     levels: int
     max_faces: int
     runs: int
-    always: bool
     numpy: bool
     only: tuple[str, ...]
     opensubdiv: Path | None
@@ -148,26 +147,20 @@ def by_face(queries: Queries) -> Queries:
 
 
 @contextmanager
-def kernels(always: bool) -> Iterator[None]:
-    """Compiled kernels for calls of any size, or for none."""
-    before = _kernels._always, _kernels._PAYS
-    _kernels._always, _kernels._PAYS = always, _kernels._PAYS if always else NEVER
+def numpy_only() -> Iterator[None]:
+    """NumPy for all calls, for which else there are kernels."""
+    before = _kernels.available, _kernels._spent
+    _kernels.available, _kernels._spent = set(), -math.inf
     try:
         yield
     finally:
-        _kernels._always, _kernels._PAYS = before
-
-
-def first_result(surface: ls.LimitSurface) -> None:
-    """One result by the path that many take, for which it prepares all that they need."""
-    with kernels(always=_kernels._PAYS < NEVER):
-        surface.jet(0, 0.5, 0.5, order=1)
+        _kernels.available, _kernels._spent = before
 
 
 def ready(mesh: ls.Mesh) -> ls.LimitSurface:
     """A surface made from points and faces that has its first result."""
     surface = ls.LimitSurface(bare(mesh))
-    first_result(surface)
+    surface.jet(0, 0.5, 0.5, order=1)
     return surface
 
 
@@ -177,7 +170,7 @@ def set_up(mesh: ls.Mesh, surface: ls.LimitSurface) -> Iterator[Job]:
     points = mesh.points[::-1].copy()
 
     def moved() -> None:
-        first_result(surface.with_points(points))
+        surface.with_points(points).jet(0, 0.5, 0.5, order=1)
 
     ways = "bfr new points", "far new points"
     yield Job("new points", "", "face", mesh.n_faces, moved, ways, numpy=False)
@@ -308,7 +301,7 @@ def timed(job: Job, options: Options) -> dict[str, Any]:
     ns = seconds(job.run, options.runs, job.clock) / job.items * 1e9
     row = {"job": job.name, "order": job.order, "per": job.per, "items": job.items, "ns": ns}
     if options.numpy and job.numpy:
-        with kernels(always=False):
+        with numpy_only():
             row["numpy_ns"] = seconds(job.run, 1) / job.items * 1e9
     say(f"  {job.name} {job.order}: {ns:.4g} ns per {job.per}")
     return row
@@ -437,10 +430,9 @@ def measured(name: str, options: Options) -> dict[str, Any]:
     """All figures of a cage; in a new process, for the sake of its memory."""
     mesh = torus(int(name)) if name.isdecimal() else bare(ls.read(Path(name)))
     say(f"{name}: {mesh.n_faces} faces")
-    if options.always:
-        _kernels.always()
-    with kernels(always=True):
-        ready(torus(8))  # loads and compiles what set-up needs, before memory is measured
+    _kernels.load()
+    _kernels.available.update(_kernels.KINDS)
+    ready(torus(8))  # compiles what set-up needs, before memory is measured
     before, start = resident(), time.process_time()
     surface = ready(mesh)
     first = time.process_time() - start
@@ -506,7 +498,6 @@ def measured(name: str, options: Options) -> dict[str, Any]:
 @click.option("--levels", default=3, show_default=True, help="Of refinement, at most.")
 @click.option("--max-faces", default=20_000_000, show_default=True, help="Of refined meshes.")
 @click.option("--runs", default=5, show_default=True, help="Of which the best counts.")
-@click.option("--always", is_flag=True, help="Compiled kernels for calls of any size.")
 @click.option("--numpy/--no-numpy", default=True, show_default=True, help="Time the NumPy path.")
 @click.option("--only", multiple=True, help="Jobs whose name begins so; may be repeated.")
 @click.option(

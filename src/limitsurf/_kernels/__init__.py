@@ -2,64 +2,99 @@
 
 `reference` is vectorised NumPy and runs on any number type; `rationals` is exact arithmetic in
 NumPy. The other modules are compiled with Numba, for float64 and integers; importing one loads
-Numba, so callers ask `compiled` first.
+Numba, so callers ask `answer`, or `compiled`, first.
+
+That is decided by cost. Kernels in `available` are loaded and compiled, and answer everything.
+Others are loaded, which takes half a second, once NumPy would have spent as much on all that this
+process was asked: so nobody waits twice as long as need be. They are loaded only where all that
+might be needed is in the cache on disk. Where it is not, a process in the background compiles it;
+if there can be none, this one does, for work that takes NumPy longer.
 """
 
-import sys
+import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from importlib import import_module
 from typing import Any
 
+from limitsurf._kernels import background
 from limitsurf._kernels.locks import preparing as preparing
 
-_PAYS = 100_000  # queries, or corners of faces: about a tenth of a second in NumPy
+VARIABLE = "LIMITSURF_ENGINE"
+KINDS = ("meshes", "quads", "triangles")  # what kernels are for: connectivity, evaluation
+# kinds whose kernels answer whatever is asked; reading it is cheap enough for every query
+available: set[str] = set()
+
+# seconds, of a processor for which the costs that callers state are right
+_LOADING = 0.5
+_COMPILING = 20.0
+_AGAIN = 0.25  # between two looks at the cache
 _MODULES = ("coefficients", "connectivity", "evaluation", "grids", "refinement", "rows")
 # whose kernels evaluate patches that are the box spline of these directions
 _SHAPES = {
     "quads": ((1, 0),) * 4 + ((0, 1),) * 4,
     "triangles": ((1, 0),) * 2 + ((0, 1),) * 2 + ((-1, 1),) * 2,
 }
-_always = False
+_CORNER = 5e-8  # seconds that NumPy takes for one, in a pass over a mesh
+_spent = 0.0  # seconds that NumPy has taken for what kernels might have done
+_next: dict[str, float] = {}  # when to look for a kind in the cache again
 _loaded = False
+_choice: ContextVar[str | None] = ContextVar("_choice", default=None)
 
 
-def compiled(items: int) -> bool:
-    """Whether to use compiled kernels for so many queries, or corners of faces.
+def answer(kind: str, seconds: float) -> bool:
+    """Whether kernels of this kind do what would take NumPy so many seconds."""
+    return kind in available or _pays(kind, seconds)
 
-    Loading them takes half a second, compiling them seconds the first time on a machine: small
-    calls are sooner done by NumPy. It depends on the size of a call alone, so that equal calls have
-    equal results, to the last digit.
+
+def compiled(corners: int, passes: float = 1) -> bool:
+    """Whether kernels do so many passes over the corners of a mesh.
 
     Examples
     --------
     >>> from limitsurf import _kernels
-    >>> _kernels.compiled(100_000)
-    True
+    >>> with _kernels.chosen("reference"):
+    ...     _kernels.compiled(10**9)
+    False
     """
-    if not pays(items):
+    choice = _choice.get() or os.environ.get(VARIABLE)
+    if choice == "reference":
         return False
-    load()
-    return True
+    if choice == "compiled":
+        return load()
+    return answer("meshes", corners * passes * _CORNER)
 
 
-def pays(items: int) -> bool:
-    """Whether a call of this size is large enough for kernels, without loading them."""
-    return _always or items >= _PAYS
+@contextmanager
+def chosen(choice: str) -> Iterator[None]:
+    """Have meshes done by "reference" (NumPy), "compiled" (kernels) or "auto" for a while.
+
+    So that a surface has the same digits however it was made.
+    """
+    token = _choice.set(choice)
+    try:
+        yield
+    finally:
+        _choice.reset(token)
 
 
-def load() -> None:
-    """Import all kernels, before anybody uses one."""
+def load() -> bool:
+    """Import all kernels, before anybody uses one; False where Numba is told not to compile."""
     global _loaded
-    if not _loaded:
+    if not _loaded and not _disabled():
         with preparing:
             for name in _MODULES:
                 import_module(f"{__name__}.{name}")
             _loaded = True
+    return _loaded
 
 
 def shape(directions: tuple[tuple[int, int], ...]) -> str | None:
     """The shape of the faces of surfaces whose regular patches are that box spline, if known."""
+    if _disabled():
+        return None
     return next((name for name, own in _SHAPES.items() if sorted(own) == sorted(directions)), None)
 
 
@@ -71,29 +106,36 @@ def evaluating(shape: str) -> Any:
     return import_module(f"{__name__}.{shape}")
 
 
-def connects() -> bool:
-    """Whether compiled connectivity has been used, so that nothing is to be loaded for it."""
-    if not _loaded:
+def _pays(kind: str, seconds: float) -> bool:
+    """Account for a call; whether kernels answer it, since loading them would have paid."""
+    global _spent
+    _spent += seconds
+    if _spent < _LOADING or _disabled():
         return False
-    from limitsurf._kernels import connectivity
-
-    dispatcher: Any = connectivity._around
-    return bool(dispatcher.signatures)
-
-
-def always() -> None:
-    """Use compiled kernels for calls of any size from now on."""
-    global _always
-    _always = True
+    if time.monotonic() < _next.get(kind, 0):
+        return False
+    with preparing:
+        if kind not in available and (_read(kind) or _in_haste(kind)):
+            available.add(kind)
+        _next[kind] = time.monotonic() + _AGAIN
+    return kind in available
 
 
-@contextmanager
-def numpy_only() -> Iterator[None]:
-    """Use NumPy for calls of any size for a while."""
-    global _always, _PAYS
-    before = _always, _PAYS
-    _always, _PAYS = False, sys.maxsize
-    try:
-        yield
-    finally:
-        _always, _PAYS = before
+def _read(kind: str) -> bool:
+    """Load kernels of a kind if all of them are in the cache."""
+    if not background.marked():
+        return False
+    load()
+    from limitsurf._kernels import jit
+
+    return jit.complete(kind)
+
+
+def _in_haste(kind: str) -> bool:
+    """Whether kernels are to be compiled as they are called, since nobody else does it."""
+    return not background.begin(kind) and _spent >= _COMPILING and load()
+
+
+def _disabled() -> bool:
+    """Whether Numba is told to leave Python as it is, which intrinsics do not survive."""
+    return os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import itertools
 import pickle
-import sys
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -22,11 +21,13 @@ from numba.core import cgutils, types
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
+from numba.core.types.containers import BaseTuple
 from numba.extending import intrinsic as _intrinsic
 
 from limitsurf import disk_cache
-from limitsurf._kernels import locks
+from limitsurf._kernels import background, locks
 
 F = TypeVar("F", bound=Callable[..., Any])
 # called from kernels without the typing context that they are written with
@@ -37,6 +38,7 @@ _OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy"}
 # without Numba's runtime there is nothing to allocate, and no references to count in inner loops
 _LEAN: dict[str, Any] = {**_OPTIONS, "_nrt": False}
 _MOST = 1 << 26  # bytes of a compiled kernel
+_PATIENCE = 30.0  # seconds to wait for another process that compiles the same
 
 
 def kernel(function: F) -> F:
@@ -55,8 +57,30 @@ def lean(function: F) -> F:
 
 def _cached(function: F, options: dict[str, Any]) -> F:
     dispatcher = numba.njit(nogil=True, **options)(function)
-    dispatcher._cache = _Cache(function)
+    dispatcher._cache = cache = _Cache(function)
+    compile_alone = dispatcher.compile
+
+    def compile_once(given: tuple[Any, ...]) -> Any:
+        """Also for arrays that are read-only: kernels write to none but those made for that."""
+        signature = tuple(map(_writable, given))
+        with cache.reserved(signature, dispatcher.targetctx.codegen()):
+            found = compile_alone(signature)
+        if given != signature:
+            dispatcher._insert([kind._code for kind in given], found, False)
+        return found
+
+    dispatcher.compile = compile_once
     return cast(F, dispatcher)
+
+
+def _writable(kind: Any) -> Any:
+    """The type of an argument as if all arrays in it could be written: one kernel does for both."""
+    if isinstance(kind, types.Array) and not kind.mutable:
+        return kind.copy(readonly=False)
+    if isinstance(kind, BaseTuple):
+        own = getattr(kind, "instance_class", tuple)
+        return BaseTuple.from_types(list(map(_writable, kind.types)), own)
+    return kind
 
 
 class _Cache(NullCache):  # type: ignore[misc]
@@ -78,11 +102,23 @@ class _Cache(NullCache):  # type: ignore[misc]
         closed = [x if isinstance(x, int) else getattr(x, "__module__", "") for x in closed]
         self._code = code.co_code, constants, code.co_names, closed
 
+    @contextmanager
+    def reserved(self, sig: Any, codegen: Any) -> Iterator[None]:
+        """Let no other process compile the same meanwhile; wait for one that does, for a while."""
+        name = self._file(sig, codegen)
+        if disk_cache.there(name):
+            yield
+            return
+        background.say("kernels are being compiled, which takes seconds, once on this machine")
+        with disk_cache.alone(f"{name}.lock", _PATIENCE):
+            yield
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled kernel; None if it is to be compiled."""
         target_context.refresh()
         name = self._file(sig, target_context.codegen())
-        content = disk_cache.read(name, _MOST, numba.config.CACHE_DIR)
+        used[name] = None
+        content = disk_cache.read(name, _MOST)
         if content is None or content[:32] != _digest(name, content[32:]):
             return None
         try:
@@ -95,27 +131,41 @@ class _Cache(NullCache):  # type: ignore[misc]
         if data.library.has_dynamic_globals:  # addresses in this process
             return
         name, content = self._file(sig, data.codegen), dumps(data._reduce())
-        disk_cache.write(name, _digest(name, content) + content, numba.config.CACHE_DIR)
+        disk_cache.write(name, _digest(name, content) + content)
 
     def _file(self, sig: Any, codegen: Any) -> str:
         """Where in the cache."""
-        key = sha256(repr((sig, codegen.magic_tuple(), self._code)).encode()).hexdigest()[:32]
-        return f"kernels/{_sources()}/{self._name}-{key}.nbc"
+        key = _key(sig, codegen.magic_tuple(), self._code)
+        return f"{background.folder()}/{self._name}-{key}.nbc"
 
 
 def _digest(name: str, content: bytes) -> bytes:
     return sha256(name.encode() + content).digest()
 
 
-@cache
-def _sources() -> str:
-    """What machine code depends on beside the processor: all kernels, and who compiles them.
+def _key(*parts: Any) -> str:
+    """Of what machine code depends on beside its sources."""
+    versions = numba.__version__, llvmlite.__version__
+    return sha256(repr((parts, versions)).encode()).hexdigest()[:32]
 
-    All, since kernels hold what they call.
-    """
-    parts = [source.read_bytes() for source in sorted(Path(__file__).parent.glob("*.py"))]
-    versions = sys.implementation.cache_tag, numba.__version__, llvmlite.__version__
-    return sha256(b"".join([*parts, repr(versions).encode()])).hexdigest()[:16]
+
+used: dict[str, None] = {}  # files of the kernels of this process, in the order of their first use
+
+
+def mark(kind: str) -> None:
+    """Write down that all kernels for something are those that this process has used."""
+    disk_cache.write(_mark(kind), "\n".join(used).encode())
+
+
+def complete(kind: str) -> bool:
+    """Whether all kernels for something are in the cache, for this processor."""
+    content = disk_cache.read(_mark(kind), _MOST)
+    return content is not None and all(map(disk_cache.there, content.decode().split("\n")))
+
+
+def _mark(kind: str) -> str:
+    key = _key(kind, cpu_target.target_context.codegen().magic_tuple())
+    return f"{background.folder()}/{background.MARK}{kind}-{key}"
 
 
 def outlined(function: F) -> F:

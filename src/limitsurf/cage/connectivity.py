@@ -111,18 +111,13 @@ class Connectivity:
         preceding[self.offsets[:-1]] = self.offsets[1:] - 1
         return preceding
 
-    @derived
-    def large(self) -> bool:
-        """Whether the mesh, or that which it is a part of, is large enough for compiled kernels."""
-        return _kernels.compiled(self.n_corners)
-
-    @derived
+    @property
     def compiled(self) -> bool:
         """Whether to use compiled connectivity, whose corners have 32 bits in places.
 
-        It finds the same integers: once a large mesh has used it, small ones do too.
+        It finds the same integers, so that some may be found by one way and some by the other.
         """
-        return self.n_corners < 2**31 and (_kernels.connects() or self.large)
+        return self.n_corners < 2**31 and _kernels.compiled(self.n_corners)
 
     @derived
     def uniform_size(self) -> int:

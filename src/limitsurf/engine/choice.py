@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import _kernels
+from limitsurf._kernels import VARIABLE as VARIABLE
 from limitsurf.caching import cached_property
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.compiled import Compiled
 from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.reference import Reference
 from limitsurf.engine.topology import Topology
+from limitsurf.refine import sharing, stacked
 
 Array = NDArray[Any]
 Choice: TypeAlias = Literal["auto", "reference", "compiled"]
-VARIABLE = "LIMITSURF_ENGINE"
+
+# seconds that NumPy takes for a call, for each kind of patch in it, and for a query of one order
+_CALL, _KIND, _QUERY = 6e-4, 2e-4, 1e-6
+_PORTION = 1 << 18  # queries of a call after which is asked anew who answers
 
 # types of plain numbers
 _WHOLE, _REAL = {int, np.int64}, {float, np.float64}
@@ -49,22 +54,22 @@ class Answers:
     """Both engines for the points of `mesh`, and which of them is asked."""
 
     def __init__(self, topology: Topology, mesh: Mesh, choice: Choice) -> None:
-        self._topology, self._mesh, self._choice = topology, mesh, choice
+        self.topology, self._mesh, self._choice = topology, mesh, choice
 
     @cached_property
     def reference(self) -> Reference:
         """NumPy in float64."""
-        return Reference(self._topology, self._mesh, False)
+        return Reference(self.topology, self._mesh, False)
 
     @cached_property
     def exact(self) -> Reference:
         """NumPy in Fractions."""
-        return Reference(self._topology, self._mesh, True)
+        return Reference(self.topology, self._mesh, True)
 
     @cached_property
     def compiled(self) -> Compiled:
         """Kernels."""
-        return Compiled(self._topology, self.reference)
+        return Compiled(self.topology, self.reference)
 
     def one(
         self, face: Any, u: Any, v: Any, orders: tuple[Order, ...] | None, workers: Any
@@ -78,7 +83,9 @@ class Answers:
             return None
         if type(workers) is not int or workers != 1 or not 0 <= face < _FAR:
             return None
-        if self._choice == "compiled" or (self._choice == "auto" and _kernels.pays(1)):
+        if self._choice == "compiled" or (
+            self._choice == "auto" and self.topology.shape in _kernels.available
+        ):
             kernels = self.compiled
             if kernels.knows(orders or (), False):
                 found: Any = kernels.one(face, u, v, orders)
@@ -96,12 +103,79 @@ class Answers:
     ) -> Engine:
         """Who answers a request for derivatives of these orders or their weights, or what else.
 
-        Kernels where they can, unless "reference" is chosen, or "auto" and the call is small. That
-        depends on the call alone: equal calls have equal answers, to the last digit.
+        Kernels where they can, unless "reference" is chosen. If neither is, they do so as soon as
+        they are loaded, and NumPy until then.
         """
         if request.exact:
             return self.exact
-        choice = self._choice
-        if choice == "reference" or (choice == "auto" and not _kernels.pays(request.face.size)):
+        choice, shape = self._choice, self.topology.shape
+        if choice == "reference" or shape is None:
             return self.reference
+        if choice == "auto" and shape not in _kernels.available:
+            size, kinds = request.face.size, len(self.topology.patches.controls)
+            seconds = _CALL + _KIND * min(size, kinds) + _QUERY * size * (1 + (len(orders) or 3))
+            if not _kernels.answer(shape, seconds):
+                portions = size > _PORTION and self.compiled.knows(orders, weights)
+                return _Portions(self, orders, weights) if portions else self.reference
         return self.compiled if self.compiled.knows(orders, weights) else self.reference
+
+
+class _Portions:
+    """Large calls while kernels are not there: in portions, so that these take over when they come.
+
+    The portions are accounted as well as the whole; what is decided by that does not need care.
+    """
+
+    def __init__(self, answers: Answers, orders: Sequence[Order], weights: bool) -> None:
+        self._answers, self._asked = answers, (orders, weights)
+
+    def derivatives(
+        self, request: Request, orders: Sequence[Order], out: Sequence[Array] | None = None
+    ) -> Sequence[Array]:
+        """See `Engine`."""
+        return self._joined(request, lambda engine, some: engine.derivatives(some, orders), out)
+
+    def normals(self, request: Request, limits: bool = True, out: Array | None = None) -> Array:
+        """See `Engine`."""
+        given = None if out is None else [out]
+        return self._joined(request, lambda engine, some: [engine.normals(some, limits)], given)[0]
+
+    def tangents(self, request: Request, width: int) -> tuple[Array, Array]:
+        """See `Engine`."""
+        along, across = self._joined(request, lambda engine, some: engine.tangents(some, width))
+        return along, across
+
+    def curvatures(self, request: Request) -> Array:
+        """See `Engine`."""
+        return self._joined(request, lambda engine, some: [engine.curvatures(some)])[0]
+
+    def weights(self, request: Request, orders: Sequence[Order]) -> list[Any]:
+        """See `Engine`."""
+        parts = [engine.weights(some, orders) for engine, some, _ in self._portions(request)]
+        found = list(map(stacked, map(list, zip(*parts, strict=True))))
+        one = found[0]
+        return sharing(one.indptr, one.indices, [x.data for x in found], one.shape)
+
+    def _joined(
+        self,
+        request: Request,
+        ask: Callable[[Engine, Request], Sequence[Array]],
+        out: Sequence[Array] | None = None,
+    ) -> Sequence[Array]:
+        """Arrays (Q, width) of all portions, `out` or new ones."""
+        results: Sequence[Array] = out or []
+        for engine, some, part in self._portions(request):
+            found = ask(engine, some)
+            if not results:
+                results = [np.empty((request.face.size, x.shape[1])) for x in found]
+            for result, values in zip(results, found, strict=True):
+                result[part] = values
+        return results
+
+    def _portions(self, request: Request) -> Iterator[tuple[Engine, Request, slice]]:
+        topology, total = self._answers.topology, request.face.size
+        request.check(topology.patches.n_limit_faces, topology.lattice)
+        for start in range(0, total, _PORTION):
+            part = slice(start, start + _PORTION)
+            some = request.flat(part)
+            yield self._answers.engine(some, *self._asked), some, part

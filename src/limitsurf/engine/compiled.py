@@ -38,7 +38,7 @@ class Compiled:
         Patches must be of a shape that has kernels, and there must be numbers to be answered. For
         `weights` points do not matter, and one order is enough.
         """
-        if not self._topology.packs:
+        if self._topology.shape is None:
             return False
         if weights:  # the reference may give some
             return any(nu in PLACES for nu in orders)

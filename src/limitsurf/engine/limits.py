@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf import _kernels
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.cage.mesh import Mesh
@@ -104,8 +105,9 @@ class Limits:
         mesh, faces = self._mesh, self._topology.limit_faces
         size = self._topology.lattice.face_size
         regular = bool((mesh.sizes == size).all())
-        fine = refined(mesh, 0 if regular else 1, **vars(self._topology.rules))
-        normals: Array = fine.limit_normals.reshape(-1, size, 3)
+        with _kernels.chosen(self._topology.choice):
+            fine = refined(mesh, 0 if regular else 1, **vars(self._topology.rules))
+            normals: Array = fine.limit_normals.reshape(-1, size, 3)
         if regular:
             return normals
         # a step makes a face for each corner

@@ -29,6 +29,8 @@ class Topology:
     ----------
     mesh : Mesh
     rules : Rules
+    choice : str
+        Who does what depends on the mesh: "auto", "reference" or "compiled".
     patches : PatchTable, optional
         Those of the cage, if they are known.
 
@@ -43,10 +45,15 @@ class Topology:
         Queries by kind of patch, in float64.
     """
 
-    def __init__(self, mesh: Mesh, rules: Rules, patches: PatchTable | None = None) -> None:
-        self.rules, self.lattice = rules, rules.scheme.lattice
+    def __init__(
+        self, mesh: Mesh, rules: Rules, choice: str, patches: PatchTable | None = None
+    ) -> None:
+        self.rules, self.lattice, self.choice = rules, rules.scheme.lattice, choice
         self.limit_faces = LimitFaces.of(mesh, self.lattice)
-        self.patches = PatchTable(mesh, rules, numbers.FLOAT64) if patches is None else patches
+        if patches is None:
+            with _kernels.chosen(choice):
+                patches = PatchTable(mesh, rules, numbers.FLOAT64)
+        self.patches = patches
         self.mesh = mesh.with_points(np.zeros((mesh.n_vertices, 0)))
         self.groups = Groups(self.patches, rules.scheme, numbers.FLOAT64)
 
@@ -62,9 +69,9 @@ class Topology:
         return self.mesh.indices[self.mesh.offsets[self.limit_faces.face]]
 
     @cached_property
-    def packs(self) -> bool:
-        """Whether there are compiled kernels for the patches."""
-        return _kernels.shape(self.rules.scheme.spline.directions) is not None
+    def shape(self) -> str | None:
+        """Which compiled kernels there are for the patches, if any."""
+        return _kernels.shape(self.rules.scheme.spline.directions)
 
     @property
     def packing(self) -> Packing:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import numbers, tables
+from limitsurf import _kernels, numbers, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.mesh import Mesh
@@ -53,7 +53,7 @@ def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arra
     if pending.any():
         near = MeshPart.of(sharpness.mesh, sharpness.neighbours(pending[sharpness.mesh.indices]))
         inner = sharpness.part(near)
-        compiled = not numbers.type_of(points).exact and near.mesh.connectivity.large
+        compiled = not numbers.type_of(points).exact and _kernels.compiled(near.mesh.n_corners, 5)
         finer = refined_values(near.mesh, rules, inner, points[near.vertices], compiled)
         later = np.zeros(len(finer), dtype=bool)
         later[: near.mesh.n_vertices] = pending[near.vertices]

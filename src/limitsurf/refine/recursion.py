@@ -112,7 +112,7 @@ class RefinedMesh(RuledMesh):
         points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
         rules = self.rules
         sharpness = Sharpness.of(self, rules, numbers.type_of(points))
-        if sharpness.number.exact or not self.connectivity.large:
+        if sharpness.number.exact or not _kernels.compiled(self.n_corners, 20):
             result = limit_points(sharpness, rules, points, self.vertex_faces > 0)
         else:
             from limitsurf._kernels import refinement
@@ -165,7 +165,7 @@ class RefinedMesh(RuledMesh):
         points = np.ldexp(self.points, kernels.balance(self.points))
         # what refinement rounded; a cage is exact
         errors = np.abs(points).max(axis=1) * self.rounded
-        if not self.connectivity.large:
+        if not _kernels.compiled(self.n_corners, 60):
             result = limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
         else:
             from limitsurf._kernels import refinement
@@ -294,7 +294,7 @@ def refined(
     points, balance = _balanced(mesh.points.reshape(mesh.n_vertices, -1))
     total = identity(mesh.n_vertices, number) if operator else None
     # decided once, so that equal calls have equal results, to the last digit
-    compiled = not number.exact and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
+    compiled = not number.exact and _kernels.compiled(_corners(mesh, levels), 10 if operator else 5)
     coarse, holes = mesh, np.flatnonzero(rules.without_limit(mesh))
     lattice = rules.scheme.lattice
     first = sharpness = Sharpness.of(mesh, rules, number)
@@ -344,6 +344,11 @@ def refined(
     return (fine, total) if operator else fine
 
 
+def _corners(mesh: Mesh, levels: int) -> int:
+    """Of all faces that are refined."""
+    return int(mesh.n_corners * sum(4**level for level in range(levels)))
+
+
 def _balanced(points: Array) -> tuple[Array, int]:
     """Points times a power of two, where their sums might overflow, and its exponent; or exact."""
     if numbers.type_of(points).exact:
@@ -376,7 +381,7 @@ def _refined_channel(channel: ChannelMesh, levels: int, holes: Array) -> Channel
     mesh: Mesh = channel
     lattice = channel.rules.scheme.lattice
     sharpness = Sharpness.of(channel, channel.rules, number)
-    compiled = not number.exact and _kernels.compiled(mesh.n_corners * 4 ** (levels - 1))
+    compiled = not number.exact and _kernels.compiled(_corners(mesh, levels), 5)
     coarser = None
     for _ in range(levels):
         sharpness = sharpness if coarser is None else coarser.children(mesh, lattice)

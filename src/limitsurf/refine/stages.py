@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import numbers, tables
+from limitsurf import _kernels, numbers, tables
 from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
@@ -41,7 +41,7 @@ def refinement_stages(
     corner_weights = _corner_weights(mesh, rules, number)
     shapes = (F, V), (V + mesh.n_edges + F, V + F)
     if compiled is None:
-        compiled = not number.exact and mesh.connectivity.large
+        compiled = not number.exact and _kernels.compiled(mesh.n_corners, 5)
     if compiled and centres:
         faces = csr(mesh.offsets, mesh.indices, corner_weights, shapes[0])
         return faces, _compiled_stage(mesh, vertices, edges, parts)
