@@ -490,10 +490,8 @@ def timed(job: Job, options: Options, peer: Peer | None) -> dict[str, Any]:
     row = {"job": job.name, "order": job.order, "per": job.per, "items": job.items}
     row |= ours.figures(job.items, shown)
     row["opensubdiv"] = {way: times.figures(job.items) for way, times in theirs.items()}
-    best = min((figures["ns"] for figures in row["opensubdiv"].values()), default=None)
-    say(
-        f"  {job.name} {job.order}: {row['ns']:.4g} ns per {job.per}" + f", {best:.4g}" * bool(best)
-    )
+    best = min((x["ns"] for x in row["opensubdiv"].values()), default=np.nan)
+    say(f"  {job.name} {job.order}: {row['ns']:.4g} ns per {job.per}; OpenSubdiv {best:.4g}")
     return row
 
 
