@@ -321,10 +321,14 @@ def small_calls(surface: ls.LimitSurface, queries: Queries) -> Iterator[Job]:
     """The first thousand queries, one in a call and all in one; there each is a call of C++."""
     places = list(zip(*(x[:1000].tolist() for x in queries), strict=True))
     thousand = tuple(x[:1000] for x in queries)
+
+    def normals(*place: Any) -> Any:
+        return surface.evaluate(*place), surface.normal(*place)
+
     orders: dict[str, Callable[..., Any]] = {
         "P": surface.evaluate,
         "+d1": partial(surface.jet, order=1),
-        "normal": surface.normal,
+        "normal": normals,
     }
     for order, method in orders.items():
 
