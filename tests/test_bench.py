@@ -33,7 +33,7 @@ def test_every_job_runs_and_is_reported(tmp_path: Path) -> None:
         "loop",
         "catmull-clark",
     ]
-    assert pole["irregular limit faces"] == 5
+    assert pole["irregular limit faces"] == 15
     assert prism["irregular limit faces"] == 21
     assert {"per face", "peak of all jobs"} <= torus["bytes of memory"].keys()
     jobs = {(row["job"], row["order"]) for row in torus["rows"]}

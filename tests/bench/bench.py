@@ -491,7 +491,7 @@ def timed(job: Job, options: Options, peer: Peer | None) -> dict[str, Any]:
             else:
                 times.add(*found)
     shown = "wall" if job.clock is time.perf_counter else "cpu"
-    row = {"job": job.name, "order": job.order, "per": job.per, "items": job.items}
+    row: dict[str, Any] = {"job": job.name, "order": job.order, "per": job.per, "items": job.items}
     row |= ours.figures(job.items, shown)
     row["opensubdiv"] = {way: times.figures(job.items) for way, times in theirs.items()}
     best = min((x["ns"] for x in row["opensubdiv"].values()), default=np.nan)
