@@ -34,7 +34,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -49,6 +49,7 @@ from limitsurf import _kernels
 
 CAGES = ["310", "987", "loop:220", "pole:100", "pole:1000", "prism:100", "prism:1000"]
 HEAVY = {"grid", "weights,", "uv,", "set-up", "refined"}  # before which room is made
+LARGE = 300_000  # faces of cages for which it is
 Array = NDArray[Any]
 Queries = tuple[Array, Array, Array]  # limit face, u, v
 
@@ -470,13 +471,14 @@ def seconds(run: Callable[[], Any], runs: int) -> Times:
 def timed(job: Job, options: Options, peer: Peer | None) -> dict[str, Any]:
     """Both sides in turn: a round that warms up, and others until there are enough of them.
 
-    What takes OpenSubdiv long it does but once.
+    What takes OpenSubdiv long it does but once, and so do both if it takes very long.
     """
     start = time.perf_counter()
     ours, theirs = Times(), {way: Times() for way in (job.ways if peer else ())}
     warms = options.runs > 1  # in the first round, which does not count
     for round_ in range(options.runs + warms):
-        if round_ > warms and time.perf_counter() - start > options.seconds:
+        passed = time.perf_counter() - start
+        if passed > options.seconds * (1 if round_ > warms else 10):
             break
         took = seconds(job.run, 1)
         ours = took if round_ == warms else ours.add(took.cpu[0], took.wall[0])
@@ -684,6 +686,9 @@ def machine() -> dict[str, Any]:
 def measured(word: str, options: Options) -> dict[str, Any]:
     """All figures of a cage; in a new process, for the sake of its memory."""
     pin()
+    if word.startswith(("pole:", "prism:")):
+        few = {"queries": min(options.queries, 20_000), "samples": min(options.samples, 2_000)}
+        options = replace(options, **few)
     with_channel = cage(word)
     mesh = bare(with_channel)
     say(f"{word}: {mesh.n_faces} faces")
@@ -738,7 +743,8 @@ def measured(word: str, options: Options) -> dict[str, Any]:
         for job in jobs():
             if not job.name.startswith(options.only or ""):
                 continue
-            if peer and family != (family := job.name.split()[0]) and family in HEAVY:
+            changed = family != (family := job.name.split()[0])
+            if peer and changed and family in HEAVY and mesh.n_faces > LARGE:
                 peer.ask("drop")
             rows.append(timed(job, options, peer))
     memory["peak of all jobs"] = peak()
@@ -759,7 +765,7 @@ def measured(word: str, options: Options) -> dict[str, Any]:
 @click.option("--levels", default=2, show_default=True, help="Of refinement, at most.")
 @click.option("--max-faces", default=20_000_000, show_default=True, help="Of refined meshes.")
 @click.option("--runs", default=5, show_default=True, help="Rounds of a job, at most.")
-@click.option("--seconds", default=2.0, show_default=True, help="After which no round begins.")
+@click.option("--seconds", default=1.0, show_default=True, help="After which no round begins.")
 @click.option("--only", multiple=True, help="Jobs whose name begins so; may be repeated.")
 @click.option("--first-use/--no-first-use", default=True, show_default=True, help="Of processes.")
 @click.option(
