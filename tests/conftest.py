@@ -107,8 +107,9 @@ class Alike:
         """Have kernels, or NumPy, answer everything from now on."""
 
         def choose(kernels: bool) -> None:
-            monkeypatch.setattr(_kernels, "_pays", lambda *_: kernels and _kernels.load())
-            monkeypatch.setattr(_kernels, "available", set())
+            loaded = kernels and _kernels.load()
+            monkeypatch.setattr(_kernels, "_pays", lambda *_: loaded)
+            monkeypatch.setattr(_kernels, "available", set(_kernels.KINDS if loaded else ()))
 
         return choose
 

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,41 +19,82 @@ def run(script: str, words: str) -> str:
     return said
 
 
+SMALL = "--queries 100 --samples 10 --grid-faces 2 --levels 1 --runs 1 --no-first-use"
+
+
 @pytest.mark.long
 def test_every_job_runs_and_is_reported(tmp_path: Path) -> None:
-    small = "--queries 100 --samples 10 --grid-faces 2 --levels 1 --runs 1"
-    printed = run("bench.py", f"16 {small}")
+    printed = run("bench.py", f"16 loop:8 pole:5 prism:7 {SMALL}")
     figures = json.loads(printed)
     assert {"processor", "cores", "python", "numpy", "numba"} <= figures["machine"].keys()
-    assert figures["cold start, seconds"].keys() == {"from import", "whole process"}
-    (cage,) = figures["cages"]
-    assert cage["faces"] == 260
-    assert cage["irregular limit faces"] == 13
-    assert {"per face", "peak of all jobs"} <= cage["bytes of memory"].keys()
-    jobs = {(row["job"], row["order"]) for row in cage["rows"]}
+    torus, loop, pole, prism = figures["cages"]
+    assert [cage["faces"] for cage in figures["cages"]] == [260, 128, 15, 9]
+    assert torus["irregular limit faces"] == 13
+    assert [cage["scheme"] for cage in (torus, loop, pole)] == [
+        "catmull-clark",
+        "loop",
+        "catmull-clark",
+    ]
+    assert pole["irregular limit faces"] == 15
+    assert prism["irregular limit faces"] == 21
+    assert {"per face", "peak of all jobs"} <= torus["bytes of memory"].keys()
+    jobs = {(row["job"], row["order"]) for row in torus["rows"]}
     kinds = ("random", "sorted", "irregular random", "irregular sorted")
     assert {(kind, order) for kind in kinds for order in ("P", "+d1", "+d2")} <= jobs
-    single = {"set-up", "new points", "refined L1", "refined L1, operator", "refined L1, points"}
-    assert {(job, "") for job in single} <= jobs
-    assert {("grid 8 x 8", "normal"), ("random, workers=2", "+d1")} <= jobs
+    after = ("", " with uv", ", operator", ", points", ", limit points")
+    single = {"set-up", "new points", "set-up with uv", *(f"refined L1{name}" for name in after)}
+    assert {(job, "") for job in (*single, "tangents", "curvature")} <= jobs
+    calls = ("one query in a call", "1,000 in a call")
+    assert {(job, order) for job in calls for order in ("P", "+d1", "normal")} <= jobs
+    assert {("grid 8 x 8", "normal"), ("random, workers=2", "+d1"), ("uv, random", "+d1")} <= jobs
     assert {("u = v = 0.3", "+d1"), ("u = v = 1e-300", "+d1")} <= jobs
-    for row in cage["rows"]:
-        assert row["ns"] > 0
-        assert row.get("numpy_ns", 1) > 0
+    for row in (row for cage in figures["cages"] for row in cage["rows"]):
+        assert 0 < row["ns"] <= row["median"]
     found = tmp_path / "bench.json"
     found.write_text(printed)
     table = run("report.py", str(found))
     assert "16: 260 faces" in table
-    assert "| random queries: positions | - (" in table
     assert figures["machine"]["processor"] in table
 
 
 def test_jobs_can_be_chosen() -> None:
-    words = "8 --queries 100 --only set-up --only random --no-numpy --runs 1"
+    words = f"8 {SMALL} --only set-up --only random"
     (cage,) = json.loads(run("bench.py", words))["cages"]
-    names = {row["job"] for row in cage["rows"]}
-    assert names == {"set-up", "random", "random, workers=1", "random, workers=2"}
-    assert not any("numpy_ns" in row for row in cage["rows"])
+    names = {row["job"].split(",")[0] for row in cage["rows"]}
+    assert names == {"set-up", "set-up with uv", "random"}
+
+
+def test_losses_are_shown_and_the_lower_ratio_is_told(tmp_path: Path) -> None:
+    times = {"random": (10.0, 20.0), "sorted": (10.0, 5.0)}
+    files = []
+    for number, factor in enumerate((1, 2)):
+        rows: list[dict[str, Any]] = [
+            {"job": job, "order": "P", "per": "query", "ns": factor * ours, "median": factor * ours}
+            | {"opensubdiv": {"a": {"ns": theirs, "median": theirs}, "b": {"ns": 99, "median": 99}}}
+            for job, (ours, theirs) in times.items()
+        ]
+        cage = {"cage": "310", "scheme": "catmull-clark", "faces": 7, "rows": rows}
+        figures = {
+            "machine": dict.fromkeys(
+                ["processor", "cores", "python", "numpy", "numba", "date"], "x"
+            ),
+            "cages": [cage | {"bytes of memory": {"per face": 1.0}}],
+        }
+        figures["machine"]["load"] = 0.0
+        files.append(tmp_path / f"{number}.json")
+        files[-1].write_text(json.dumps(figures))
+    table = run("report.py", " ".join(map(str, files)))
+    assert "| random: positions | 1.0 to 2.0 (10 ns : 20 ns) |" in table
+    assert "| sorted: positions | **0.25 to 0.5** (10 ns : 5 ns) |" in table
+    assert "limitsurf is ahead in 0 and OpenSubdiv in 1" in table
+
+
+@pytest.mark.parametrize("page", ["README.md", "notebooks/site/speed.md"])
+def test_pages_have_room_for_what_is_made(page: str) -> None:
+    text = (BENCH.parents[1] / page).read_text("utf-8")
+    marks = "<!-- made by tests/bench/report.py -->", "<!-- end of what is made -->"
+    assert [text.count(mark) for mark in marks] == [1, 1]
+    assert marks[0] in (BENCH / "report.py").read_text("utf-8")
 
 
 def test_errors_are_measured() -> None:

@@ -10,7 +10,6 @@ import zoo
 import zoo_triangles
 
 import limitsurf as ls
-from limitsurf import _kernels
 
 FLAT = 1e-12  # what rounding bends a flat cage of size 1
 PLACES = [(0.3, 0.6), (2.0**-9, 2.0**-10), (0.0, 2.0**-40), (2.0**-160, 0.75 * 2.0**-160)]
@@ -106,7 +105,7 @@ def test_a_flat_cage_keeps_what_bends_it(valence, height):
 
 # two triangles on three points are flat, and folded: next to the fold rounding alone bends them
 @pytest.mark.parametrize("name", sorted(set(CAGES) - {"pillow_of_triangles", "mixed_pillow"}))
-def test_kernels_give_the_same(name, monkeypatch):
+def test_kernels_give_the_same(name, use):
     points, faces, tags = CAGES[name]()
     surface = ls.LimitSurface(ls.Mesh(zoo.random_points(len(points), 4), faces, **tags))
     rng = np.random.default_rng(2)
@@ -117,7 +116,7 @@ def test_kernels_give_the_same(name, monkeypatch):
     along, across = surface.tangents(face, u, v)
     sine = np.linalg.norm(np.cross(along, across), axis=1)
     directions = along, across
-    monkeypatch.setattr(_kernels, "_always", True)
+    use(True)
     for workers in (1, 2):
         for a, b in zip(directions, surface.tangents(face, u, v, workers=workers), strict=True):
             np.testing.assert_allclose(b, a, rtol=0, atol=1e-12)
@@ -246,14 +245,14 @@ def test_dask_arrays():
 
 
 @pytest.mark.parametrize("repeat", [False, True])
-def test_a_flat_cage_beside_a_collapsed_edge(repeat, monkeypatch):
+def test_a_flat_cage_beside_a_collapsed_edge(repeat, use):
     """What is exactly flat is 0, or nothing where errors outweigh it; never noise."""
     points, faces = zoo.ball(8, 5, repeat)
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     flat = points * [1, 1, 0] @ turn + [1, 2, 3]
     surface, v = ls.LimitSurface(ls.Mesh(flat, faces)), np.linspace(0, 1, 9)
     for compiled in (False, True):
-        monkeypatch.setattr(_kernels, "_always", compiled)
+        use(compiled)
         for u in (1e-300, 1e-12, 1e-8, 1e-6, 1e-3, 0.1, 0.3, 0.9):
             found = surface.curvature(0, u, v)
             for k in (found.k1, found.k2, found.mean):

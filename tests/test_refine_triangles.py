@@ -14,7 +14,7 @@ import zoo_triangles
 from oracles_creases import Cage
 
 import limitsurf as ls
-from limitsurf import _kernels, tables
+from limitsurf import tables
 from limitsurf.cage.checks import MeshError
 from limitsurf.cage.mesh import Mesh
 from limitsurf.scheme.loop import LOOP
@@ -53,11 +53,11 @@ def sides(mesh):
 
 @pytest.mark.parametrize("name", list(CAGES)[::3])
 @pytest.mark.filterwarnings("ignore:scheme 'loop' converges")
-def test_kernels_do_the_same(name, monkeypatch):
+def test_kernels_do_the_same(name, use):
     """Points, operator and limits, to rounding."""
     found = []
     for kernels in (False, True):
-        monkeypatch.setattr(_kernels, "_always", kernels)
+        use(kernels)
         mesh = given(name)[0]
         fine, R = ls.refined(mesh, 2, operator=True)
         cage = ls.refined(mesh, 0)
@@ -92,15 +92,15 @@ def test_refined_is_naively_refined(name):
 
 @over_the_cages
 @pytest.mark.parametrize("kernels", [False, True])
-def test_children_are_connected_as_if_they_were_new(name, kernels, monkeypatch):
+def test_children_are_connected_as_if_they_were_new(name, kernels, use):
     """Also in copies; edges between the same vertices are known by inheritance alone."""
-    monkeypatch.setattr(_kernels, "_always", kernels)
+    use(kernels)
     fine = ls.refined(given(name)[0], 2)
     assert (fine.edges[fine.corner_edge] == np.sort(sides(fine), axis=1)).all()
     paired = np.flatnonzero(fine.twin >= 0)
     assert (sides(fine)[fine.twin[paired]] == sides(fine)[paired, ::-1]).all()
     alike = [pickle.loads(pickle.dumps(fine)), copy.deepcopy(fine), fine.with_points(fine.points)]
-    monkeypatch.setattr(_kernels, "_always", not kernels)
+    use(not kernels)
     alike.append(ls.refined(given(name)[0], 2))
     if not fine.connectivity.parallel:
         alike.append(Mesh(fine.points, fine.indices.reshape(-1, 3)))

@@ -7,7 +7,7 @@ import oracles_creases
 import pytest
 
 import limitsurf as ls
-from limitsurf import _kernels, rings, tables
+from limitsurf import rings, tables
 from limitsurf.numbers import FLOAT64, RATIONAL
 
 KINDS = ("interior", "cone", "crease", "corner", "dart")
@@ -143,7 +143,7 @@ def test_outer_points_are_forgotten_only_where_rings_are_larger(monkeypatch):
     whole = ls.LimitSurface(mesh)
     for nu, x in zip(ORDERS, found, strict=False):
         assert np.allclose(whole.evaluate(*query, nu=nu), x, rtol=1e-13, atol=0)
-    monkeypatch.undo()
+    use(False)
     # a ring of coinciding points: what there is comes from the outer points alone
     points = mesh.points.copy()
     points[: 1 + 2 * MANY] = points[0]
@@ -217,19 +217,19 @@ def test_limits_of_refined_meshes():
         assert np.isnan(normal).all() == (kind not in ("interior", "dart"))
 
 
-def test_rows_of_mixed_cages(monkeypatch):
+def test_rows_of_mixed_cages(use):
     mesh = around("interior", MANY)
     face = np.arange(mesh.n_faces)
     u, v = np.random.default_rng(0).random((2, len(face)))
     u[3] = np.nan
     surface = ls.LimitSurface(mesh)
     wanted = surface.weights(face, u, v, nu=(1, 0))
-    monkeypatch.setattr(_kernels, "_PAYS", 1)
+    use(True)
     found = surface.weights(face, u, v, nu=(1, 0))
     assert found.shape == wanted.shape
     assert np.allclose(found.toarray(), wanted.toarray(), atol=1e-13, equal_nan=True)
     answer = surface.evaluate(face, u, v)
-    monkeypatch.undo()
+    use(False)
     assert np.allclose(answer, surface.evaluate(face, u, v), atol=1e-14, equal_nan=True)
     with pytest.raises(IndexError, match="out of range"):
         surface.weights(len(face), 0.5, 0.5)

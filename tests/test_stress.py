@@ -14,7 +14,6 @@ import pytest
 import zoo
 
 import limitsurf as ls
-from limitsurf import _kernels
 from limitsurf.engine.packing import CHUNK
 
 THREADS = 8
@@ -22,11 +21,9 @@ both_ways = pytest.mark.parametrize("kernels", [True, False], ids=["compiled", "
 
 
 @pytest.fixture(autouse=True)
-def _kernels_or_numpy(request, monkeypatch):
+def _kernels_or_numpy(request, use):
     """Compiled kernels for calls of any size, or none, as the test says; else the former."""
-    kernels = "kernels" not in request.fixturenames or request.getfixturevalue("kernels")
-    monkeypatch.setattr(_kernels, "_PAYS", 10**18)
-    monkeypatch.setattr(_kernels, "_always", kernels)
+    use("kernels" not in request.fixturenames or request.getfixturevalue("kernels"))
 
 
 def cage(name="holes"):
@@ -158,7 +155,7 @@ def check(expected, workers):
     found = result(surface, query, workers)
     return all(np.array_equal(x, y) for x, y in zip(found, expected))
 
-_kernels.always()
+ls.precompile()
 points = np.random.default_rng(0).random((8, 3))
 quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 surface = ls.LimitSurface(ls.Mesh(points, quads))
