@@ -143,7 +143,7 @@ def test_outer_points_are_forgotten_only_where_rings_are_larger(monkeypatch):
     whole = ls.LimitSurface(mesh)
     for nu, x in zip(ORDERS, found, strict=False):
         assert np.allclose(whole.evaluate(*query, nu=nu), x, rtol=1e-13, atol=0)
-    use(False)
+    monkeypatch.undo()
     # a ring of coinciding points: what there is comes from the outer points alone
     points = mesh.points.copy()
     points[: 1 + 2 * MANY] = points[0]

@@ -60,7 +60,7 @@ def of_engine(mesh: ls.Mesh, engine: Any, sizes: tuple[int, ...], runs: int) -> 
         for where, face in places.items():
             rows.append([name, f"1, {where}", best(partial(call, face, 0.3, 0.4), runs)])
         for n in sizes:
-            at = bench.draw(np.arange(len(surface.limit_faces)), n, seed=n)
+            at = bench.draw(mesh, np.arange(len(surface.limit_faces)), n, seed=n)
             rows.append([name, str(n), best(partial(call, *at), runs)])
         asked, made = f"{sizes[-1]}, out=", call(*at)
         rows.append([name, asked, best(partial(call, *at, out=made), runs)])
