@@ -54,7 +54,8 @@ Array = NDArray[Any]
 
 _BLOCK = 256  # queries that are located before any is answered
 _AHEAD = 4  # queries that memory is asked for ahead of time
-_FIRST_ORDER = np.array([1, 2])  # in the order of `LimitSurface.jet`
+_TERMS = np.arange(6)  # in the order of `LimitSurface.jet`
+_FIRST_ORDER = _TERMS[1:3].copy()
 _FLAT = 1e-6  # curvature times size, as in `reference.honest`
 # Part of a result that bounds of its errors are to stay below in two cases. The first coefficient
 # that bends a form may be errors alone, which the reference leaves out: at most this is what that
@@ -230,7 +231,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
     near = differences(size, own_point)
     located, turned, place_around = shape.located, shape.turned, shape.place_around
     spline, patch_weights, write = shape.spline, shape.patch_weights, shape.write
-    sizes_of_weights, spline_row = shape.sizes_of_weights, shape.spline_row
+    sizes_of_weights, spline_rows = shape.sizes_of_weights, shape.spline_rows
     eigenfunctions, bent_spline = shape.eigenfunctions, shape.bent_spline
 
     @inlined
@@ -431,7 +432,8 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         own, first = base + np.int64(numbers[at + own_point]), (code & ROW) * size
         plain = code & ~(TURNS << TURN)
         for term in range(1, 6):
-            spline_row(plain, 0, s, t, term, 1 + term // 3, patches, room.weights, weights)
+            one = _TERMS[term : term + 1]
+            spline_rows(plain, 0, s, t, 2, one, patches, room.weights, weights)
             for c in range(3):
                 total = 0.0
                 for j in range(size):
@@ -439,7 +441,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
                     extra = np.int64(patches.ids[first + j]) - len(points.high)
                     if extra >= 0:
                         x += rounding[extra, c]
-                    total += abs(weights[j]) * x
+                    total += abs(weights[0, 0, j]) * x
                 errors[LANES * term + c] = NOISE * factor * total
 
     @inlined
@@ -448,7 +450,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         out: Array, room: Room, mine: Array,
     ) -> bool:  # fmt: skip
         code, place, found, weights = room.codes[k], room.places[k], room.found, room.weights
-        errors, bent, s, t = mine[0], mine[1], room.s[k], room.t[k]
+        errors, bent, s, t = mine[0, 0], mine[1, 0], room.s[k], room.t[k]
         patch_weights(code, s, t, 2, patches, weights)
         grid, numbers, at, base, _ = _controls(code, place, 0, patches, tables, points, room)
         bent_spline(grid, numbers, at, base, weights, found)
@@ -477,7 +479,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         if not size_of_form > bent[_DOUBT]:
             if not size_of_form < np.inf:
                 return False
-            _thorough(code, s, t, factor, patches, tables, points, rounding, room, errors, mine[2])
+            _thorough(code, s, t, factor, patches, tables, points, rounding, room, errors, mine[2:])
             _form(found, errors, 1.0, bent)
             if not size_of_form > bent[_DOUBT]:
                 value = 0.0 if bent[_DOUBT] * (extent * factor) <= _FLAT else np.nan
@@ -499,7 +501,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         so that they have no third coordinate, whose power of an eigenvalue is another.
         """
         code, place, found, rows = room.codes[k], room.places[k], room.found, room.rows
-        errors, bent, modes, wide = mine[0], mine[1], points.modes, points.high.shape[1]
+        errors, bent, modes, wide = mine[0, 0], mine[1, 0], points.modes, points.high.shape[1]
         kind, level, n = code >> KIND, (place >> 2) - 1, tables.kinds[code >> KIND, ROWS]
         if tables.kinds[kind, MODES] < 0 or tables.kinds[kind, SIZE] < 3 or level < 0:
             return False
@@ -592,7 +594,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         """Curvatures k1, k2, mean and Gaussian, and directions d1 and d2, into out (Q, 10).
 
         rounding (extras, 3) bounds what rounding did to control points beyond the cage, times
-        1 / NOISE; mine (3, 6 `LANES`) is room. The others, and what is returned, are as for
+        1 / NOISE; mine (3, 1, 6 `LANES`) is room. The others, and what is returned, are as for
         `evaluator`.
         """
         left = 0

@@ -109,7 +109,7 @@ class Compiled:
         """See `Engine`."""
         values, inner = self._reference.values, self._topology.patches.n_vertices
         rounding, out = values.errors[inner:], np.empty((request.face.size, 10))
-        rest = self._shapes("curved", request, lambda: (rounding, np.empty((3, 24)), out))
+        rest = self._shapes("curved", request, lambda: (rounding, np.empty((3, 1, 24)), out))
         if len(rest):
             out[rest] = self._reference.curvatures(request.flat(rest))
         return out
