@@ -19,10 +19,13 @@ import numba
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.caching import NullCache
-from numba.core.compiler import CompileResult
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, CompileResult, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.compiler_machinery import register_pass
 from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
+from numba.core.typed_passes import NativeLowering
 from numba.core.types.containers import BaseTuple
 from numba.extending import intrinsic as _intrinsic
 
@@ -168,20 +171,69 @@ def _mark(kind: str) -> str:
     return f"{background.folder()}/{background.MARK}{kind}-{key}"
 
 
+class _Source(JITCodeLibrary):  # type: ignore[misc]
+    """Code that kernels hold: it is optimised as part of them, once, and never runs by itself."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def finalize(self) -> None:
+        for library in dict.fromkeys(self._linking_libraries):
+            self._reload_init.update(library._reload_init)
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        self._finalized = True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _Lowering(NativeLowering):  # type: ignore[misc]
+    """Lowering of what only kernels call: no machine code yet, nor a door for Python."""
+
+    _name = "lowering_of_parts"
+
+    def run_pass(self, state: Any) -> bool:
+        context, flags = state.targetctx, state.flags
+        state.library = _Source(context.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+        super().run_pass(state)
+        # by this callers know it; Python, which cannot call it, would get an error
+        lowered, name = state["cr"], [].index
+        context.insert_user_function(name, lowered.fndesc, [state.library])
+        state["cr"] = lowered._replace(cfunc=name)
+        return True
+
+
+class _Parts(CompilerBase):  # type: ignore[misc]
+    """The usual passes, but for the last."""
+
+    def define_pipelines(self) -> list[Any]:
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.passes = [
+            (_Lowering, "lowering of parts") if one is NativeLowering else (one, text)
+            for one, text in passes.passes
+        ]
+        passes.finalize()
+        return [passes]
+
+
+def _part(function: F, **options: Any) -> F:
+    return cast(F, numba.njit(pipeline_class=_Parts, **_LEAN | options)(function))
+
+
 def outlined(function: F) -> F:
     """Compile apart from the kernels that call it: in large loops, registers are scarce."""
-    return cast(F, numba.njit(**_LEAN)(function))
+    return _part(function)
 
 
 def inlined(function: F) -> F:
     """Compile as part of the kernels that call it: arrays are costly to hand over."""
-    return cast(F, numba.njit(forceinline=True, **_LEAN)(function))
+    return _part(function, forceinline=True)
 
 
 def unfused(function: F) -> F:
     """Compile as `inlined` does, but each operation is rounded by itself on all machines."""
-    options = _LEAN | {"fastmath": False}  # (without a word callers decide)
-    return cast(F, numba.njit(forceinline=True, **options)(function))
+    # (without a word callers decide)
+    return _part(function, forceinline=True, fastmath=False)
 
 
 # a fork while another thread compiles must not leave the lock held for ever in the child
