@@ -53,6 +53,10 @@ def exact_curvature(surface, face, u, v):
 CAGES = {name: lambda name=name: (*zoo.ZOO[name](), {}) for name in zoo.ZOO} | zoo.TAGGED
 
 
+# two faces on the same points are folded: next to the fold little but rounding may bend them
+FOLDED = {"pillow_of_triangles", "mixed_pillow"}
+
+
 def exact(points):
     return np.vectorize(Fraction, otypes=[object])(points)
 
@@ -75,9 +79,12 @@ def test_exact_derivatives_give_it(name):
             if np.isnan(k1):
                 continue
             size = max(abs(k1), abs(k2))
-            bound = 3e-12 * size / min(sine, 0.1) + FLAT
             gap = (k1 - k2) / (size + FLAT)
             for found in both:
+                bound = 3e-12 * size / min(sine, 0.1) + FLAT
+                if found is both[1] and name in FOLDED:
+                    # kernels answer if no entry of the form may be off by more than 2^-36 of it
+                    bound += 4 * 2.0**-36 * size
                 assert found.k1 == pytest.approx(k1, rel=0, abs=bound), (face, u, v)
                 assert found.k2 == pytest.approx(k2, rel=0, abs=bound), (face, u, v)
                 assert gap < 1e-3 or abs(abs(found.d1 @ d1) - 1) < bound / (gap**2 * size)
@@ -103,8 +110,7 @@ def test_a_flat_cage_keeps_what_bends_it(valence, height):
             assert [found.k1, found.k2] == pytest.approx([k1, k2], rel=0, abs=bound), (u, v)
 
 
-# two triangles on three points are flat, and folded: next to the fold rounding alone bends them
-@pytest.mark.parametrize("name", sorted(set(CAGES) - {"pillow_of_triangles", "mixed_pillow"}))
+@pytest.mark.parametrize("name", sorted(set(CAGES) - FOLDED))
 def test_kernels_give_the_same(name, use):
     points, faces, tags = CAGES[name]()
     surface = ls.LimitSurface(ls.Mesh(zoo.random_points(len(points), 4), faces, **tags))

@@ -36,8 +36,10 @@ def queries(surface, n=40, seed=0):
 
 
 def all_answers(surface, *query):
-    parts = [*surface.jet(*query).values(), surface.normal(*query), *surface.curvature(*query)]
-    return [*parts, *surface.tangents(*query), surface.weights(*query).toarray()]
+    bent = surface.curvature(*query)
+    directions = [d[..., None] * d[..., None, :] for d in (bent.d1, bent.d2)]  # whatever the sign
+    parts = [*surface.jet(*query).values(), surface.normal(*query), *bent[:2], *bent[4:]]
+    return [*parts, *directions, *surface.tangents(*query), surface.weights(*query).toarray()]
 
 
 @pytest.mark.parametrize("name", CAGES)

@@ -14,7 +14,7 @@ import oracles_loop
 import pytest
 import zoo_triangles
 from oracles_creases import Cage
-from test_kernels import EDGES, NEAR, TERMS
+from test_kernels import EDGES, NEAR, TERMS, alone
 
 import limitsurf as ls
 from limitsurf import _kernels
@@ -179,7 +179,7 @@ def test_weights_of_the_spline():
     found, rounded = np.empty(72, dtype=object), np.empty(72)
     for s, t in places:
         triangles.spline_weights.py_func(s, t, 2, found)  # type: ignore[attr-defined]
-        triangles.spline_weights(float(s), float(t), 2, rounded)
+        alone(triangles.spline_weights)(float(s), float(t), 2, rounded)
         for k, (i, j) in enumerate(TERMS):
             powers = [
                 math.perm(e, i) * math.perm(f, j) * s ** max(e - i, 0) * t ** max(f - j, 0)
@@ -200,7 +200,7 @@ def test_orientations():
         s, t = 0.25, 0.625
         sides = [s, t, 0.125]
         place = sides[orientation % 3], sides[(orientation + 1) % 3]
-        assert triangles.turned(s, t, orientation) == place
+        assert alone(triangles.turned)(s, t, orientation) == place
     taken = [[piece.place(near) for near in TRIANGLES.template] for piece in TRIANGLES.pieces]
     places = sorted({place for piece in taken for place in piece})
     assert len(places) == triangles.REFINED
@@ -217,7 +217,7 @@ def test_places_around_corners():
         ups = [np.full(len(s), up) for up in against]
         twins = zip(*reference.split_flipped_corner(s, t, *ups), strict=True)
         for x, y, twin in zip(s.tolist(), t.tolist(), twins, strict=True):
-            assert triangles.place_around(x, y, orientation) == tuple(twin)
+            assert alone(triangles.place_around)(x, y, orientation) == tuple(twin)
 
 
 def test_locating():
@@ -231,7 +231,7 @@ def test_locating():
     for face in range(patches.n_limit_faces):
         twins = zip(*patches.locate(np.full(len(u), face), u, v), strict=True)
         for x, y, (patch, s, t, depth, flipped) in zip(u.tolist(), v.tolist(), twins, strict=True):
-            code, *found, fine = triangles.located(face, x, y, known)
+            code, *found, fine = alone(triangles.located)(face, x, y, known)
             assert fine
             assert found == [depth, s, t]
             assert code & evaluation.ROW == patches.row[patch]

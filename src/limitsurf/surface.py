@@ -772,7 +772,7 @@ class LimitSurface:
 def _orders(nu: Any) -> tuple[bool, list[Order]]:
     """One order or a sequence of them: whether it is one, and them."""
     sequences = tuple, list, np.ndarray
-    if isinstance(nu, sequences) and len(nu) and all(isinstance(one, sequences) for one in nu):
+    if isinstance(nu, sequences) and all(isinstance(one, sequences) for one in nu):
         return True, list(map(_order, nu))
     return False, [_order(nu)]
 

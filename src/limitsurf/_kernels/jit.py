@@ -197,7 +197,8 @@ class _Lowering(NativeLowering):  # type: ignore[misc]
         flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
         super().run_pass(state)
         # by this callers know it; Python, which cannot call it, would get an error
-        lowered, name = state["cr"], [].index
+        unique: list[Any] = []
+        lowered, name = state["cr"], unique.index
         context.insert_user_function(name, lowered.fndesc, [state.library])
         state["cr"] = lowered._replace(cfunc=name)
         return True

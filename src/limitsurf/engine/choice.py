@@ -153,6 +153,8 @@ class _Portions:
         """See `Engine`."""
         parts = [engine.weights(some, orders) for engine, some, _ in self._portions(request)]
         found = list(map(stacked, map(list, zip(*parts, strict=True))))
+        if not found:
+            return found
         one = found[0]
         return sharing(one.indptr, one.indices, [x.data for x in found], one.shape)
 
