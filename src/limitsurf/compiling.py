@@ -6,7 +6,6 @@ import errno
 import os
 import signal
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,9 @@ from limitsurf import _kernels, disk_cache
 from limitsurf._kernels import background
 from limitsurf.cage.mesh import Mesh
 from limitsurf.refine import refined
+from limitsurf.scheme.scheme import Scheme
 from limitsurf.surface import LimitSurface
+from limitsurf.tables import SCHEMES
 
 
 def precompile() -> None:
@@ -66,42 +67,30 @@ def compile_kinds(kinds: tuple[str, ...]) -> None:
 
     for kind in kinds:
         with _kernels.chosen("compiled"):
-            _CALLS[kind]()
+            for scheme in SCHEMES.values():
+                if kind == _kernels.KINDS[0]:
+                    _use_meshes(scheme)
+                elif kind == _kernels.shape(scheme.spline.directions):
+                    _evaluate(scheme)
         jit.mark(kind)
         _kernels.available.add(kind)
 
 
-def _meshes() -> None:
-    """Everything that is done with meshes, quads or others, on triangles or not."""
-    for scheme, mesh in (("catmull-clark", _box()), ("catmull-clark", _open()), ("loop", _solid())):
+def _use_meshes(scheme: Scheme) -> None:
+    """Everything that is done with meshes, of faces of one size or of several."""
+    for mesh in _samples(scheme):
         uv = mesh.points[:, :2], mesh.indices, "boundaries"
         mesh = Mesh(mesh.points, mesh.faces, creases=mesh.creases, channels={"uv": uv})
         fine, _ = refined(mesh, 2, operator=True, scheme=scheme)
         for found in (fine, refined(fine)):
             found.limit_points, found.limit_normals, found.edges  # noqa: B018
-        surface = LimitSurface(mesh, scheme=scheme, engine="compiled")
-        surface.of_channel("uv")
+        LimitSurface(mesh, scheme=scheme, engine="compiled").of_channel("uv")
 
 
-def _quads() -> None:
-    """Evaluation on quads."""
-    _evaluate(_box(), "catmull-clark")
-
-
-def _triangles() -> None:
-    """Evaluation on triangles."""
-    _evaluate(_solid(), "loop")
-
-
-_CALLS: dict[str, Callable[[], None]] = {
-    "meshes": _meshes,
-    "quads": _quads,
-    "triangles": _triangles,
-}
-
-
-def _evaluate(mesh: Mesh, scheme: str) -> None:
-    surface = LimitSurface(refined(mesh, scheme=scheme), scheme=scheme, engine="compiled")
+def _evaluate(scheme: Scheme) -> None:
+    """Evaluation, by whatever kernels there are."""
+    mesh = refined(_samples(scheme)[0], scheme=scheme)
+    surface = LimitSurface(mesh, scheme=scheme, engine="compiled")
     face = np.arange(len(surface.limit_faces))
     u = np.linspace(0, 0.5, 5)
     for places in (0.25, u):
@@ -112,23 +101,17 @@ def _evaluate(mesh: Mesh, scheme: str) -> None:
     surface.weights(face, 0.25, 0.25)
 
 
-def _box() -> Mesh:
+def _samples(scheme: Scheme) -> list[Mesh]:
+    """Cages with a crease: a closed one, and an open one with other faces if there may be any."""
+    if scheme.lattice.face_size == 3:
+        octahedron = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+        faces = [[a, b, 4] for a, b in ((0, 2), (2, 1), (1, 3), (3, 0))]
+        faces += [[b, a, 5] for a, b, _ in faces]
+        return [Mesh(octahedron.astype(float), faces, creases={(0, 2): 1.5})]
     points = [[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)]
-    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    return Mesh(points, quads, creases={(0, 1): 1.5})
-
-
-def _open() -> Mesh:
-    """Without a face, and with one of another size."""
-    box = _box()
-    faces = [*box.faces.tolist()[:4], [0, 2, 6], [0, 6, 4]]
-    return Mesh(box.points, faces, creases={(0, 1): 1.5})
-
-
-def _solid() -> Mesh:
-    points = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
-    faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
-    return Mesh(np.array(points, dtype=float), faces, creases={(0, 2): 1.5})
+    cube = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    cut = [*cube[:4], [0, 2, 6], [0, 6, 4]]
+    return [Mesh(points, faces, creases={(0, 1): 1.5}) for faces in (cube, cut)]
 
 
 def main() -> None:
