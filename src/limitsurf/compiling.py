@@ -13,6 +13,10 @@ import numpy as np
 from limitsurf import _kernels, disk_cache
 from limitsurf._kernels import background
 from limitsurf.cage.mesh import Mesh
+from limitsurf.engine.choice import Answers
+from limitsurf.engine.protocol import JET, Request
+from limitsurf.engine.topology import Topology
+from limitsurf.options import Rules
 from limitsurf.refine import refined
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.surface import LimitSurface
@@ -66,39 +70,45 @@ def compile_kinds(kinds: tuple[str, ...]) -> None:
     from limitsurf._kernels import jit
 
     for kind in kinds:
-        with _kernels.chosen("compiled"):
-            for scheme in SCHEMES.values():
-                if kind == _kernels.KINDS[0]:
-                    _use_meshes(scheme)
-                elif kind == _kernels.shape(scheme.spline.directions):
-                    _evaluate(scheme)
+        for scheme in SCHEMES.values():
+            shape = _kernels.shape(scheme.spline.directions)
+            if kind == _kernels.MESHES:
+                _use_meshes(scheme)
+            elif shape and kind.startswith(shape):
+                _evaluate(scheme, kind.removeprefix(shape))
         jit.mark(kind)
         _kernels.available.add(kind)
 
 
 def _use_meshes(scheme: Scheme) -> None:
     """Everything that is done with meshes, of faces of one size or of several."""
-    for mesh in _samples(scheme):
-        uv = mesh.points[:, :2], mesh.indices, "boundaries"
-        mesh = Mesh(mesh.points, mesh.faces, creases=mesh.creases, channels={"uv": uv})
-        fine, _ = refined(mesh, 2, operator=True, scheme=scheme)
-        for found in (fine, refined(fine)):
-            found.limit_points, found.limit_normals, found.edges  # noqa: B018
-        LimitSurface(mesh, scheme=scheme, engine="compiled").of_channel("uv")
+    with _kernels.chosen("compiled"):
+        for mesh in _samples(scheme):
+            uv = mesh.points[:, :2], mesh.indices, "boundaries"
+            mesh = Mesh(mesh.points, mesh.faces, creases=mesh.creases, channels={"uv": uv})
+            fine, _ = refined(mesh, 2, operator=True, scheme=scheme)
+            for found in (fine, refined(fine)):
+                found.limit_points, found.limit_normals, found.edges  # noqa: B018
+            LimitSurface(mesh, scheme=scheme, engine="compiled").of_channel("uv")
 
 
-def _evaluate(scheme: Scheme) -> None:
-    """Evaluation, by whatever kernels there are."""
-    mesh = refined(_samples(scheme)[0], scheme=scheme)
-    surface = LimitSurface(mesh, scheme=scheme, engine="compiled")
-    face = np.arange(len(surface.limit_faces))
-    u = np.linspace(0, 0.5, 5)
-    for places in (0.25, u):
-        surface.jet(face[:, None], places, places)
-        surface.normal(face[:, None], places, places)
-    surface.tangents(face, 0.25, 0.25)
-    surface.curvature(face, 0.25, 0.25)
-    surface.weights(face, 0.25, 0.25)
+def _evaluate(scheme: Scheme, part: str) -> None:
+    """A part of evaluation by kernels, of a mesh that needs none."""
+    with _kernels.chosen("reference"):
+        mesh = refined(_samples(scheme)[0], scheme=scheme)
+    topology = Topology(mesh, Rules.resolve(mesh, scheme), "reference")
+    kernels = Answers(topology, mesh, "compiled").compiled
+    face = np.arange(len(topology.limit_faces))[:, None]
+    for places in (0.25, np.linspace(0, 0.5, 5)):
+        request = Request.of(face, places, places, exact=False, workers=1)
+        if part == _kernels.WEIGHTS:
+            kernels.weights(request, JET)
+        elif part == _kernels.CURVATURE:
+            kernels.tangents(request, 3)
+            kernels.curvatures(request)
+        else:
+            kernels.derivatives(request, JET)
+            kernels.normals(request)
 
 
 def _samples(scheme: Scheme) -> list[Mesh]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import lazy, numbers
+from limitsurf import _kernels, lazy, numbers
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles
 from limitsurf.channels import ChannelMesh
@@ -743,7 +743,8 @@ class LimitSurface:
             return rows if several else rows[0]
         if channel is None:
             request = Request.of(face, u, v, self._exact, workers)
-            found = self._answers.engine(request, orders, True).weights(request, orders)
+            engine = self._answers.engine(request, orders, _kernels.WEIGHTS)
+            found = engine.weights(request, orders)
         else:
             own, values = self.of_channel(channel), self.mesh.channels[channel]
             rows = own.weights(face, u, v, nu=orders, workers=workers)
@@ -761,7 +762,8 @@ class LimitSurface:
                 f"{what} needs square roots, which exact numbers do not have: give float64 ones, "
                 "with points of float64"
             )
-        return request, self._answers.engine(request)
+        part = "" if what == "normal" else _kernels.CURVATURE
+        return request, self._answers.engine(request, part=part)
 
     def _in_space(self, what: str) -> None:
         """Complain of points that are not of shape (n, 3)."""

@@ -23,7 +23,13 @@ from limitsurf._kernels import background
 from limitsurf._kernels.locks import preparing as preparing
 
 VARIABLE = "LIMITSURF_ENGINE"
-KINDS = ("meshes", "quads", "triangles")  # what kernels are for: connectivity, evaluation
+# what kernels are for, in the order in which they are compiled: meshes, and by the shape of faces
+# derivatives and normals, weights, and tangents and curvature
+MESHES, WEIGHTS, CURVATURE = "meshes", "-weights", "-curvature"
+KINDS = (
+    *("quads", MESHES, f"quads{WEIGHTS}", f"quads{CURVATURE}"),
+    *("triangles", f"triangles{WEIGHTS}", f"triangles{CURVATURE}"),
+)
 # kinds whose kernels answer whatever is asked; reading it is cheap enough for every query
 available: set[str] = set()
 
@@ -64,7 +70,7 @@ def compiled(corners: int, passes: float = 1) -> bool:
         return False
     if choice == "compiled":
         return load()
-    return answer("meshes", corners * passes * _CORNER)
+    return answer(MESHES, corners * passes * _CORNER)
 
 
 @contextmanager

@@ -98,10 +98,10 @@ class Answers:
             return [engine.normals(request)]
         return engine.derivatives(request, orders)
 
-    def engine(
-        self, request: Request, orders: Sequence[Order] = (), weights: bool = False
-    ) -> Engine:
+    def engine(self, request: Request, orders: Sequence[Order] = (), part: str = "") -> Engine:
         """Who answers a request for derivatives of these orders or their weights, or what else.
+
+        `part` is "" for derivatives and normals, else `WEIGHTS` or `CURVATURE` of the kernels.
 
         Kernels where they can, unless "reference" is chosen. If neither is, they do so as soon as
         they are loaded, and NumPy until then.
@@ -111,12 +111,13 @@ class Answers:
         choice, shape = self._choice, self.topology.shape
         if choice == "reference" or shape is None:
             return self.reference
-        if choice == "auto" and shape not in _kernels.available:
+        weights = part == _kernels.WEIGHTS
+        if choice == "auto" and (kind := shape + part) not in _kernels.available:
             size, kinds = request.face.size, len(self.topology.patches.controls)
             seconds = _CALL + _KIND * min(size, kinds) + _QUERY * size * (1 + (len(orders) or 3))
-            if not _kernels.answer(shape, seconds):
+            if not _kernels.answer(kind, seconds):
                 portions = size > _PORTION and self.compiled.knows(orders, weights)
-                return _Portions(self, orders, weights) if portions else self.reference
+                return _Portions(self, orders, part) if portions else self.reference
         return self.compiled if self.compiled.knows(orders, weights) else self.reference
 
 
@@ -126,8 +127,8 @@ class _Portions:
     The portions are accounted as well as the whole; what is decided by that does not need care.
     """
 
-    def __init__(self, answers: Answers, orders: Sequence[Order], weights: bool) -> None:
-        self._answers, self._asked = answers, (orders, weights)
+    def __init__(self, answers: Answers, orders: Sequence[Order], part: str) -> None:
+        self._answers, self._asked = answers, (orders, part)
 
     def derivatives(
         self, request: Request, orders: Sequence[Order], out: Sequence[Array] | None = None
