@@ -77,8 +77,9 @@ class Reference:
         """See `Engine`."""
         d = self.values.channels
         found = self._answers(request, [d, d, 1, 1], "directions", self.values)
+        shape = len(found[0]), d // max(width, 1), width
         along, across = (
-            kernels.unit(x.reshape(len(x), -1, width), noise[:, None]).reshape(x.shape)
+            kernels.unit(x.reshape(shape), noise[:, None]).reshape(x.shape)
             for x, noise in zip(found[:2], found[2:], strict=True)
         )
         return along, across
