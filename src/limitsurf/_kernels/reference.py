@@ -306,15 +306,6 @@ def unit_normals(along: Array, across: Array, noise: tuple[Array, Array]) -> Arr
     return unit(cross, UNIT * np.asarray(angle))
 
 
-def nearly_dependent(along: Array, across: Array) -> Array:
-    """Whether vectors (Q, 3) span an area below 1e-3 of the square of the longer one, (Q,)."""
-    size = np.maximum(np.abs(along).max(axis=1), np.abs(across).max(axis=1))[:, None]
-    with np.errstate(all="ignore"):
-        area = np.cross(along / size, across / size)
-    independent = (np.abs(area).max(axis=1) > 1e-3) | np.isnan(along[:, 0] + across[:, 0])
-    return np.asarray(~independent)
-
-
 def shape_operators(
     first: Array, second: Array, ratios: Array, errors: Array | None = None
 ) -> tuple[Array, Array, Array]:
