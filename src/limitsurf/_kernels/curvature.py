@@ -268,13 +268,9 @@ def shapers(shape: Any) -> tuple[Any, Any]:
 
     @inlined
     def _ask(
-        i: int, count: int, size: int, codes: Array, patches: Patches, tables: Tables,
-        points: Points,
-    ) -> None:  # fmt: skip
-        """Prefetch what queries some way beyond number i need, of patches of `size` points.
-
-        (Kernels are told apart in the cache by numbers that they close over, `size` among them.)
-        """
+        i: int, count: int, codes: Array, patches: Patches, tables: Tables, points: Points
+    ) -> None:
+        """Prefetch what queries some way beyond number i need."""
         for j in range(0 if i == 0 else i + 2 * _AHEAD, min(i + 2 * _AHEAD + 1, count)):
             code = codes[j]
             if code >= 0 and code >> KIND <= 1:
@@ -404,7 +400,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
             if not _locate(face, u, v, begin, count, patches, room):
                 return -1
             for k in range(count):
-                _ask(k, count, size, room.codes, patches, tables, points)
+                _ask(k, count, room.codes, patches, tables, points)
                 query, code = start + begin + k, room.codes[k]
                 if code < 0:
                     for c in range(out.shape[2]):
@@ -603,7 +599,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
             if not _locate(face, u, v, begin, count, patches, room):
                 return -1
             for k in range(count):
-                _ask(k, count, size, room.codes, patches, tables, points)
+                _ask(k, count, room.codes, patches, tables, points)
                 query, code = start + begin + k, room.codes[k]
                 if code < 0:
                     for c in range(10):

@@ -100,10 +100,7 @@ class _Cache(NullCache):  # type: ignore[misc]
         name = f"{Path(code.co_filename).stem}.{function.__qualname__}-{code.co_firstlineno}"
         self._name = "".join(c for c in name if c not in "<>")  # which some systems do not allow
         constants = [x for x in code.co_consts if not hasattr(x, "co_code")]
-        # kernels that are made for a shape of faces differ in what they close over
-        closed = [cell.cell_contents for cell in function.__closure__ or ()]
-        closed = [x if isinstance(x, int) else getattr(x, "__module__", "") for x in closed]
-        self._code = code.co_code, constants, code.co_names, closed
+        self._code = code.co_code, constants, code.co_names, _closed_over(function)
 
     @contextmanager
     def reserved(self, sig: Any, codegen: Any) -> Iterator[None]:
@@ -140,6 +137,21 @@ class _Cache(NullCache):  # type: ignore[misc]
         """Where in the cache."""
         key = _key(sig, codegen.magic_tuple(), self._code)
         return f"{background.folder()}/{self._name}-{key}.nbc"
+
+
+def _closed_over(function: Callable[..., Any]) -> list[Any]:
+    """What tells apart kernels that one function makes for several shapes of faces.
+
+    That is what they close over, and what functions among that close over: integers, and modules.
+    """
+    found: list[Any] = []
+    for cell in function.__closure__ or ():
+        x = cell.cell_contents
+        inner = getattr(x, "py_func", None)
+        found.append(x if isinstance(x, int) else getattr(x, "__module__", ""))
+        if inner is not None:
+            found.append(_closed_over(inner))
+    return found
 
 
 def _digest(name: str, content: bytes) -> bytes:
