@@ -65,25 +65,30 @@ def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arra
     return result
 
 
-def _normal_operators(
-    sharpness: Sharpness, rules: Rules, wanted: Array, masks: Callable[[Scheme, str, int], Array]
-) -> list[Any]:
-    """Operators (n_fans, n_vertices) on differences from a vertex, in a mesh of regular faces.
+def _normal_operator(
+    sharpness: Sharpness,
+    rules: Rules,
+    wanted: Array,
+    masks: Callable[[Scheme, str, int], Array],
+    count: int,
+) -> Any:
+    """Operator (count n_fans, n_vertices) on differences from a vertex, in regular faces.
 
-    They give pairs of vectors for each fan of the `Sectors`, two if `masks` are those of
-    `tables.normal_masks`, and four of `tables.collapsed_masks`. A fan without a normal has no
-    entries, nor have others than those `wanted` (n_fans,) bool.
+    It gives pairs of vectors for each fan of the `Sectors`, all first ones, then all second ones:
+    `count` is 4 if `masks` are those of `tables.normal_masks`, and 8 of `tables.collapsed_masks`.
+    A fan without a normal has no entries, nor have others than those `wanted` (n_fans,) bool.
     """
     mesh, lattice = sharpness.mesh, rules.scheme.lattice
-    sectors = Sectors.of(sharpness, lattice)
-    parts: list[list[tuple[Array, Array, Array]]] = [[] for _ in range(8)]
+    sectors, n = Sectors.of(sharpness, lattice), len(wanted)
+    parts = [(np.zeros(0, int), np.zeros(0, int), np.zeros(0))]
     for kind, faces, fans in sectors.groups(np.flatnonzero(wanted & (sectors.kind >= 0))):
         ring = sectors.ring(kind, faces, fans)
         rows = masks(rules.scheme, kind, faces)
-        for part, mask in zip(parts, rows.reshape(-1, rows.shape[2]), strict=False):
+        for which, mask in enumerate(rows.reshape(-1, rows.shape[2])):
             used = np.flatnonzero(mask != 0)
             values = np.broadcast_to(mask[used], (len(fans), len(used)))
-            part.append((np.repeat(fans, len(used)), ring[:, used].ravel(), values.ravel()))
+            row = np.repeat(which * n + fans, len(used))
+            parts.append((row, ring[:, used].ravel(), values.ravel()))
     # where something is semi-sharp, the limit is that after one more refinement
     pending = np.flatnonzero(wanted & (sectors.kind == PENDING))
     if len(pending):
@@ -96,16 +101,12 @@ def _normal_operators(
         fan = np.full(len(child_fans.vertex), -1)
         fan[child_fans.fan[child_halves(near.mesh.connectivity, first, lattice)[0]]] = pending
         both = stacked([identity(near.mesh.n_vertices, numbers.FLOAT64), faces_stage])
-        limits = _normal_operators(later, rules, fan >= 0, masks)
-        for part, finer in zip(parts, limits, strict=True):
-            rows, columns, values = entries((finer @ stage) @ both)
-            part.append((fan[rows], near.vertices[columns], values))
-    operators = []
-    for part in parts:
-        part.append((np.zeros(0, int), np.zeros(0, int), np.zeros(0)))
-        rows, columns, values = (np.concatenate(x) for x in zip(*part, strict=True))
-        operators.append(sparse_operator(rows, columns, values, (len(wanted), mesh.n_vertices)))
-    return operators
+        finer = _normal_operator(later, rules, fan >= 0, masks, count)
+        rows, columns, values = entries((finer @ stage) @ both)
+        k, row = np.divmod(rows, len(fan))
+        parts.append((k * n + fan[row], near.vertices[columns], values))
+    rows, columns, values = (np.concatenate(x) for x in zip(*parts, strict=True))
+    return sparse_operator(rows, columns, values, (count * n, mesh.n_vertices))
 
 
 def limit_normals(
@@ -117,25 +118,28 @@ def limit_normals(
     """
     fans = Sectors.of(sharpness, rules.scheme.lattice).fans
 
-    def vectors(wanted: Array, masks: Callable[[Scheme, str, int], Array]) -> list[Array]:
-        found = []
-        for operator in _normal_operators(sharpness, rules, wanted, masks):
-            vector, size, error = _from_own(operator, points, errors, fans.vertex)
-            found += [vector, kernels.NOISE * (size + error), kernels.NOISE * error]
-        return found
+    def vectors(
+        wanted: Array, masks: Callable[[Scheme, str, int], Array], count: int
+    ) -> list[Array]:
+        operator = _normal_operator(sharpness, rules, wanted, masks, count)
+        own = np.tile(fans.vertex, count)
+        vector, size, error = _from_own(operator, points, errors, own)
+        each = vector, kernels.NOISE * (size + error), kernels.NOISE * error
+        parts = zip(*(np.split(x, count) for x in each), strict=True)
+        return [x for three in parts for x in three]
 
     def crossed(found: list[Array], k: int) -> Array:
         (a, noise, _), (b, other, _) = (found[3 * j : 3 * j + 3] for j in (2 * k, 2 * k + 1))
         return kernels.unit_normals(a, b, (noise, other))
 
     wanted = wanted[fans.vertex]
-    found = vectors(wanted, tables.normal_masks)
+    found = vectors(wanted, tables.normal_masks, 4)
     # the second where the first pair is dependent
     result = crossed(found, 0)
     result = np.where(np.isnan(result), crossed(found, 1), result)
     lost = wanted & np.isnan(result[:, 0])
     if lost.any():
-        found = vectors(lost, tables.collapsed_masks)
+        found = vectors(lost, tables.collapsed_masks, 8)
         first, second = ((np.abs(found[j]) <= found[j + 2]).all(axis=1) for j in (18, 21))
         cases = first & second, first & ~second, second & ~first
         for k, case in enumerate(cases):
