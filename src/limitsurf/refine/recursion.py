@@ -96,7 +96,7 @@ class RefinedMesh(RuledMesh):
 
     def __getstate__(self) -> dict[str, Any]:
         _ = self._parents
-        return {name: x for name, x in vars(self).items() if name != "_lineage"}
+        return {name: x for name, x in super().__getstate__().items() if name != "_lineage"}
 
     @cached_property
     def limit_points(self) -> Array:
@@ -297,7 +297,7 @@ def refined(
     compiled = not number.exact and _kernels.compiled(_corners(mesh, levels), 10 if operator else 5)
     coarse, holes = mesh, np.flatnonzero(rules.without_limit(mesh))
     lattice = rules.scheme.lattice
-    first = sharpness = Sharpness.of(mesh, rules, number)
+    sharpness = Sharpness.of(mesh, rules, number)
     lineage = []
     for _ in range(levels):
         if operator:
@@ -312,7 +312,7 @@ def refined(
     if balance:
         points = np.ldexp(points, -balance)
     channels = {
-        name: _refined_channel(ChannelMesh.of(mesh, name, rules, first), levels, holes)
+        name: _refined_channel(ChannelMesh.of(mesh, name, rules), levels, holes)
         for name in mesh.channels
     }
     fine = valid_mesh(
