@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf._kernels.doubt import NOISE, UNIT
-from limitsurf._kernels.jit import inlined, lean
+from limitsurf._kernels.jit import inlined, lean, unfused
 
 Array = NDArray[Any]
 
@@ -482,6 +482,124 @@ def limit_points(
     for vertex in range(n_vertices):
         for c in range(first, last):
             result[vertex, c] += points[vertex, c]
+
+
+@unfused
+def _stepped(value: float, share: float, difference: float) -> float:
+    return value + share * difference
+
+
+@unfused
+def _mixed(share: float, value: float, rest: float, other: float) -> float:
+    return share * value + rest * other
+
+
+@lean
+def ring_limits(
+    points: Array,
+    rings: Array,
+    first: Array,
+    faces: Array,
+    ends: Array,
+    edges: Array,
+    own: Array,
+    weights: tuple[Array, Array, Array, Array],
+    room: Array,
+    result: Array,
+) -> None:
+    """Limits of semi-sharp vertices (n, d) by refining the `rings` around them, (n, 1 + 2 N).
+
+    The arrays of ``refine/rings.py``; edges (n, N) and own (n,), how sharp they are, end as 0.
+    `weights` are those of a face point (4,), of edge neighbours and face points in a smooth vertex
+    (2,), of face points in edge points, of the ends in a midpoint and of neighbours along a crease
+    (3,), and those of the ring in the limit. ``room`` (2, 1 + 2 N, d) is to work in. What refined
+    points take over from `refined_points` is rounded as there, the rest operation by operation.
+    """
+    centre, smooth, limit = weights[0], weights[1], weights[3]
+    near, far, half, beside = smooth[0], smooth[1], weights[2][1], weights[2][2]
+    weight = weights[2][0] / 2 + weights[2][0] / 2
+    N = faces.shape[1]
+    d = points.shape[1]
+    ring, fine = room[0], room[1]
+    for i in range(len(rings)):
+        for k in range(1 + 2 * N):
+            for c in range(d):
+                ring[k, c] = points[rings[i, k], c]
+        level = 0
+        while True:
+            sharp = still = falling = 0
+            for j in range(N):
+                sharp += edges[i, j] > 0
+                still += edges[i, j] > 1
+            if sharp == 0 and not own[i] > 0:
+                break
+            order = ends[min(level, 1), i]
+            total = 0.0
+            for j in order:
+                if 0 < edges[i, j] <= 1:
+                    total += edges[i, j]
+                    falling += 1
+            if 0 < own[i] <= 1:
+                total += own[i]
+                falling += 1
+            # rules as in ``rules.py``: smooth, dart, crease, corner
+            parent = 3 if own[i] > 0 else min(sharp, 3)
+            child = 3 if own[i] > 1 else min(still, 3)
+            share = 1.0
+            if parent != child and parent > 1:
+                share = min(total / max(falling, 1), 1.0)
+            rest = 1 - share
+            own_share = 1.0 if parent <= 1 else rest if child <= 1 else 0.0
+            for j in range(N):
+                after = 0 if j == N - 1 else j + 1
+                turn = 0 if level else first[i, j]
+                for c in range(d):
+                    fine[2 + 2 * j, c] = 0.0
+                for k in range(4):
+                    at = (k - turn) & 3
+                    at = 0 if at == 0 else 1 + 2 * (after if at == 3 else j) + (at == 2)
+                    for c in range(d):
+                        fine[2 + 2 * j, c] += centre[k] * ring[at, c]
+            for c in range(d):
+                fine[0, c] = 0.0
+            for j in faces[i]:
+                for c in range(d):
+                    here = ring[0, c]
+                    step = near * (ring[1 + 2 * j, c] - here) + far * (fine[2 + 2 * j, c] - here)
+                    fine[0, c] += step
+            for c in range(d):
+                fine[0, c] += ring[0, c]
+                fine[0, c] = _stepped(ring[0, c], own_share, fine[0, c] - ring[0, c])
+            for j in order:
+                size = edges[i, j]
+                part = share if size > 0 and parent == 2 else 0.0
+                if size > 1 and child == 2 and parent == 3:
+                    part += rest
+                if part != 0:
+                    part *= beside
+                    for c in range(d):
+                        step = ring[1 + 2 * j, c] - ring[0, c]
+                        fine[0, c] = _stepped(fine[0, c], part, step)
+            for j in range(N):
+                e, before = 1 + 2 * j, 2 * N if j == 0 else 2 * j
+                size = edges[i, j]
+                middle = min(size, 1.0)
+                for c in range(d):
+                    both = ring[0, c] + ring[e, c]
+                    outer = (0.5 - weight) * both
+                    found = outer + weight * (fine[e + 1, c] + fine[before, c])
+                    if size > 0:
+                        found = _mixed(middle, half * both, 1 - middle, found)
+                    fine[e, c] = found
+                edges[i, j] = max(size - 1, 0.0)
+            own[i] = max(own[i] - 1, 0.0)
+            ring, fine = fine, ring
+            level += 1
+        for c in range(d):
+            step = 0.0
+            for k in range(1, 1 + 2 * N):
+                step = _stepped(step, limit[k], ring[k, c] - ring[0, c])
+            result[i, c] = ring[0, c] + step
 
 
 @lean

@@ -13,6 +13,7 @@ from limitsurf._kernels import reference as kernels
 from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.mesh import Mesh
 from limitsurf.refine.operators import entries, identity, sparse_operator, stacked
+from limitsurf.refine.rings import Rings
 from limitsurf.refine.stages import irrational, refined_values, refinement_stages, smooth_valences
 from limitsurf.rules import PENDING, Rules, Sectors, Sharpness
 from limitsurf.topology import MeshPart, child_halves, child_mesh, vertex_numbers
@@ -50,6 +51,9 @@ def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arra
     pending = np.zeros(len(wanted), dtype=bool)
     pending[vertex[sectors.kind == PENDING]] = True
     pending &= wanted
+    for rings in Rings.of(sectors, rules, np.flatnonzero(pending[vertex])):
+        at = rings.vertices[:, 0]
+        result[at], pending[at] = rings.limits(points), False
     if pending.any():
         near = MeshPart.of(sharpness.mesh, sharpness.neighbours(pending[sharpness.mesh.indices]))
         inner = sharpness.part(near)
