@@ -280,11 +280,19 @@ def two_sum(a: Array, b: Array) -> tuple[Array, Array]:
     return total, (a - (total - part)) + (b - part)
 
 
+def largest(vectors: Array) -> Array:
+    """The largest absolute value of the components of vectors (..., d), (..., 1)."""
+    result = np.zeros((*vectors.shape[:-1], 1))
+    for k in range(vectors.shape[-1]):  # rows are too short for a reduction along them
+        np.maximum(result, np.abs(vectors[..., k : k + 1]), out=result)
+    return result
+
+
 def unit(vectors: Array, noise: Array) -> Array:
     """Vectors (Q, d) scaled to length 1; NaN where no component exceeds `noise` (Q, 1)."""
     with np.errstate(all="ignore"):
         # largest component first: neither overflow nor underflow in the squares
-        size = np.abs(vectors).max(axis=-1, keepdims=True, initial=0)
+        size = largest(vectors)
         vectors = vectors / np.where(size > noise, size, np.nan)
         return np.asarray(vectors / np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True)))
 
@@ -298,10 +306,7 @@ def unit_normals(along: Array, across: Array, noise: tuple[Array, Array]) -> Arr
     largest component; see ``doubt.py``.
     """
     with np.errstate(all="ignore"):
-        angle = sum(
-            n / np.abs(x).max(axis=-1, keepdims=True, initial=0)
-            for x, n in zip((along, across), noise, strict=True)
-        )
+        angle = sum(n / largest(x) for x, n in zip((along, across), noise, strict=True))
     cross = np.cross(unit(along, noise[0]), unit(across, noise[1]))
     return unit(cross, UNIT * np.asarray(angle))
 

@@ -494,6 +494,17 @@ def _mixed(share: float, value: float, rest: float, other: float) -> float:
     return share * value + rest * other
 
 
+@inlined
+def _in_ring(corner: int, face: int, N: int) -> int:
+    """Place in a ring of N faces of a corner of one of these, counted from the middle."""
+    corner &= 3
+    if corner == 0:
+        return 0
+    if corner == 3:
+        return 1 if face == N - 1 else 3 + 2 * face
+    return 2 * face + corner
+
+
 @lean
 def ring_limits(
     points: Array,
@@ -551,13 +562,11 @@ def ring_limits(
             rest = 1 - share
             own_share = 1.0 if parent <= 1 else rest if child <= 1 else 0.0
             for j in range(N):
-                after = 0 if j == N - 1 else j + 1
                 turn = 0 if level else first[i, j]
                 for c in range(d):
                     fine[2 + 2 * j, c] = 0.0
                 for k in range(4):
-                    at = (k - turn) & 3
-                    at = 0 if at == 0 else 1 + 2 * (after if at == 3 else j) + (at == 2)
+                    at = _in_ring(k - turn, j, N)
                     for c in range(d):
                         fine[2 + 2 * j, c] += centre[k] * ring[at, c]
             for c in range(d):
@@ -600,6 +609,115 @@ def ring_limits(
             for k in range(1, 1 + 2 * N):
                 step = _stepped(step, limit[k], ring[k, c] - ring[0, c])
             result[i, c] = ring[0, c] + step
+
+
+@inlined
+def _collected(
+    sums: Array, touched: Array, count: int, column: int, share: float, value: float
+) -> int:
+    """Add to a sum, which is taken down if it is new; the number of sums."""
+    if touched[1, column] == 0:
+        touched[1, column] = 1
+        touched[0, count] = column
+        count += 1
+    sums[column] = _stepped(sums[column], share, value)
+    return count
+
+
+@lean
+def ring_rows(
+    masks: Array,
+    numbers: Array,
+    first: Array,
+    place: Array,
+    faces: Array,
+    ends: Array,
+    edges: Array,
+    own: Array,
+    weights: tuple[Array, Array, Array, Array],
+    sums: Array,
+    touched: Array,
+    result: Array,
+) -> None:
+    """Masks of vertices once all is smooth as weights of the `rings` before, (m, n, 1 + 2 N).
+
+    The arrays of ``refine/rings.py``; sharpness is whole. `numbers` (2, n, 1 + 2 N) lists the ring
+    by the numbers of its vertices, in the mesh and in all refinements, ``place`` (n, N) where in
+    `faces` each face is. `weights` are those of a face point (4,); of the vertex, its neighbours
+    and face points in a smooth vertex (3,); of the vertex and its neighbours along a crease (2,);
+    of the ends and face points in an edge point, and of the ends in a midpoint (3,). ``sums`` and
+    ``touched`` (2, .) have room for 1 + 3 N. Added up in the order of the products of the sparse
+    matrices of ``refine/limits.py``, each operation rounded by itself.
+    """
+    centre, smooth, crease, edge = weights[0], weights[1], weights[2], weights[3]
+    N = faces.shape[1]
+    R = 1 + 2 * N
+    for i in range(len(edges)):
+        depth = own[i]
+        for j in range(N):
+            depth = max(depth, edges[i, j])
+        for which in range(len(masks)):
+            row = result[which, i]
+            for k in range(R):
+                row[k] = masks[which, k]
+            for level in range(int(depth) - 1, -1, -1):
+                sharp = 3 if own[i] > level else 0
+                for j in range(N):
+                    sharp += edges[i, j] > level
+                for k in range(R + N):
+                    sums[k] = 0.0
+                    touched[1, k] = 0
+                count = 0
+                for k in numbers[1, i]:
+                    share = row[k]
+                    if share == 0:
+                        continue
+                    j = (k - 1) >> 1
+                    if k == 0:
+                        if sharp > 2:
+                            count = _collected(sums, touched, count, 0, share, 1.0)
+                        elif sharp == 2:
+                            count = _collected(sums, touched, count, 0, share, crease[0])
+                            for e in ends[min(level, 1), i]:
+                                if edges[i, e] > level:
+                                    at = 1 + 2 * e
+                                    count = _collected(sums, touched, count, at, share, crease[1])
+                        else:
+                            if smooth[0] != 0:
+                                count = _collected(sums, touched, count, 0, share, smooth[0])
+                            for f in faces[i]:
+                                at = 1 + 2 * f
+                                count = _collected(sums, touched, count, at, share, smooth[1])
+                                count = _collected(sums, touched, count, R + f, share, smooth[2])
+                    elif k & 1:
+                        one, two = 0, k
+                        if level == 0:
+                            for at in numbers[0, i]:
+                                if at == 0 or at == k:
+                                    one, two = at, k - at
+                                    break
+                        weight = edge[2] if edges[i, j] > level else edge[0]
+                        count = _collected(sums, touched, count, one, share, weight)
+                        count = _collected(sums, touched, count, two, share, weight)
+                        if not edges[i, j] > level:
+                            before = N - 1 if j == 0 else j - 1
+                            f, g = (j, before) if place[i, j] < place[i, before] else (before, j)
+                            count = _collected(sums, touched, count, R + f, share, edge[1])
+                            count = _collected(sums, touched, count, R + g, share, edge[1])
+                    else:
+                        count = _collected(sums, touched, count, R + j, share, 1.0)
+                for k in range(R):
+                    row[k] = 0.0
+                for t in range(count - 1, -1, -1):
+                    k = touched[0, t]
+                    if k < R:
+                        row[k] += sums[k]
+                        continue
+                    j = k - R
+                    turn = 0 if level else first[i, j]
+                    for corner in range(4):
+                        at = _in_ring(corner - turn, j, N)
+                        row[at] = _stepped(row[at], sums[k], centre[corner])
 
 
 @lean

@@ -95,6 +95,13 @@ def _normal_operator(
             parts.append((row, ring[:, used].ravel(), values.ravel()))
     # where something is semi-sharp, the limit is that after one more refinement
     pending = np.flatnonzero(wanted & (sectors.kind == PENDING))
+    whole = (np.floor(x) == x for x in (sharpness.edge_sharpness, sharpness.vertex_sharpness))
+    for rings in Rings.of(sectors, rules, pending) if all(x.all() for x in whole) else ():
+        rows = masks(rules.scheme, "interior", rings.edges.shape[1])
+        weights = rings.rows(rows.reshape(-1, rows.shape[2]))
+        which, i, k = np.nonzero(weights)
+        parts.append((which * n + rings.fans[i], rings.vertices[i, k], weights[which, i, k]))
+        pending = np.setdiff1d(pending, rings.fans)
     if len(pending):
         near = MeshPart.of(mesh, sharpness.neighbours(np.isin(sectors.fans.fan, pending)))
         inner = sharpness.part(near)
@@ -123,31 +130,34 @@ def limit_normals(
     fans = Sectors.of(sharpness, rules.scheme.lattice).fans
 
     def vectors(
-        wanted: Array, masks: Callable[[Scheme, str, int], Array], count: int
-    ) -> list[Array]:
-        operator = _normal_operator(sharpness, rules, wanted, masks, count)
+        some: Array, masks: Callable[[Scheme, str, int], Array], count: int
+    ) -> list[tuple[Array, Array, Array]]:
+        chosen = np.zeros(len(fans.vertex), dtype=bool)
+        chosen[some] = True
+        operator = _normal_operator(sharpness, rules, chosen, masks, count)
         own = np.tile(fans.vertex, count)
         vector, size, error = _from_own(operator, points, errors, own)
         each = vector, kernels.NOISE * (size + error), kernels.NOISE * error
-        parts = zip(*(np.split(x, count) for x in each), strict=True)
-        return [x for three in parts for x in three]
+        parts = ([part[some] for part in np.split(x, count)] for x in each)
+        return list(zip(*parts, strict=True))
 
-    def crossed(found: list[Array], k: int) -> Array:
-        (a, noise, _), (b, other, _) = (found[3 * j : 3 * j + 3] for j in (2 * k, 2 * k + 1))
+    def crossed(found: list[tuple[Array, Array, Array]], k: int, rows: Array) -> Array:
+        (a, noise, _), (b, other, _) = ([x[rows] for x in found[j]] for j in (2 * k, 2 * k + 1))
         return kernels.unit_normals(a, b, (noise, other))
 
-    wanted = wanted[fans.vertex]
-    found = vectors(wanted, tables.normal_masks, 4)
+    result = np.full((len(fans.vertex), 3), np.nan)
+    some = np.flatnonzero(wanted[fans.vertex])
+    found = vectors(some, tables.normal_masks, 4)
     # the second where the first pair is dependent
-    result = crossed(found, 0)
-    result = np.where(np.isnan(result), crossed(found, 1), result)
-    lost = wanted & np.isnan(result[:, 0])
-    if lost.any():
+    for k in range(2):
+        rows = np.flatnonzero(np.isnan(result[some, 0]))
+        result[some[rows]] = crossed(found, k, rows)
+    lost = some[np.isnan(result[some, 0])]
+    if len(lost):
         found = vectors(lost, tables.collapsed_masks, 8)
-        first, second = ((np.abs(found[j]) <= found[j + 2]).all(axis=1) for j in (18, 21))
-        cases = first & second, first & ~second, second & ~first
-        for k, case in enumerate(cases):
-            result = np.where((lost & case)[:, None], crossed(found, k), result)
+        first, second = ((np.abs(found[j][0]) <= found[j][2]).all(axis=1) for j in (6, 7))
+        for k, case in enumerate((first & second, first & ~second, second & ~first)):
+            result[lost[case]] = crossed(found, k, case)
     return np.asarray(result[fans.fan])
 
 
@@ -186,11 +196,12 @@ def _from_own(
     result = np.zeros((operator.shape[0], points.shape[1] + 2))
     used = np.diff(operator.indptr) > 0
     starts, columns = operator.indptr[np.concatenate([used, [True]])], operator.indices
-    rows = starts, columns, operator.data
-    result[used, :-2] = kernels.differences(*rows, points, np.zeros_like(points), own[used])
     if len(columns):
         near, weights = np.repeat(own[used], np.diff(starts)), np.abs(operator.data)
-        sizes = np.abs(points[columns] - points[near]).max(axis=1, initial=0)
+        steps = points[columns] - points[near] + 0.0  # no -0
+        sizes = kernels.largest(steps)[:, 0]
+        steps *= operator.data[:, None]
+        result[used, :-2] = np.add.reduceat(steps, starts[:-1], axis=0)
         for k, terms in ((-2, sizes), (-1, errors[columns] + errors[near])):
             result[used, k] = np.add.reduceat(weights * terms, starts[:-1])
     return result[:, :-2], result[:, -2:-1], result[:, -1:]

@@ -164,7 +164,7 @@ class RefinedMesh(RuledMesh):
         rules, sharpness = self.rules, Sharpness.of(self, self.rules, numbers.FLOAT64)
         points = np.ldexp(self.points, kernels.balance(self.points))
         # what refinement rounded; a cage is exact
-        errors = np.abs(points).max(axis=1) * self.rounded
+        errors = kernels.largest(points)[:, 0] * self.rounded
         if not _kernels.compiled(self.n_corners, 60):
             result = limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
         else:

@@ -112,3 +112,29 @@ class Rings:
         result, room = np.empty((len(self.own), d)), np.empty((2, 1 + 2 * N, d))
         refinement.ring_limits(np.ascontiguousarray(points), *around, *sharp, weights, room, result)
         return result
+
+    def rows(self, masks: Array) -> Array:
+        """Weights (m, n, 1 + 2 N) of the rings in what `masks` (m, 1 + 2 N) give in the limit.
+
+        Where all that is sharp in the mesh is so by whole numbers.
+        """
+        from limitsurf._kernels import refinement
+
+        n, N = self.edges.shape
+        number = numbers.FLOAT64
+        edge, half, (own, beside) = tables.rule_weights(self.rules.scheme, number)
+        weights = (
+            tables.corner_weights(self.rules.scheme, np.array([4]), number),
+            tables.vertex_weights(self.rules.scheme, np.array([N]), number)[0],
+            np.array([own / 2 + own / 2, beside]),
+            np.array([*edge, *half]),
+        )
+        later = 1 + 2 * np.argsort(self.vertices[:, 1::2], axis=1), 2 + 2 * self.faces
+        later = np.concatenate([np.zeros((n, 1), np.int64), *later], axis=1)
+        order = np.stack([np.argsort(self.vertices, axis=1), later])
+        around = self.first, np.argsort(self.faces, axis=1), self.faces, self.ends
+        room = np.empty(1 + 3 * N), np.empty((2, 1 + 3 * N), np.int64)
+        result = np.empty((len(masks), n, 1 + 2 * N))
+        given = np.ascontiguousarray(masks), order, *around, self.edges, self.own, weights
+        refinement.ring_rows(*given, *room, result)
+        return result
