@@ -250,14 +250,18 @@ def errors(operators: Sequence[Any], high: Array, low: Array) -> Array:
     found = np.zeros_like(high)
     done = len(high) - sum(operator.shape[0] for operator in operators)
     for operator in operators:
-        indptr, columns, weights = operator.indptr, operator.indices, np.abs(operator.data)
-        counts = np.diff(indptr)
-        near = np.repeat(columns[indptr[:-1]], counts)
-        far = np.abs(high[columns] - high[near] + (low[columns] - low[near]))
-        # sums of more than 16 terms have larger errors
-        far *= np.repeat(np.maximum(counts / 16, 1), counts)[:, None]
-        sums = np.add.reduceat(weights[:, None] * (far + found[columns]), indptr[:-1])
-        found[done : done + len(counts)] = sums
+        starts, columns, counts = operator.indptr[:-1], operator.indices, np.diff(operator.indptr)
+        near, sums = columns[starts], []
+        for x in (high, low):
+            terms = x.take(columns, axis=0)
+            terms -= x.take(near, axis=0).repeat(counts, axis=0)
+            sums.append(terms)
+        far = np.abs(sums[0] + sums[1])
+        if counts.max(initial=0) > 16:  # sums of more terms have larger errors
+            far *= np.maximum(counts / 16, 1).repeat(counts)[:, None]
+        far += found.take(columns, axis=0)
+        far *= np.abs(operator.data)[:, None]
+        found[done : done + len(counts)] = np.add.reduceat(far, starts)
         done += len(counts)
     return found
 

@@ -99,8 +99,8 @@ def _normal_operator(
     for rings in Rings.of(sectors, rules, pending) if all(x.all() for x in whole) else ():
         rows = masks(rules.scheme, "interior", rings.edges.shape[1])
         weights = rings.rows(rows.reshape(-1, rows.shape[2]))
-        which, i, k = np.nonzero(weights)
-        parts.append((which * n + rings.fans[i], rings.vertices[i, k], weights[which, i, k]))
+        vector, i, k = np.nonzero(weights)
+        parts.append((vector * n + rings.fans[i], rings.vertices[i, k], weights[vector, i, k]))
         pending = np.setdiff1d(pending, rings.fans)
     if len(pending):
         near = MeshPart.of(mesh, sharpness.neighbours(np.isin(sectors.fans.fan, pending)))
@@ -157,7 +157,7 @@ def limit_normals(
         found = vectors(lost, tables.collapsed_masks, 8)
         first, second = ((np.abs(found[j][0]) <= found[j][2]).all(axis=1) for j in (6, 7))
         for k, case in enumerate((first & second, first & ~second, second & ~first)):
-            result[lost[case]] = crossed(found, k, case)
+            result[lost[case]] = crossed(found, k, np.asarray(case))
     return np.asarray(result[fans.fan])
 
 

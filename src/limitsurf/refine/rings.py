@@ -80,6 +80,7 @@ class Rings:
 
     @classmethod
     def _of_size(cls, sectors: Sectors, rules: Rules, fans: Array, N: int) -> Self:
+        """Those of closed fans of N faces."""
         sharpness, mesh = sectors.sharpness, sectors.mesh
         corners = sectors.fans.corners[sectors.fans.offsets[fans][:, None] + np.arange(N)]
         before = np.roll(corners, 1, axis=1)
@@ -122,15 +123,15 @@ class Rings:
 
         n, N = self.edges.shape
         number = numbers.FLOAT64
-        edge, half, (own, beside) = tables.rule_weights(self.rules.scheme, number)
+        edge, half, (own, along) = tables.rule_weights(self.rules.scheme, number)
         weights = (
             tables.corner_weights(self.rules.scheme, np.array([4]), number),
             tables.vertex_weights(self.rules.scheme, np.array([N]), number)[0],
-            np.array([own / 2 + own / 2, beside]),
+            np.array([own / 2 + own / 2, along]),
             np.array([*edge, *half]),
         )
-        later = 1 + 2 * np.argsort(self.vertices[:, 1::2], axis=1), 2 + 2 * self.faces
-        later = np.concatenate([np.zeros((n, 1), np.int64), *later], axis=1)
+        beside = 1 + 2 * np.argsort(self.vertices[:, 1::2], axis=1)
+        later = np.concatenate([np.zeros((n, 1), np.int64), beside, 2 + 2 * self.faces], axis=1)
         order = np.stack([np.argsort(self.vertices, axis=1), later])
         around = self.first, np.argsort(self.faces, axis=1), self.faces, self.ends
         room = np.empty(1 + 3 * N), np.empty((2, 1 + 3 * N), np.int64)
