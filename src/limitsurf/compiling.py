@@ -115,7 +115,7 @@ def _evaluate(mesh: Mesh, scheme: str) -> None:
 def _box() -> Mesh:
     points = [[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)]
     quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    return Mesh(points, quads, creases={(0, 1): 3.5})
+    return Mesh(points, quads, creases={(0, 1): 3.0})
 
 
 def _open() -> Mesh:
