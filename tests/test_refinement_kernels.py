@@ -197,9 +197,14 @@ def test_rings_refine_as_whole_meshes_do(whole, use, monkeypatch):
     use(False)
     others = [limits(level) for level in range(3)]
     use(True)
-    met = []
-    of = Rings.of.__func__
-    monkeypatch.setattr(Rings, "of", lambda *a: (met.extend(of(Rings, *a)), ())[1])
+    met: list[Rings] = []
+    of = Rings.of
+
+    def none(*given):
+        met.extend(of(*given))
+        return ()
+
+    monkeypatch.setattr(Rings, "of", none)
     for level, (point, normal) in enumerate(found):
         one, other = limits(level)
         assert np.array_equal(point, one, equal_nan=True)

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 Floats: TypeAlias = NDArray[np.float64]
 
+_LITTLE = 1 << 24  # bytes, for which the system is not asked whether it has them
+
 
 class RefinedMesh(RuledMesh):
     """A refined mesh that remembers where it came from.
@@ -366,12 +368,13 @@ def refuse_levels(mesh: Mesh, levels: int, operator: bool = False) -> None:
     columns = max(math.prod(mesh.points.shape[1:]), 1)
     each = 100 + (100 if numbers.type_of(mesh.points).exact else 8) * columns
     each += 32 * len(mesh.channels) + 400 * operator
+    faces = mesh.n_corners * 4 ** max(min(levels, 400) - 1, 0)  # more than any machine holds
+    if not levels or faces * each < _LITTLE:
+        return
     fit = memory.available() / (each * mesh.n_corners)
     most = 0 if fit < 1 else int(math.log(fit, 4)) + 1 if math.isfinite(fit) else levels
     advice = f"up to {most} levels fit" if most else "no level fits"
-    faces = mesh.n_corners * 4 ** max(min(levels, 400) - 1, 0)  # more than any machine holds
-    if levels:
-        memory.refuse_beyond(faces, each, f"faces of {levels} levels", advice)
+    memory.refuse_beyond(faces, each, f"faces of {levels} levels", advice)
 
 
 def _refined_channel(channel: ChannelMesh, levels: int, holes: Array) -> ChannelMesh:
