@@ -583,3 +583,21 @@ def test_vertices_carried_by_a_crease_that_does_not_bound_their_faces(exact):
 def test_sharpness_is_a_real_number(sharpness):
     with pytest.raises(TypeError, match="sharpness must be"):
         ls.Mesh(GRID, CELLS, creases={(12, 13): sharpness})
+
+
+def test_what_a_mesh_keeps_follows_rules_and_is_not_pickled():
+    points, faces, tags = zoo.TAGGED[next(iter(zoo.TAGGED))]()
+    corners = sum(map(len, faces))
+    channels = {"uv": (np.arange(corners) / 8.0, np.arange(corners), "corners_only")}
+    mesh = ls.Mesh(points, faces, **tags, channels=channels)
+    moved = mesh.points[::-1]
+    options: Any
+    for options in ({}, {"boundary": "edge_only"}, {"creasing": "chaikin"}, {}):
+        fresh = ls.Mesh(points, faces, **tags, channels=channels)
+        for _ in range(2):
+            assert ls.refined(mesh, **options) == ls.refined(fresh, **options)
+        again = ls.refined(mesh.with_points(moved), **options)
+        assert again == ls.refined(fresh.with_points(moved), **options)
+        assert again.channels["uv"][0].tolist() == ls.refined(mesh).channels["uv"][0].tolist()
+    assert mesh._kept
+    assert not pickle.loads(pickle.dumps(mesh))._kept

@@ -12,6 +12,7 @@ from hypothesis import given
 import limitsurf as ls
 from limitsurf import _kernels
 from limitsurf.cage.mesh import Mesh
+from limitsurf.refine.rings import Rings
 from limitsurf.scheme.lattice import QUADS
 from limitsurf.topology import child_mesh
 
@@ -173,3 +174,41 @@ def test_many_faces_at_a_pole(use):
     use(True)
     error = ls.refined(mesh).points - ls.refined(exact).points.astype(float)
     assert np.abs(error).max() <= 1e-15
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_rings_refine_as_whole_meshes_do(whole, use, monkeypatch):
+    """Limits at semi-sharp vertices of valence 3 to 5, by their rings and by all that is near."""
+    rng = np.random.default_rng(7)
+    points, faces = zoo.ZOO["cube"]()
+    mesh = ls.refined(ls.Mesh(zoo.random_points(len(points), "cube"), [*faces[:-1], faces[-1][:3]]))
+    edges, vertices = rng.choice(mesh.n_edges, 30, False), rng.choice(mesh.n_vertices, 6, False)
+    sharpness, corners = rng.integers(1, 5, 30) * 1.0, rng.integers(1, 4, 6) * 1.0
+    if not whole:
+        sharpness, corners = sharpness - rng.random(30), corners - rng.random(6)
+    tags = {"creases": (mesh.edges[edges], sharpness), "corners": (vertices, corners)}
+    use(True)
+
+    def limits(level):
+        fine = ls.refined(ls.Mesh(mesh.points, mesh.faces, **tags), level)
+        return fine.limit_points, fine.limit_normals
+
+    found = [limits(level) for level in range(3)]
+    use(False)
+    others = [limits(level) for level in range(3)]
+    use(True)
+    met: list[Rings] = []
+    of = Rings.of
+
+    def none(*given):
+        met.extend(of(*given))
+        return ()
+
+    monkeypatch.setattr(Rings, "of", none)
+    for level, (point, normal) in enumerate(found):
+        one, other = limits(level)
+        assert np.array_equal(point, one, equal_nan=True)
+        assert np.array_equal(normal, other, equal_nan=True)
+        assert close(point, others[level][0])
+        assert close(normal, others[level][1], 100)
+    assert {rings.edges.shape[1] for rings in met} >= {3, 4}

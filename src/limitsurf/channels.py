@@ -20,10 +20,10 @@ from limitsurf import numbers, tables
 from limitsurf._kernels.rationals import Digits, integers
 from limitsurf.caching import cached_property
 from limitsurf.cage.connectivity import Connectivity
-from limitsurf.cage.mesh import Mesh, valid_mesh
+from limitsurf.cage.mesh import Mesh, kept, valid_mesh
 from limitsurf.rules import CORNER, SMOOTH, Rationals, RuledMesh, Rules, Sharpness, numbered
 from limitsurf.scheme.lattice import Lattice
-from limitsurf.topology import MeshPart, child_mesh, child_vertices
+from limitsurf.topology import MeshPart, child_mesh, child_vertices, without_points
 
 Array = NDArray[Any]
 
@@ -40,20 +40,20 @@ class ChannelMesh(RuledMesh):
     base: Rules
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "origin": (self.sharpness, False)}
+        return {**super().__getstate__(), "origin": (self.sharpness, False)}
 
     @classmethod
-    def of(
-        cls, mesh: Mesh, name: str, rules: Rules, sharpness: Sharpness | None = None
-    ) -> ChannelMesh:
-        """The mesh of the values of a channel; a refined mesh carries its own.
-
-        The `sharpness` of the mesh is found if it is not given.
-        """
+    def of(cls, mesh: Mesh, name: str, rules: Rules) -> ChannelMesh:
+        """The mesh of the values of a channel, made once; a refined mesh carries its own."""
         if isinstance(mesh, RuledMesh):
             carried = mesh.channel_meshes.get(name)
             if isinstance(carried, ChannelMesh) and carried.base == rules:
                 return carried
+        return kept(mesh, f"channel {name}", rules, lambda: cls._made(mesh, name, rules))
+
+    @classmethod
+    def _made(cls, mesh: Mesh, name: str, rules: Rules) -> ChannelMesh:
+        """The mesh of the values of a channel of a cage."""
         if name not in mesh.channels:
             listed = ", ".join(map(repr, mesh.channels)) or "none"
             raise ValueError(f"the mesh has no channel {name!r}; it has {listed}")
@@ -71,10 +71,11 @@ class ChannelMesh(RuledMesh):
         result = valid_mesh(cls, rows[row], faces, holes=holes)
         # what boundary="none" leaves without a limit are holes here: seams leave nothing
         result.base, result.rules = rules, replace(rules, boundary="edge_only")
-        if sharpness is None:
-            sharpness = Sharpness.of(mesh, rules, numbers.FLOAT64, exact=True)
-        geometry = sharpness.typed(mesh, numbers.FLOAT64, exact=True)
-        result.origin = _sharpness(geometry, rules, result, vertex, mode), False
+        geometry = Sharpness.of(mesh, rules, numbers.FLOAT64, exact=True)
+        # meshes that nothing else holds on to
+        geometry = replace(geometry, mesh=without_points(mesh))
+        sharpness = _sharpness(geometry, rules, without_points(result), vertex, mode)
+        result.origin = sharpness, False
         return result
 
     def refined(

@@ -87,7 +87,7 @@ def _use_meshes(scheme: Scheme) -> None:
             uv = mesh.points[:, :2], mesh.indices, "boundaries"
             mesh = Mesh(mesh.points, mesh.faces, creases=mesh.creases, channels={"uv": uv})
             fine, _ = refined(mesh, 2, operator=True, scheme=scheme)
-            for found in (fine, refined(fine)):
+            for found in (fine, refined(fine), refined(mesh.with_points(mesh.points[:, 0]))):
                 found.limit_points, found.limit_normals, found.edges  # noqa: B018
             LimitSurface(mesh, scheme=scheme, engine="compiled").of_channel("uv")
 
@@ -121,7 +121,7 @@ def _samples(scheme: Scheme) -> list[Mesh]:
     points = [[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)]
     cube = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     cut = [*cube[:4], [0, 2, 6], [0, 6, 4]]
-    return [Mesh(points, faces, creases={(0, 1): 1.5}) for faces in (cube, cut)]
+    return [Mesh(points, faces, creases={(0, 1): s}) for faces, s in ((cube, 3.0), (cut, 1.5))]
 
 
 def main() -> None:

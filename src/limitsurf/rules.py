@@ -16,10 +16,10 @@ from limitsurf import numbers, tables
 from limitsurf._kernels.rationals import Digits, Objects, counting, integers, rationals
 from limitsurf.caching import cached_property
 from limitsurf.cage.connectivity import Fans
-from limitsurf.cage.mesh import Mesh
+from limitsurf.cage.mesh import Mesh, kept
 from limitsurf.numbers import NumberType
 from limitsurf.options import Rules as Rules
-from limitsurf.topology import MeshPart, child_halves
+from limitsurf.topology import MeshPart, child_halves, without_points
 
 if TYPE_CHECKING:
     from limitsurf.scheme.lattice import Lattice
@@ -105,10 +105,17 @@ class Sharpness:
         """The sharpness of a cage; a refined mesh carries its own."""
         if isinstance(mesh, RuledMesh) and mesh.rules == rules:
             return mesh.sharpness.typed(mesh, number, exact)
+        # in a copy: what is derived from it is not kept, as long as nobody needs it
+        known = kept(mesh, "sharpness", rules, lambda: cls._of_tags(mesh, rules))
+        return known.typed(mesh, number, exact)
+
+    @classmethod
+    def _of_tags(cls, mesh: Mesh, rules: Rules) -> Sharpness:
+        """The sharpness of a cage, which does not hold on to its points."""
         # rules change where a sharpness reaches 0: rounding must not decide it
         (ends, creases), (vertices, corners) = mesh.creases, mesh.corners
-        exact |= rules.creasing == "chaikin" and len(creases) > 0
-        exact |= number.exact or numbers.common(creases, corners).exact
+        exact = rules.creasing == "chaikin" and len(creases) > 0
+        exact |= numbers.common(creases, corners).exact
         marked = mesh.twin < 0
         tagged_edges = mesh.edge_numbers(ends) if len(ends) else np.zeros(0, np.int64)
         if len(ends):
@@ -137,7 +144,7 @@ class Sharpness:
         vertex_tagged = np.zeros(len(vertex), dtype=bool)
         vertex_tagged[place] = True
         return cls(
-            mesh,
+            without_points(mesh),
             sides,
             edge,
             edge_sharpness,
@@ -147,7 +154,7 @@ class Sharpness:
             vertex_tagged,
             rules.creasing == "chaikin",
             rules.creasing == "chaikin" or callable(rules.scheme.edge),
-            number,
+            numbers.FLOAT64,
             None if edge_exact is None or vertex_exact is None else (edge_exact, vertex_exact),
         )
 

@@ -250,14 +250,18 @@ def errors(operators: Sequence[Any], high: Array, low: Array) -> Array:
     found = np.zeros_like(high)
     done = len(high) - sum(operator.shape[0] for operator in operators)
     for operator in operators:
-        indptr, columns, weights = operator.indptr, operator.indices, np.abs(operator.data)
-        counts = np.diff(indptr)
-        near = np.repeat(columns[indptr[:-1]], counts)
-        far = np.abs(high[columns] - high[near] + (low[columns] - low[near]))
-        # sums of more than 16 terms have larger errors
-        far *= np.repeat(np.maximum(counts / 16, 1), counts)[:, None]
-        sums = np.add.reduceat(weights[:, None] * (far + found[columns]), indptr[:-1])
-        found[done : done + len(counts)] = sums
+        starts, columns, counts = operator.indptr[:-1], operator.indices, np.diff(operator.indptr)
+        near, sums = columns[starts], []
+        for x in (high, low):
+            terms = x.take(columns, axis=0)
+            terms -= x.take(near, axis=0).repeat(counts, axis=0)
+            sums.append(terms)
+        far = np.abs(sums[0] + sums[1])
+        if counts.max(initial=0) > 16:  # sums of more terms have larger errors
+            far *= np.maximum(counts / 16, 1).repeat(counts)[:, None]
+        far += found.take(columns, axis=0)
+        far *= np.abs(operator.data)[:, None]
+        found[done : done + len(counts)] = np.add.reduceat(far, starts)
         done += len(counts)
     return found
 
@@ -280,11 +284,19 @@ def two_sum(a: Array, b: Array) -> tuple[Array, Array]:
     return total, (a - (total - part)) + (b - part)
 
 
+def largest(vectors: Array) -> Array:
+    """The largest absolute value of the components of vectors (..., d), (..., 1)."""
+    result = np.zeros((*vectors.shape[:-1], 1))
+    for k in range(vectors.shape[-1]):  # rows are too short for a reduction along them
+        np.maximum(result, np.abs(vectors[..., k : k + 1]), out=result)
+    return result
+
+
 def unit(vectors: Array, noise: Array) -> Array:
     """Vectors (Q, d) scaled to length 1; NaN where no component exceeds `noise` (Q, 1)."""
     with np.errstate(all="ignore"):
         # largest component first: neither overflow nor underflow in the squares
-        size = np.abs(vectors).max(axis=-1, keepdims=True, initial=0)
+        size = largest(vectors)
         vectors = vectors / np.where(size > noise, size, np.nan)
         return np.asarray(vectors / np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True)))
 
@@ -298,10 +310,7 @@ def unit_normals(along: Array, across: Array, noise: tuple[Array, Array]) -> Arr
     largest component; see ``doubt.py``.
     """
     with np.errstate(all="ignore"):
-        angle = sum(
-            n / np.abs(x).max(axis=-1, keepdims=True, initial=0)
-            for x, n in zip((along, across), noise, strict=True)
-        )
+        angle = sum(n / largest(x) for x, n in zip((along, across), noise, strict=True))
     cross = np.cross(unit(along, noise[0]), unit(across, noise[1]))
     return unit(cross, UNIT * np.asarray(angle))
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf._kernels.doubt import NOISE, UNIT
-from limitsurf._kernels.jit import inlined, lean
+from limitsurf._kernels.jit import inlined, lean, unfused
 
 Array = NDArray[Any]
 
@@ -482,6 +482,242 @@ def limit_points(
     for vertex in range(n_vertices):
         for c in range(first, last):
             result[vertex, c] += points[vertex, c]
+
+
+@unfused
+def _stepped(value: float, share: float, difference: float) -> float:
+    return value + share * difference
+
+
+@unfused
+def _mixed(share: float, value: float, rest: float, other: float) -> float:
+    return share * value + rest * other
+
+
+@inlined
+def _in_ring(corner: int, face: int, N: int) -> int:
+    """Place in a ring of N faces of a corner of one of these, counted from the middle."""
+    corner &= 3
+    if corner == 0:
+        return 0
+    if corner == 3:
+        return 1 if face == N - 1 else 3 + 2 * face
+    return 2 * face + corner
+
+
+@lean
+def ring_limits(
+    points: Array,
+    rings: Array,
+    first: Array,
+    faces: Array,
+    ends: Array,
+    edges: Array,
+    own: Array,
+    weights: tuple[Array, Array, Array, Array],
+    room: Array,
+    result: Array,
+) -> None:
+    """Limits of semi-sharp vertices (n, d) by refining the `rings` around them, (n, 1 + 2 N).
+
+    The arrays of ``refine/rings.py``; edges (n, N) and own (n,), how sharp they are, end as 0.
+    `weights` are those of a face point (4,), of edge neighbours and face points in a smooth vertex
+    (2,), of face points in edge points, of the ends in a midpoint and of neighbours along a crease
+    (3,), and those of the ring in the limit. ``room`` (2, 1 + 2 N, d) is to work in. What refined
+    points take over from `refined_points` is rounded as there, the rest operation by operation.
+    """
+    centre, smooth, limit = weights[0], weights[1], weights[3]
+    near, far, half, beside = smooth[0], smooth[1], weights[2][1], weights[2][2]
+    weight = weights[2][0] / 2 + weights[2][0] / 2
+    N = faces.shape[1]
+    d = points.shape[1]
+    ring, fine = room[0], room[1]
+    for i in range(len(rings)):
+        for k in range(1 + 2 * N):
+            for c in range(d):
+                ring[k, c] = points[rings[i, k], c]
+        level = 0
+        while True:
+            sharp = still = falling = 0
+            for j in range(N):
+                sharp += edges[i, j] > 0
+                still += edges[i, j] > 1
+            if sharp == 0 and not own[i] > 0:
+                break
+            order = ends[min(level, 1), i]
+            total = 0.0
+            for j in order:
+                if 0 < edges[i, j] <= 1:
+                    total += edges[i, j]
+                    falling += 1
+            if 0 < own[i] <= 1:
+                total += own[i]
+                falling += 1
+            # rules as in ``rules.py``: smooth, dart, crease, corner
+            parent = 3 if own[i] > 0 else min(sharp, 3)
+            child = 3 if own[i] > 1 else min(still, 3)
+            share = 1.0
+            if parent != child and parent > 1:
+                share = min(total / max(falling, 1), 1.0)
+            rest = 1 - share
+            own_share = 1.0 if parent <= 1 else rest if child <= 1 else 0.0
+            for j in range(N):
+                turn = 0 if level else first[i, j]
+                for c in range(d):
+                    fine[2 + 2 * j, c] = 0.0
+                for k in range(4):
+                    at = _in_ring(k - turn, j, N)
+                    for c in range(d):
+                        fine[2 + 2 * j, c] += centre[k] * ring[at, c]
+            for c in range(d):
+                fine[0, c] = 0.0
+            for j in faces[i]:
+                for c in range(d):
+                    here = ring[0, c]
+                    step = near * (ring[1 + 2 * j, c] - here) + far * (fine[2 + 2 * j, c] - here)
+                    fine[0, c] += step
+            for c in range(d):
+                fine[0, c] += ring[0, c]
+                fine[0, c] = _stepped(ring[0, c], own_share, fine[0, c] - ring[0, c])
+            for j in order:
+                size = edges[i, j]
+                part = share if size > 0 and parent == 2 else 0.0
+                if size > 1 and child == 2 and parent == 3:
+                    part += rest
+                if part != 0:
+                    part *= beside
+                    for c in range(d):
+                        step = ring[1 + 2 * j, c] - ring[0, c]
+                        fine[0, c] = _stepped(fine[0, c], part, step)
+            for j in range(N):
+                e, before = 1 + 2 * j, 2 * N if j == 0 else 2 * j
+                size = edges[i, j]
+                middle = min(size, 1.0)
+                for c in range(d):
+                    both = ring[0, c] + ring[e, c]
+                    outer = (0.5 - weight) * both
+                    found = outer + weight * (fine[e + 1, c] + fine[before, c])
+                    if size > 0:
+                        found = _mixed(middle, half * both, 1 - middle, found)
+                    fine[e, c] = found
+                edges[i, j] = max(size - 1, 0.0)
+            own[i] = max(own[i] - 1, 0.0)
+            ring, fine = fine, ring
+            level += 1
+        for c in range(d):
+            step = 0.0
+            for k in range(1, 1 + 2 * N):
+                step = _stepped(step, limit[k], ring[k, c] - ring[0, c])
+            result[i, c] = ring[0, c] + step
+
+
+@inlined
+def _collected(
+    sums: Array, touched: Array, count: int, column: int, share: float, value: float
+) -> int:
+    """Add to a sum, which is taken down if it is new; the number of sums."""
+    if touched[1, column] == 0:
+        touched[1, column] = 1
+        touched[0, count] = column
+        count += 1
+    sums[column] = _stepped(sums[column], share, value)
+    return count
+
+
+@lean
+def ring_rows(
+    masks: Array,
+    numbers: Array,
+    first: Array,
+    place: Array,
+    faces: Array,
+    ends: Array,
+    edges: Array,
+    own: Array,
+    weights: tuple[Array, Array, Array, Array],
+    sums: Array,
+    touched: Array,
+    result: Array,
+) -> None:
+    """Masks of vertices once all is smooth as weights of the `rings` before, (m, n, 1 + 2 N).
+
+    The arrays of ``refine/rings.py``; sharpness is whole. `numbers` (2, n, 1 + 2 N) lists the ring
+    by the numbers of its vertices, in the mesh and in all refinements, ``place`` (n, N) where in
+    `faces` each face is. `weights` are those of a face point (4,); of the vertex, its neighbours
+    and face points in a smooth vertex (3,); of the vertex and its neighbours along a crease (2,);
+    of the ends and face points in an edge point, and of the ends in a midpoint (3,). ``sums`` and
+    ``touched`` (2, .) have room for 1 + 3 N. Added up in the order of the products of the sparse
+    matrices of ``refine/limits.py``, each operation rounded by itself.
+    """
+    centre, smooth, crease, edge = weights[0], weights[1], weights[2], weights[3]
+    N = faces.shape[1]
+    R = 1 + 2 * N
+    for i in range(len(edges)):
+        depth = own[i]
+        for j in range(N):
+            depth = max(depth, edges[i, j])
+        for which in range(len(masks)):
+            row = result[which, i]
+            for k in range(R):
+                row[k] = masks[which, k]
+            for level in range(int(depth) - 1, -1, -1):
+                sharp = 3 if own[i] > level else 0
+                for j in range(N):
+                    sharp += edges[i, j] > level
+                for k in range(R + N):
+                    sums[k] = 0.0
+                    touched[1, k] = 0
+                count = 0
+                for k in numbers[1, i]:
+                    share = row[k]
+                    if share == 0:
+                        continue
+                    j = (k - 1) >> 1
+                    if k == 0:
+                        if sharp > 2:
+                            count = _collected(sums, touched, count, 0, share, 1.0)
+                        elif sharp == 2:
+                            count = _collected(sums, touched, count, 0, share, crease[0])
+                            for e in ends[min(level, 1), i]:
+                                if edges[i, e] > level:
+                                    at = 1 + 2 * e
+                                    count = _collected(sums, touched, count, at, share, crease[1])
+                        else:
+                            if smooth[0] != 0:
+                                count = _collected(sums, touched, count, 0, share, smooth[0])
+                            for f in faces[i]:
+                                at = 1 + 2 * f
+                                count = _collected(sums, touched, count, at, share, smooth[1])
+                                count = _collected(sums, touched, count, R + f, share, smooth[2])
+                    elif k & 1:
+                        one, two = 0, k
+                        if level == 0:
+                            for at in numbers[0, i]:
+                                if at == 0 or at == k:
+                                    one, two = at, k - at
+                                    break
+                        weight = edge[2] if edges[i, j] > level else edge[0]
+                        count = _collected(sums, touched, count, one, share, weight)
+                        count = _collected(sums, touched, count, two, share, weight)
+                        if not edges[i, j] > level:
+                            before = N - 1 if j == 0 else j - 1
+                            f, g = (j, before) if place[i, j] < place[i, before] else (before, j)
+                            count = _collected(sums, touched, count, R + f, share, edge[1])
+                            count = _collected(sums, touched, count, R + g, share, edge[1])
+                    else:
+                        count = _collected(sums, touched, count, R + j, share, 1.0)
+                for k in range(R):
+                    row[k] = 0.0
+                for t in range(count - 1, -1, -1):
+                    k = touched[0, t]
+                    if k < R:
+                        row[k] += sums[k]
+                        continue
+                    j = k - R
+                    turn = 0 if level else first[i, j]
+                    for corner in range(4):
+                        at = _in_ring(corner - turn, j, N)
+                        row[at] = _stepped(row[at], sums[k], centre[corner])
 
 
 @lean

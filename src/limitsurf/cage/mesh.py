@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, get_args, overload
 
@@ -142,6 +142,7 @@ class Mesh:
     units: float | None
     up: Up | None
     _channels: dict[str, Channel]
+    _kept: dict[str, tuple[Any, Any]]  # see `kept`
 
     def __init__(
         self,
@@ -162,6 +163,7 @@ class Mesh:
         self.points = read_only(checks.numbers(points, "vertex"))
         self.connectivity = Connectivity(len(self.points), *checks.face_arrays(faces))
         checks.check_faces(self.connectivity)
+        self._kept = {}
         tags = _checked(
             self.connectivity,
             creases=creases,
@@ -295,8 +297,23 @@ class Mesh:
         cage = (self.points, self.sizes, self.indices, self.creases, self.corners, self.holes)
         return *cage, *(getattr(self, name) for name in CHOICES), self._channels
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_kept": {}}
+
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(read_only(state))
+
+
+def kept(mesh: Mesh, name: str, key: Any, make: Callable[[], T]) -> T:
+    """What follows from a mesh and a key, whatever the points: made once, for the last key.
+
+    Copies with other points share it; `make` must not hold on to the mesh.
+    """
+    memory: dict[str, tuple[Any, T]] = vars(mesh)["_kept"]
+    known = memory.get(name)
+    if known is None or known[0] != key:
+        known = memory[name] = key, make()
+    return known[1]
 
 
 def valid_mesh(kind: type[M], points: NDArray[Any], faces: Connectivity, **tags: Any) -> M:
@@ -305,7 +322,7 @@ def valid_mesh(kind: type[M], points: NDArray[Any], faces: Connectivity, **tags:
     Of a kind that is `Mesh` or derived from it; tags are as in ``Mesh``.
     """
     mesh = object.__new__(kind)
-    mesh.points, mesh.connectivity = read_only(points), faces
+    mesh.points, mesh.connectivity, mesh._kept = read_only(points), faces, {}
     vars(mesh).update(_checked(faces, **tags) if tags else _NO_TAGS)
     return mesh
 

@@ -13,6 +13,7 @@ from limitsurf._kernels import reference as kernels
 from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.mesh import Mesh
 from limitsurf.refine.operators import entries, identity, sparse_operator, stacked
+from limitsurf.refine.rings import Rings
 from limitsurf.refine.stages import irrational, refined_values, refinement_stages, smooth_valences
 from limitsurf.rules import PENDING, Rules, Sectors, Sharpness
 from limitsurf.topology import MeshPart, child_halves, child_mesh, vertex_numbers
@@ -50,6 +51,9 @@ def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arra
     pending = np.zeros(len(wanted), dtype=bool)
     pending[vertex[sectors.kind == PENDING]] = True
     pending &= wanted
+    for rings in Rings.of(sectors, rules, np.flatnonzero(pending[vertex])):
+        at = rings.vertices[:, 0]
+        result[at], pending[at] = rings.limits(points), False
     if pending.any():
         near = MeshPart.of(sharpness.mesh, sharpness.neighbours(pending[sharpness.mesh.indices]))
         inner = sharpness.part(near)
@@ -65,27 +69,39 @@ def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arra
     return result
 
 
-def _normal_operators(
-    sharpness: Sharpness, rules: Rules, wanted: Array, masks: Callable[[Scheme, str, int], Array]
-) -> list[Any]:
-    """Operators (n_fans, n_vertices) on differences from a vertex, in a mesh of regular faces.
+def _normal_operator(
+    sharpness: Sharpness,
+    rules: Rules,
+    wanted: Array,
+    masks: Callable[[Scheme, str, int], Array],
+    count: int,
+) -> Any:
+    """Operator (count n_fans, n_vertices) on differences from a vertex, in regular faces.
 
-    They give pairs of vectors for each fan of the `Sectors`, two if `masks` are those of
-    `tables.normal_masks`, and four of `tables.collapsed_masks`. A fan without a normal has no
-    entries, nor have others than those `wanted` (n_fans,) bool.
+    It gives pairs of vectors for each fan of the `Sectors`, all first ones, then all second ones:
+    `count` is 4 if `masks` are those of `tables.normal_masks`, and 8 of `tables.collapsed_masks`.
+    A fan without a normal has no entries, nor have others than those `wanted` (n_fans,) bool.
     """
     mesh, lattice = sharpness.mesh, rules.scheme.lattice
-    sectors = Sectors.of(sharpness, lattice)
-    parts: list[list[tuple[Array, Array, Array]]] = [[] for _ in range(8)]
+    sectors, n = Sectors.of(sharpness, lattice), len(wanted)
+    parts = [(np.zeros(0, int), np.zeros(0, int), np.zeros(0))]
     for kind, faces, fans in sectors.groups(np.flatnonzero(wanted & (sectors.kind >= 0))):
         ring = sectors.ring(kind, faces, fans)
         rows = masks(rules.scheme, kind, faces)
-        for part, mask in zip(parts, rows.reshape(-1, rows.shape[2]), strict=False):
+        for which, mask in enumerate(rows.reshape(-1, rows.shape[2])):
             used = np.flatnonzero(mask != 0)
             values = np.broadcast_to(mask[used], (len(fans), len(used)))
-            part.append((np.repeat(fans, len(used)), ring[:, used].ravel(), values.ravel()))
+            row = np.repeat(which * n + fans, len(used))
+            parts.append((row, ring[:, used].ravel(), values.ravel()))
     # where something is semi-sharp, the limit is that after one more refinement
     pending = np.flatnonzero(wanted & (sectors.kind == PENDING))
+    whole = (np.floor(x) == x for x in (sharpness.edge_sharpness, sharpness.vertex_sharpness))
+    for rings in Rings.of(sectors, rules, pending) if all(x.all() for x in whole) else ():
+        rows = masks(rules.scheme, "interior", rings.edges.shape[1])
+        weights = rings.rows(rows.reshape(-1, rows.shape[2]))
+        vector, i, k = np.nonzero(weights)
+        parts.append((vector * n + rings.fans[i], rings.vertices[i, k], weights[vector, i, k]))
+        pending = np.setdiff1d(pending, rings.fans)
     if len(pending):
         near = MeshPart.of(mesh, sharpness.neighbours(np.isin(sectors.fans.fan, pending)))
         inner = sharpness.part(near)
@@ -96,16 +112,12 @@ def _normal_operators(
         fan = np.full(len(child_fans.vertex), -1)
         fan[child_fans.fan[child_halves(near.mesh.connectivity, first, lattice)[0]]] = pending
         both = stacked([identity(near.mesh.n_vertices, numbers.FLOAT64), faces_stage])
-        limits = _normal_operators(later, rules, fan >= 0, masks)
-        for part, finer in zip(parts, limits, strict=True):
-            rows, columns, values = entries((finer @ stage) @ both)
-            part.append((fan[rows], near.vertices[columns], values))
-    operators = []
-    for part in parts:
-        part.append((np.zeros(0, int), np.zeros(0, int), np.zeros(0)))
-        rows, columns, values = (np.concatenate(x) for x in zip(*part, strict=True))
-        operators.append(sparse_operator(rows, columns, values, (len(wanted), mesh.n_vertices)))
-    return operators
+        finer = _normal_operator(later, rules, fan >= 0, masks, count)
+        rows, columns, values = entries((finer @ stage) @ both)
+        k, row = np.divmod(rows, len(fan))
+        parts.append((k * n + fan[row], near.vertices[columns], values))
+    rows, columns, values = (np.concatenate(x) for x in zip(*parts, strict=True))
+    return sparse_operator(rows, columns, values, (count * n, mesh.n_vertices))
 
 
 def limit_normals(
@@ -117,29 +129,35 @@ def limit_normals(
     """
     fans = Sectors.of(sharpness, rules.scheme.lattice).fans
 
-    def vectors(wanted: Array, masks: Callable[[Scheme, str, int], Array]) -> list[Array]:
-        found = []
-        for operator in _normal_operators(sharpness, rules, wanted, masks):
-            vector, size, error = _from_own(operator, points, errors, fans.vertex)
-            found += [vector, kernels.NOISE * (size + error), kernels.NOISE * error]
-        return found
+    def vectors(
+        some: Array, masks: Callable[[Scheme, str, int], Array], count: int
+    ) -> list[tuple[Array, Array, Array]]:
+        chosen = np.zeros(len(fans.vertex), dtype=bool)
+        chosen[some] = True
+        operator = _normal_operator(sharpness, rules, chosen, masks, count)
+        own = np.tile(fans.vertex, count)
+        vector, size, error = _from_own(operator, points, errors, own)
+        each = vector, kernels.NOISE * (size + error), kernels.NOISE * error
+        parts = ([part[some] for part in np.split(x, count)] for x in each)
+        return list(zip(*parts, strict=True))
 
-    def crossed(found: list[Array], k: int) -> Array:
-        (a, noise, _), (b, other, _) = (found[3 * j : 3 * j + 3] for j in (2 * k, 2 * k + 1))
+    def crossed(found: list[tuple[Array, Array, Array]], k: int, rows: Array) -> Array:
+        (a, noise, _), (b, other, _) = ([x[rows] for x in found[j]] for j in (2 * k, 2 * k + 1))
         return kernels.unit_normals(a, b, (noise, other))
 
-    wanted = wanted[fans.vertex]
-    found = vectors(wanted, tables.normal_masks)
+    result = np.full((len(fans.vertex), 3), np.nan)
+    some = np.flatnonzero(wanted[fans.vertex])
+    found = vectors(some, tables.normal_masks, 4)
     # the second where the first pair is dependent
-    result = crossed(found, 0)
-    result = np.where(np.isnan(result), crossed(found, 1), result)
-    lost = wanted & np.isnan(result[:, 0])
-    if lost.any():
-        found = vectors(lost, tables.collapsed_masks)
-        first, second = ((np.abs(found[j]) <= found[j + 2]).all(axis=1) for j in (18, 21))
-        cases = first & second, first & ~second, second & ~first
-        for k, case in enumerate(cases):
-            result = np.where((lost & case)[:, None], crossed(found, k), result)
+    for k in range(2):
+        rows = np.flatnonzero(np.isnan(result[some, 0]))
+        result[some[rows]] = crossed(found, k, rows)
+    lost = some[np.isnan(result[some, 0])]
+    if len(lost):
+        found = vectors(lost, tables.collapsed_masks, 8)
+        first, second = ((np.abs(found[j][0]) <= found[j][2]).all(axis=1) for j in (6, 7))
+        for k, case in enumerate((first & second, first & ~second, second & ~first)):
+            result[lost[case]] = crossed(found, k, np.asarray(case))
     return np.asarray(result[fans.fan])
 
 
@@ -178,11 +196,12 @@ def _from_own(
     result = np.zeros((operator.shape[0], points.shape[1] + 2))
     used = np.diff(operator.indptr) > 0
     starts, columns = operator.indptr[np.concatenate([used, [True]])], operator.indices
-    rows = starts, columns, operator.data
-    result[used, :-2] = kernels.differences(*rows, points, np.zeros_like(points), own[used])
     if len(columns):
         near, weights = np.repeat(own[used], np.diff(starts)), np.abs(operator.data)
-        sizes = np.abs(points[columns] - points[near]).max(axis=1, initial=0)
+        steps = points[columns] - points[near] + 0.0  # no -0
+        sizes = kernels.largest(steps)[:, 0]
+        steps *= operator.data[:, None]
+        result[used, :-2] = np.add.reduceat(steps, starts[:-1], axis=0)
         for k, terms in ((-2, sizes), (-1, errors[columns] + errors[near])):
             result[used, k] = np.add.reduceat(weights * terms, starts[:-1])
     return result[:, :-2], result[:, -2:-1], result[:, -1:]

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 Floats: TypeAlias = NDArray[np.float64]
 
+_LITTLE = 1 << 24  # bytes, for which the system is not asked whether it has them
+
 
 class RefinedMesh(RuledMesh):
     """A refined mesh that remembers where it came from.
@@ -96,7 +98,7 @@ class RefinedMesh(RuledMesh):
 
     def __getstate__(self) -> dict[str, Any]:
         _ = self._parents
-        return {name: x for name, x in vars(self).items() if name != "_lineage"}
+        return {name: x for name, x in super().__getstate__().items() if name != "_lineage"}
 
     @cached_property
     def limit_points(self) -> Array:
@@ -164,7 +166,7 @@ class RefinedMesh(RuledMesh):
         rules, sharpness = self.rules, Sharpness.of(self, self.rules, numbers.FLOAT64)
         points = np.ldexp(self.points, kernels.balance(self.points))
         # what refinement rounded; a cage is exact
-        errors = np.abs(points).max(axis=1) * self.rounded
+        errors = kernels.largest(points)[:, 0] * self.rounded
         if not _kernels.compiled(self.n_corners, 60):
             result = limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
         else:
@@ -297,7 +299,7 @@ def refined(
     compiled = not number.exact and _kernels.compiled(_corners(mesh, levels), 10 if operator else 5)
     coarse, holes = mesh, np.flatnonzero(rules.without_limit(mesh))
     lattice = rules.scheme.lattice
-    first = sharpness = Sharpness.of(mesh, rules, number)
+    sharpness = Sharpness.of(mesh, rules, number)
     lineage = []
     for _ in range(levels):
         if operator:
@@ -312,7 +314,7 @@ def refined(
     if balance:
         points = np.ldexp(points, -balance)
     channels = {
-        name: _refined_channel(ChannelMesh.of(mesh, name, rules, first), levels, holes)
+        name: _refined_channel(ChannelMesh.of(mesh, name, rules), levels, holes)
         for name in mesh.channels
     }
     fine = valid_mesh(
@@ -366,12 +368,13 @@ def refuse_levels(mesh: Mesh, levels: int, operator: bool = False) -> None:
     columns = max(math.prod(mesh.points.shape[1:]), 1)
     each = 100 + (100 if numbers.type_of(mesh.points).exact else 8) * columns
     each += 32 * len(mesh.channels) + 400 * operator
+    faces = mesh.n_corners * 4 ** max(min(levels, 400) - 1, 0)  # more than any machine holds
+    if not levels or faces * each < _LITTLE:
+        return
     fit = memory.available() / (each * mesh.n_corners)
     most = 0 if fit < 1 else int(math.log(fit, 4)) + 1 if math.isfinite(fit) else levels
     advice = f"up to {most} levels fit" if most else "no level fits"
-    faces = mesh.n_corners * 4 ** max(min(levels, 400) - 1, 0)  # more than any machine holds
-    if levels:
-        memory.refuse_beyond(faces, each, f"faces of {levels} levels", advice)
+    memory.refuse_beyond(faces, each, f"faces of {levels} levels", advice)
 
 
 def _refined_channel(channel: ChannelMesh, levels: int, holes: Array) -> ChannelMesh:

@@ -328,11 +328,11 @@ def _smooth_masks(mesh: Mesh, rules: Rules, rough: Array) -> tuple[Array, Array,
     size = mesh.connectivity.uniform_size
     sizes = [size] if size else np.flatnonzero(np.bincount(mesh.sizes)).tolist()
     most, valences = smooth_valences(mesh, rough)
-    return _rounded_masks(rules, tuple(sizes), most, tuple(valences))
+    return rounded_masks(rules, tuple(sizes), most, tuple(valences))
 
 
 @lru_cache(maxsize=64)
-def _rounded_masks(
+def rounded_masks(
     rules: Rules, sizes: tuple[int, ...], most: int, valences: tuple[int, ...]
 ) -> tuple[Array, Array, Array, Array]:
     """Masks in float64 of faces of some sizes, and of vertices of some numbers of faces.

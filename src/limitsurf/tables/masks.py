@@ -82,6 +82,7 @@ def vertex_weights(scheme: Scheme, valences: Array, number: NumberType) -> Array
     return np.asarray(table.reshape(-1, 1 + len(scheme.lattice.orbits))[kind])
 
 
+@lru_cache(maxsize=256)
 def limit_mask(scheme: Scheme, kind: str, faces: int, number: NumberType) -> Array:
     """Weights of the ring in the limit position of its vertex, (ring,).
 
@@ -98,8 +99,10 @@ def limit_mask(scheme: Scheme, kind: str, faces: int, number: NumberType) -> Arr
         mask[0] = 1 - edges.sum() - around.sum()
         of_edges, of_corners = _orbits(scheme)
         mask[of_edges], mask[of_corners] = edges, around
-        return mask
-    return number.array(limit_weights(scheme, scheme.sector(kind, faces)))
+    else:
+        mask = number.array(limit_weights(scheme, scheme.sector(kind, faces)))
+    mask.flags.writeable = False
+    return mask
 
 
 def _orbits(scheme: Scheme) -> tuple[slice, slice]:
@@ -108,6 +111,7 @@ def _orbits(scheme: Scheme) -> tuple[slice, slice]:
     return slice(1, None, stride), slice(2, None, stride) if stride > 1 else slice(0)
 
 
+@lru_cache(maxsize=256)
 def normal_masks(scheme: Scheme, kind: str, faces: int) -> Array:
     """Weights of the ring in the vectors of `EigenTable.normal_pairs`, (2 or 0, 2, ring).
 
@@ -121,10 +125,12 @@ def normal_masks(scheme: Scheme, kind: str, faces: int) -> Array:
             of_edges, of_corners = _orbits(scheme)
             both[:, :, of_edges], both[:, :, of_corners] = rings.waves
         both[:, :, 0] = -both.sum(axis=2)
-        return both
-    table = eigen_table(scheme, sector)
-    masks = table.left_vectors(table.normal_pairs.ravel())[:, : sector.ring]
-    return masks.reshape(-1, 2, sector.ring)
+    else:
+        table = eigen_table(scheme, sector)
+        both = table.left_vectors(table.normal_pairs.ravel())[:, : sector.ring]
+        both = both.reshape(-1, 2, sector.ring)
+    both.flags.writeable = False
+    return both
 
 
 def collapsed_masks(scheme: Scheme, kind: str, faces: int) -> Array:
@@ -173,7 +179,7 @@ def ring_masks(scheme: Scheme, kind: str, faces: int) -> RingMasks:
     weights = Weights.of(scheme, faces)
     limit = limit_mask(scheme, kind, faces, FLOAT64)
     waves = slowest_waves(scheme, kind, faces)
-    for array in (limit, *waves):
+    for array in waves:
         array.flags.writeable = False
     sector = scheme.sector(kind, faces)
     of_edges, of_corners = _orbits(scheme)
