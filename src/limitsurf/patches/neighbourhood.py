@@ -171,12 +171,13 @@ def reflections(
     """
     if squares.fit(lattice):
         return squares.reflections(grid, sectors.twin, first, start)
-    corners = _turned_corners(lattice, first, start)
-    fan, position = sectors.fans.fan[corners], sectors.fans.position[corners]  # (n, size)
-    along = sectors.regular[fan] & ~sectors.fans.closed[fan]
+    corners, fans = _turned_corners(lattice, first, start), sectors.fans
+    fan, position = fans.fan[corners], fans.position[corners]  # (n, size)
+    size = np.where(sectors.regular & ~fans.closed, fans.sizes, 0)[fan]
     missing, found = grid < 0, []
-    for (k, p, place), (sources, factors) in _beyond(lattice).items():
-        face = np.flatnonzero(along[:, k] & (position[:, k] == p) & missing[:, place])
+    for (k, count, p, place), (sources, factors) in _beyond(lattice).items():
+        here = (size[:, k] == count) & (position[:, k] == p)
+        face = np.flatnonzero(here & missing[:, place])
         missing[face, place] = False
         shape = len(face), len(factors)
         columns = grid[face[:, None], np.array(sources)]
@@ -295,16 +296,22 @@ def _star(lattice: Lattice, k: int) -> tuple[Place, list[Place]]:
 @lru_cache(maxsize=8)
 def _beyond(
     lattice: Lattice,
-) -> dict[tuple[int, int, int], tuple[tuple[int, ...], tuple[int, ...]]]:
-    """What lies beyond a smooth boundary that passes through a corner, by `Lattice.reflection`.
+) -> dict[tuple[int, int, int, int], tuple[tuple[int, ...], tuple[int, ...]]]:
+    """What lies beyond sharp edges at a regular corner.
 
-    By corner, position of the face in the fan there, and place in the template: places and weights.
+    By corner of the face, faces of the fan there, position of the face among them, and place in the
+    template: places and weights. Beyond a smooth boundary these are `Lattice.reflection`; beyond a
+    corner of one face, what goes on as the face itself does (``derivations/loop_sectors.py``).
     """
     stride, size, place_of = len(lattice.orbits), len(lattice.star), lattice.template.index
     found = {}
     for k in range(lattice.face_size):
         vertex, star = _star(lattice, k)
-        for position in range(lattice.valence // 2):
+        own = [place_of((1 + i, 1 + j)) for i, j in lattice.corners]
+        for x, y in star[stride + 1 :]:
+            found[k, 1, 0, place_of((x, y))] = tuple(own), lattice.extrapolated((x - 1, y - 1))
+        faces = lattice.valence // 2
+        for position in range(faces):
             # directions along the boundary and into the mesh
             first = -position * stride % size
             (a, b), (c, d) = (
@@ -315,5 +322,5 @@ def _beyond(
                 x, y = star[r % size]
                 weights, sources = zip(*lattice.reflection, strict=True)
                 places = tuple(place_of((x + i * a + j * c, y + i * b + j * d)) for i, j in sources)
-                found[k, position, place_of((x, y))] = places, weights
+                found[k, faces, position, place_of((x, y))] = places, weights
     return found
