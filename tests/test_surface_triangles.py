@@ -4,6 +4,7 @@ Accuracy is that of `test_surface`; derivatives are compared with the largest of
 same place, which those along u, v and the third side mix.
 """
 
+import dataclasses
 import functools
 import math
 import random
@@ -379,3 +380,44 @@ def test_channels(name, mode, cut):
             assert exact.evaluate(face, u, v, channel="uv").tolist() == list(needed)
             rounded = floats.evaluate(face, float(u), float(v), channel="uv")
             assert np.abs(rounded - np.array(needed, dtype=float)).max() <= 1e-14 * 128
+
+
+def bent(first, second):
+    """Other weights between irregular vertices alone."""
+    share = F(1, 4) if 6 in (first, second) else F(3, 16)
+    return (F(3, 8), F(3, 8), F(1, 8)) if share == F(1, 4) else (F(5, 16), F(5, 16), share)
+
+
+def test_edges_between_irregular_vertices():
+    """Faces beside such edges are refined until their masks are those of the patch."""
+    scheme = dataclasses.replace(WARREN, name="bent", edge=bent)
+    points, faces = zoo_triangles.sphere(1)
+    mesh = ls.Mesh(np.vectorize(F, otypes=[object])(np.array(points, float)), faces)
+    surface = ls.LimitSurface(mesh, scheme=scheme)
+    fine = ls.refined(mesh, scheme=scheme)
+    for level in (ls.refined(mesh, 0, scheme=scheme), fine):
+        for k, corner in enumerate(oracles_loop.CORNERS):
+            # from all faces at a vertex, by the masks of the limit
+            own = np.arange(mesh.n_faces)
+            found = surface.evaluate(own, *corner)
+            assert (found == level.limit_points[mesh.indices.reshape(-1, 3)[:, k]]).all()
+    straight = ls.refined(mesh, scheme=WARREN).limit_points
+    assert np.abs(fine.limit_points - straight).max() > 0.01
+    finer = ls.LimitSurface(fine, scheme=scheme)
+    for face in range(0, mesh.n_faces, 3):
+        place = F(1, 32), F(1, 5)
+        at_corner = finer.evaluate(4 * face, *(2 * x for x in place))
+        assert (surface.evaluate(face, *place) == at_corner).all()
+
+
+def test_edges_at_irregular_vertices_are_refused():
+    scheme = dataclasses.replace(
+        WARREN, name="spokes",
+        edge=lambda a, b: (F(3, 8), F(3, 8), F(1, 8)) if a == b else (F(1, 4), F(1, 4), F(1, 4)),
+    )  # fmt: skip
+    mesh = ls.Mesh(*zoo_triangles.disc(5), scheme=scheme)
+    with pytest.raises(ValueError, match=r"edge\(5, 6\) is \(1/4, .*can be refined"):
+        ls.LimitSurface(mesh)
+    near, far = (ls.refined(mesh, n) for n in (1, 6))
+    error = np.abs(near.limit_points - far.points[: near.n_vertices]).max()
+    assert error <= 1e-3 * np.ptp(mesh.points)

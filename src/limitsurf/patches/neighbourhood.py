@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.mesh import Mesh
 from limitsurf.patches import squares
-from limitsurf.rules import Sectors, Sharpness
+from limitsurf.rules import DART, Sectors, Sharpness
 from limitsurf.scheme.lattice import Lattice, Place
 
 Array = NDArray[Any]
@@ -54,6 +54,22 @@ def smooth_faces(
     found[odd.sum(axis=1) > 1] = 0
     start = np.where(found == 0, 0, np.where(found == regular, -turn % size, special))
     return found.astype(np.int32), start.astype(np.int8)
+
+
+def influenced(sharpness: Sharpness, lattice: Lattice, first: Array) -> Array:
+    """Faces of the lattice from an edge of whose corners leads to an irregular vertex, (n,) bool.
+
+    Not along their own sides. `first` (n,) are their first corners. Where masks of edges depend on
+    valences, such an edge has others than around a patch.
+    """
+    mesh, n = sharpness.mesh, sharpness.mesh.n_vertices
+    odd = (sharpness.rule <= DART) & (mesh.vertex_faces != lattice.valence)
+    tail, head = mesh.edges.T
+    count = np.bincount(tail, odd[head], n) + np.bincount(head, odd[tail], n)
+    corners = mesh.indices[_corners(mesh, lattice, first)]
+    own = odd[corners].astype(float)
+    own = np.roll(own, 1, axis=1) + np.roll(own, -1, axis=1)
+    return np.asarray((count[corners] > own).any(axis=1))
 
 
 def sharp_faces(

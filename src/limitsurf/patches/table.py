@@ -4,7 +4,8 @@ A face of the lattice is a patch as it is when all faces around its corners are 
 semi-sharp is at them, and at most one corner is special: not regular in the sense of
 `Sectors.regular`. Where the spline is a tensor product it is a patch too where a semi-sharp crease
 of one sharpness runs along one of its sides and goes straight on at both ends
-(``derivations/creases.py``). Otherwise it is split into its children, another polygon into as many
+(``derivations/creases.py``). Where masks of edges depend on valences, other neighbours of its
+corners are regular, too. Otherwise it is split into its children, another polygon into as many
 as it has corners, by one refinement of its neighbourhood. Infinitely sharp edges part the mesh:
 what lies beyond one is replaced by reflections, which is exact at regular vertices, or has no
 influence. Where more than `tables.MOST_FACES` faces meet, their patches may share one copy of the
@@ -45,8 +46,9 @@ REGULAR, STRIP = 0, 1
 NO_LIMIT = -1
 # Sharpness below 10 is 0 after 10 refinements, n-gons are gone after one. The points that they make
 # are regular then, but for centres of n-gons, and after two no face has two special corners
-# (``derivations/isolation.py``).
-_DEEPEST = 10
+# (``derivations/isolation.py``). One more parts faces from irregular vertices beside their corners,
+# where masks of edges depend on valences.
+_DEEPEST = 11
 
 
 class PatchTable:
@@ -147,6 +149,8 @@ class PatchTable:
             valence[mesh.indices[mesh.sizes[mesh.corner_face] != size]] = 0
         first = mesh.connectivity.first(level.faces)
         found, start = neighbourhood.smooth_faces(mesh, lattice, first, turn, valence)
+        if callable(self._scheme.edge):
+            found[neighbourhood.influenced(level.sharpness, lattice, first)] = 0
         shared = (found > tables.MOST_FACES) & lattice.face_points
         found[shared] = 0
         plain = np.flatnonzero(found == regular)
@@ -169,6 +173,8 @@ class PatchTable:
         found, start = neighbourhood.sharp_faces(
             level.sharpness, sectors, self.lattice, strips, first, level.turn
         )
+        if callable(self._scheme.edge):
+            found[neighbourhood.influenced(level.sharpness, self.lattice, first)] = 0
         whole = np.flatnonzero(found)
         found, start, first, slot = found[whole], start[whole], first[whole], level.slot[whole]
         turn = (level.turn[whole] + start) % self.lattice.face_size
@@ -241,6 +247,8 @@ class PatchTable:
         """The number of a kind, a new one when it is met first."""
         number = self._kinds.setdefault(sector, len(self.sectors))
         if number == len(self.sectors):
+            if sector.takes_vertex_mask:
+                self._scheme.check_spokes(sector.faces)
             self.sectors.append(sector)
             shared = tables.is_shared(sector)
             width = len(sector.lattice.outer) if shared else sector.size
