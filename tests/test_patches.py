@@ -191,7 +191,7 @@ def test_replayed_once(monkeypatch):
     mesh = mesh_of(*zoo.TAGGED["crossed_grid_2.5"]())
     rules = Rules.resolve(mesh)
     table = PatchTable(mesh, rules, numbers.FLOAT64)
-    monkeypatch.setattr(level, "child_mesh", counting(level.child_mesh, made))
-    monkeypatch.setattr(level, "refinement_stages", counting(level.refinement_stages, asked))
+    for name, calls in (("child_mesh", made), ("refinement_stages", asked)):
+        monkeypatch.setattr(level, name, counting(getattr(level, name), calls))
     table.typed(mesh, rules, numbers.RATIONAL)
     assert len(asked) == len(table._splits) == len(made) + 1 == 3
