@@ -33,7 +33,8 @@ Run this file: it says nothing unless an assertion fails.
 #    extraordinary vertices are, boundaries and infinitely sharp creases included;
 # 4. what takes the place of missing points beyond a boundary or crease;
 # 5. semi-sharp creases: $\lceil s \rceil$ levels;
-# 6. how $(u, v)$ of a limit face becomes $(s, t)$ of a patch.
+# 6. how $(u, v)$ of a limit face becomes $(s, t)$ of a patch;
+# 7. which control points are needed is the same in exact numbers and in rounded ones.
 #
 # The proofs are for any mesh. Meshes that are named serve to compare the library with them.
 #
@@ -364,3 +365,42 @@ for k, signs in {
     jacobian = Matrix(inverse[k]).jacobian([u, v])
     expected = [X[0] * a + X[1] * b for a, b in signs]
     assert (X * jacobian - Matrix([expected])).expand() == Matrix.zeros(1, 2)
+
+# %% [markdown]
+# ## 7. What all of it needs
+#
+# Control points that no patch needs are left out of the table, and so are those that only these
+# combine. Which they are is found from the weights in float64, once for all types of numbers. Some
+# of these weights are 0 by rounding alone: at a crease of sharpness $1 - 10^{-20}$ the edge point
+# is the midpoint, but for $10^{-20}$ of what lies across. All the same
+#
+# **Claim.** Whatever a needed point combines in exact numbers is needed in float64, too.
+#
+# Take a split face $f$ and its corner $v$, and, of the faces at $v$, the *sector* of $f$ between
+# infinitely sharp edges (all, if there is one such edge or none). Some descendant of $f$ with
+# corner $v$ is a patch, whose control points include, of its level, the points of all faces and
+# edges of the sector. A face point combines all corners of its face, an edge point both ends of its
+# edge, whatever their weights. At $v$ one of these corners is the face point of the level before,
+# and one of the ends the edge point. So all of these are needed at all levels from the first on,
+# and all corners of the faces in the sector.
+#
+# Points that are needed belong to corners $v$ of such $f$, to edges at $v$, or to faces at $v$ (the
+# claim in part 1). The rest is what rounding may lose:
+#
+# - of an edge point, what lies across: face points, or corners. Edges that have this are not
+#   infinitely sharp, so they are inside the sector, with both of their faces;
+# - of a vertex point, its neighbours and the face points around it, where a smooth mask has a share
+#   in it: there is one such edge at most, and one sector;
+# - of a vertex point, its neighbours along a crease. If one of the two edges is not infinitely
+#   sharp there is one sector again. Otherwise they bound the sectors, or the patches of sectors
+#   that they do not bound take the points of both.
+
+# %%
+cross = [[3 * i + j + k for k in (0, 1, 4, 3)] for i in range(2) for j in range(2)]
+for tiny in (Fraction(1, 10**20), Fraction(1, 10**400)):
+    tags = {"creases": {(1, 4): 1 - tiny, (3, 4): 1 - tiny}, "corners": {5: 1 + tiny}}
+    mesh = built(cross, **tags)
+    fine = ls.refined(mesh, levels=2)
+    places = fine.parent_face, fine.parent_u, fine.parent_v
+    # the table of Fractions is that of float64 with other weights
+    assert (fine.limit_points == ls.LimitSurface(mesh).evaluate(*places)).all()

@@ -21,7 +21,7 @@ from test_every_scheme import WARREN
 
 import limitsurf as ls
 from limitsurf import numbers
-from limitsurf.patches import STRIP, PatchTable
+from limitsurf.patches import STRIP, PatchTable, level
 from limitsurf.rules import Rules
 from limitsurf.scheme import SCHEMES
 
@@ -178,20 +178,20 @@ def test_built_once(monkeypatch):
 
 def counting(method, calls):
     @functools.wraps(method)
-    def counted(self, *given):
+    def counted(*given):
         calls.append(given)
-        return method(self, *given)
+        return method(*given)
 
     return counted
 
 
-def test_own_table_where_points_are_missing():
-    """No cage is known that needs it: here a point is taken away by hand."""
+def test_replayed_once(monkeypatch):
+    """Fractions refine what is split, and no mesh more."""
+    made, asked = [], []
     mesh = mesh_of(*zoo.TAGGED["crossed_grid_2.5"]())
     rules = Rules.resolve(mesh)
     table = PatchTable(mesh, rules, numbers.FLOAT64)
-    assert table.extras[0].indices.min() == 0
-    table._needed[0] &= 0x7F
-    found = table.typed(mesh, rules, numbers.RATIONAL)
-    assert found.codes is not table.codes
-    assert_equal(found, PatchTable(mesh, rules, numbers.RATIONAL))
+    for name, calls in (("child_mesh", made), ("refinement_stages", asked)):
+        monkeypatch.setattr(level, name, counting(getattr(level, name), calls))
+    table.typed(mesh, rules, numbers.RATIONAL)
+    assert len(asked) == len(table._splits) == len(made) + 1 == 3

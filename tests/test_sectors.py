@@ -32,6 +32,7 @@ from limitsurf.exact.matrices import subdivision_matrix
 from limitsurf.exact.sectors import limit_weights
 from limitsurf.exact.spectrum import dense_basis, spectrum
 from limitsurf.exact.symbolic_sectors import SectorBasis
+from limitsurf.scheme.loop import LOOP
 from limitsurf.scheme.sector import KINDS, Sector
 
 CATMULL_CLARK = tables.SCHEMES["catmull-clark"]
@@ -1071,6 +1072,15 @@ def test_darts_of_other_schemes(N):
     for kind in ("crease", "corner", "cone"):
         other = Sector(kind, N)
         assert subdivision_matrix(LAZY, other) is subdivision_matrix(CATMULL_CLARK, other)
+
+
+def test_darts_with_a_double_eigenvalue_are_refused():
+    """1/2 along the crease and 3/8 + 1/8 across it, where the vertex stays."""
+    still = dataclasses.replace(
+        LOOP, name="still", vertex=lambda N: LOOP.vertex(6) if N == 6 else (F(1), F(0))
+    )
+    with pytest.raises(UnsupportedSpectrum, match="dart of 3 faces has an eigenvalue twice"):
+        spectrum(still, still.sector("dart", 3))
 
 
 def test_masks_are_asked_for_no_more_than_needed():

@@ -4,17 +4,20 @@ Accuracy is that of `test_surface`; derivatives are compared with the largest of
 same place, which those along u, v and the third side mix.
 """
 
+import dataclasses
 import functools
 import math
 import random
 from fractions import Fraction as F
 
 import numpy as np
+import oracles_channels
 import oracles_loop
 import pytest
 import zoo_triangles
 from oracles_creases import Cage
 from oracles_loop import LoopSurface
+from test_every_scheme import WARREN
 
 import limitsurf as ls
 from limitsurf._kernels import reference
@@ -318,3 +321,103 @@ def test_regular_weights(nu):
         wanted = floats(wanted[k] for k in template)
         assert np.abs(row - wanted).max() <= 1e-15 * max(1, np.abs(wanted).max())
         assert any(nu) or (row >= 0).all()
+
+
+def separate(faces, rng):
+    """Every corner of every face has a value of its own."""
+    return list(range(3 * len(faces)))
+
+
+def torn(faces, rng):
+    """Seams here and there, some of which end inside."""
+    several = [rng.choice([1, 1, 2, 3]) for _ in range(1 + np.max(faces))]
+    return [3 * v + rng.randrange(several[v]) for v in np.ravel(faces).tolist()]
+
+
+@pytest.mark.parametrize("cut", [separate, torn])
+@pytest.mark.parametrize("mode", oracles_channels.MODES)
+@pytest.mark.parametrize("name", ["triangle", "tetrahedron", "fan_4", "patch_0", "crease_2_of_6"])
+def test_channels(name, mode, cut):
+    """As on the mesh of the values, with those that the mode fixes for corners; "all" is linear."""
+    points, faces, *tags = (zoo_triangles.ZOO | zoo_triangles.TAGGED)[name]()
+    tags, faces = tags[0] if tags else {}, np.array(faces)
+    rng = random.Random(name)
+    rows = np.array(cut(faces, rng)).reshape(-1, 3)
+    values = [tuple(F(rng.randint(-64, 64)) for _ in "uv") for _ in range(rows.max() + 1)]
+    state = oracles_channels.start(
+        faces.tolist(), len(points), tags.get("creases", {}), {}, "edge_and_corner", "uniform",
+        "catmull-clark", values, rows.ravel(), mode,
+    )  # fmt: skip
+    rules = {value: rule for at in state.rules.values() for value, rule in at.items()}
+    fixed = [x for x, rule in rules.items() if rule == "corner"]
+    fixed += rows[np.isin(faces, np.flatnonzero(state.vertex_sharpness))].tolist()
+    creases = {}
+    for ends, there in zip(faces.tolist(), rows.tolist(), strict=True):
+        for k in range(3):
+            edge, own = ((min(x), max(x)) for x in ((i[k - 1], i[k]) for i in (ends, there)))
+            if state.edge_sharpness[edge] and edge not in state.seams:
+                creases[own] = math.inf
+    corners = dict.fromkeys(fixed, math.inf)
+    cage = Cage(values, rows.tolist(), creases, corners, boundary="edge_only")
+    oracle = LoopSurface(cage, weight=oracles_loop.warren_weight)
+    exact, floats = (
+        ls.LimitSurface(
+            ls.Mesh(
+                np.array(points, float), faces, **tags, channels={"uv": (x, rows.ravel(), mode)}
+            ),
+            scheme=WARREN,
+        )
+        for x in (np.array(values, dtype=object), np.array(values, dtype=float))
+    )
+    for face in rng.sample(range(len(faces)), min(3, len(faces))):
+        for u, v in [(F(1, 2), F(1, 4)), (F(1, 64), F(1, 4)), (F(5, 8), F(3, 8)), (F(0), F(1))]:
+            needed = oracle.evaluate(face, u, v)
+            if mode == "all":
+                weights = 1 - u - v, u, v
+                needed = sum(
+                    w * np.array(values[i]) for w, i in zip(weights, rows[face], strict=True)
+                )
+            assert exact.evaluate(face, u, v, channel="uv").tolist() == list(needed)
+            rounded = floats.evaluate(face, float(u), float(v), channel="uv")
+            assert np.abs(rounded - np.array(needed, dtype=float)).max() <= 1e-14 * 128
+
+
+def bent(first, second):
+    """Other weights between irregular vertices alone."""
+    share = F(1, 4) if 6 in (first, second) else F(3, 16)
+    return (F(3, 8), F(3, 8), F(1, 8)) if share == F(1, 4) else (F(5, 16), F(5, 16), share)
+
+
+def test_edges_between_irregular_vertices():
+    """Faces beside such edges are refined until their masks are those of the patch."""
+    scheme = dataclasses.replace(WARREN, name="bent", edge=bent)
+    points, faces = zoo_triangles.sphere(1)
+    mesh = ls.Mesh(np.vectorize(F, otypes=[object])(np.array(points, float)), faces)
+    surface = ls.LimitSurface(mesh, scheme=scheme)
+    fine = ls.refined(mesh, scheme=scheme)
+    for level in (ls.refined(mesh, 0, scheme=scheme), fine):
+        for k, corner in enumerate(oracles_loop.CORNERS):
+            # from all faces at a vertex, by the masks of the limit
+            own = np.arange(mesh.n_faces)
+            found = surface.evaluate(own, *corner)
+            assert (found == level.limit_points[mesh.indices.reshape(-1, 3)[:, k]]).all()
+    straight = ls.refined(mesh, scheme=WARREN).limit_points
+    assert np.abs(fine.limit_points - straight).max() > 0.01
+    finer = ls.LimitSurface(fine, scheme=scheme)
+    for face in range(0, mesh.n_faces, 3):
+        place = F(1, 32), F(1, 5)
+        at_corner = finer.evaluate(4 * face, *(2 * x for x in place))
+        assert (surface.evaluate(face, *place) == at_corner).all()
+
+
+def test_edges_at_irregular_vertices_are_refused():
+    scheme = dataclasses.replace(
+        WARREN, name="spokes",
+        edge=lambda a, b: (F(3, 8), F(3, 8), F(1, 8)) if a == b else (F(1, 4), F(1, 4), F(1, 4)),
+    )  # fmt: skip
+    mesh = ls.Mesh(*zoo_triangles.disc(5), scheme=scheme)
+    with pytest.raises(ValueError, match=r"edge\(5, 6\) is \(1/4, .*can be refined"):
+        ls.LimitSurface(mesh)
+    near, far = (ls.refined(mesh, n) for n in (1, 6))
+    error = np.abs(near.limit_points - far.points[: near.n_vertices]).max()
+    assert error <= 1e-3 * np.ptp(mesh.points)

@@ -14,6 +14,7 @@ from fractions import Fraction as F
 from pathlib import Path
 
 import pytest
+import sympy
 
 import limitsurf as ls
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
@@ -117,6 +118,13 @@ def test_wrong_masks_elsewhere_are_refused_when_needed():
         ls.refined(cube, scheme=unbalanced)
     with pytest.raises(ValueError, match=r"face\(3\) sums to 3/4, not to 1"):
         ls.refined(TRIANGLE, scheme=altered(face=lambda n: (F(1, 4) if n > 2 else F(1),) * n))
+
+
+@pytest.mark.parametrize("weights", [(1 - sympy.I / 2, sympy.I / 4, sympy.I / 4), None, 0.5])
+def test_weights_that_are_no_real_numbers_are_refused(weights):
+    strange = altered(vertex=lambda N: CATMULL_CLARK.vertex(4) if N == 4 else weights)
+    with pytest.raises(ValueError, match=r"'altered': vertex\(2\) must be 3 Fractions, got"):
+        strange.vertex_mask(2)
 
 
 TRIANGLE = ls.Mesh([[F(0)], [F(3)], [F(6)]], [[0, 1, 2]])

@@ -101,13 +101,10 @@ class ChannelSharpness(Sharpness):
         "chaikin" it is averaged over all edges at a vertex, whatever the seams.
     followers : (n, 2) int
         Values that are sharp as long as another one at their vertex is, and these.
-    linear : bool
-        Whether all edges and values are sharp, those that refinement makes included.
     """
 
     geometry: Sharpness
     followers: Array
-    linear: bool
 
     @cached_property
     def halves(self) -> tuple[Array, Rationals | None]:

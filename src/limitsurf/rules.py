@@ -85,6 +85,9 @@ class Sharpness:
     exact : (rationals, rationals) or None
         What the finite sharpnesses of the edges (S,) and of the vertices (M,) are, where float64
         may not hold them; masks are then exact, or rounded once. 0 for infinite ones.
+    linear : bool
+        Whether all edges and vertices are sharp, those that refinement makes included: only of
+        values of channels.
     """
 
     mesh: Mesh
@@ -99,6 +102,7 @@ class Sharpness:
     far: bool
     number: NumberType
     exact: tuple[Rationals, Rationals] | None
+    linear: bool
 
     @classmethod
     def of(cls, mesh: Mesh, rules: Rules, number: NumberType, exact: bool = False) -> Sharpness:
@@ -156,6 +160,7 @@ class Sharpness:
             rules.creasing == "chaikin" or callable(rules.scheme.edge),
             numbers.FLOAT64,
             None if edge_exact is None or vertex_exact is None else (edge_exact, vertex_exact),
+            linear=False,
         )
 
     def typed(self, mesh: Mesh, number: NumberType, exact: bool = False) -> Self:
@@ -565,9 +570,6 @@ def _found(members: Array, wanted: Array) -> tuple[Array, Array]:
 # by rule of the vertex, where its fan is not closed
 _KINDS = np.array([tables.KINDS.index(name) for name in ("interior", "dart", "crease", "corner")])
 
-# which part of the faces around a regular vertex regular fans are, 0 for kinds that never are
-_REGULAR = np.array([{"interior": 1, "crease": 2, "corner": 4}.get(k, 0) for k in tables.KINDS])
-
 
 @dataclass(frozen=True, eq=False)
 class Sectors:
@@ -637,10 +639,15 @@ class Sectors:
         """Fans around which the surface is the spline, reflected at sharp edges: (n_fans,) bool.
 
         As many smooth faces as are around a regular vertex, half of them along a crease, or a
-        quarter, if there is one, in a corner.
+        quarter, if there is one, in a corner; one in a corner where all edges stay sharp, which no
+        refinement would part from the others. (Elsewhere second derivatives may vanish at it, and
+        keep their digits next to a special corner alone.)
         """
-        whole = self.fans.sizes * _REGULAR[self.kind]
-        return np.asarray((self.kind >= 0) & (whole == self.lattice.valence))
+        valence = self.lattice.valence
+        corner = 1 if self.sharpness.linear else valence / 4
+        faces = {"interior": valence, "crease": valence / 2, "corner": corner}
+        wanted = np.array([faces.get(kind, 0) for kind in tables.KINDS])
+        return np.asarray((self.kind >= 0) & (self.fans.sizes == wanted[self.kind]))
 
     def groups(self, fans: Array) -> Iterator[tuple[str, int, Array]]:
         """The given fans by kind and number of faces: kind, number, fans."""

@@ -131,7 +131,10 @@ def dart_ring(scheme: Scheme, matrix: SubdivisionMatrix, at: Precision) -> Dense
     size, faces = matrix.sector.ring, matrix.sector.faces
     frequencies, waves, right, left = _sines(scheme, faces, size, at)
     alike = mirrored(matrix.sector)
-    values, even, dual = _certified_basis(folded(matrix, alike), at)
+    try:
+        values, even, dual = _certified_basis(folded(matrix, alike), at)
+    except (ZeroDivisionError, np.linalg.LinAlgError):
+        raise _double(faces) from None
     # the first right vector is constant
     dual[0] = dual[0] * even[0, 0] >> at.bits
     even[:, 0] = 1 << at.bits
@@ -285,6 +288,7 @@ def _certified_basis(matrix: list[list[Fraction]], at: Precision) -> tuple[list[
 
     The first is 1. With ``M = X^-1 A X``, ``X (I + F)`` where ``J F - F J`` cancels what ``M`` has
     beside its (block) diagonal J is the next approximation: the error is squared every time.
+    ZeroDivisionError or LinAlgError where two eigenvalues are equal.
     """
     size = len(matrix)
     floats = np.array([[float(x) for x in row] for row in matrix])
@@ -315,7 +319,7 @@ def _certified_basis(matrix: list[list[Fraction]], at: Precision) -> tuple[list[
         if np.abs(F).max() < 1 << 40:
             break
     else:
-        raise UnsupportedSpectrum("a dart whose eigenvalues are not distinct")
+        raise ZeroDivisionError
     inverse = inverse + at.product(inverse, identity - at.product(X, inverse))
     _normalise(X, inverse, pairs, at)
     # the last digits are rounding: 0, 1/4, 1/2 and 1 come out exactly
@@ -326,6 +330,14 @@ def _certified_basis(matrix: list[list[Fraction]], at: Precision) -> tuple[list[
         centre = (values[p] + values[p + 1]) / 2
         values[p], values[p + 1] = at.mp.mpc(centre, turn), at.mp.mpc(centre, -turn)
     return values, X, inverse
+
+
+def _double(faces: int) -> UnsupportedSpectrum:
+    """The error that says of which dart two eigenvalues are equal."""
+    return UnsupportedSpectrum(
+        f"a dart of {faces} faces has an eigenvalue twice, which is not supported; "
+        f"change the scheme's vertex({faces})"
+    )
 
 
 def _normalise(X: Fixed, inverse: Fixed, pairs: list[int], at: Precision) -> None:

@@ -19,7 +19,6 @@ from limitsurf.topology import (
     child_mesh,
     children_of,
     corners_of,
-    first_limit_face,
 )
 
 Array = NDArray[Any]
@@ -49,12 +48,11 @@ class Level:
     turn: Array
 
     @classmethod
-    def first(cls, cage: Mesh, rules: Rules, number: NumberType) -> Level:
-        """All faces of a cage that have limits."""
+    def first(cls, cage: Mesh, rules: Rules, number: NumberType, limit_faces: Array) -> Level:
+        """All faces of a cage that have limits, from their first limit faces on."""
         faces = np.flatnonzero(~rules.without_limit(cage))
         sharpness, turn = Sharpness.of(cage, rules, number), np.zeros(len(faces), dtype=np.int8)
-        slot = first_limit_face(cage, rules.scheme.lattice)[faces]
-        return cls(sharpness, cage.indices, faces, slot, turn)
+        return cls(sharpness, cage.indices, faces, limit_faces[faces], turn)
 
     @property
     def mesh(self) -> Mesh:
@@ -82,20 +80,24 @@ class Level:
         faces = np.searchsorted(near.faces, self.faces)
         return replace(self, sharpness=sharpness, numbers=numbers, faces=faces)
 
-    def refined(self, rules: Rules, n_points: int, n_codes: int) -> tuple[list[Rows], Level]:
-        """Refine the mesh: rows of the new control points in turn, and the children of the faces.
+    def rows(self, rules: Rules, n_points: int) -> list[Rows]:
+        """The control points that refinement makes, in turn, from number `n_points` on."""
+        # points of the mesh, then its face points, then its vertex and edge points, all numbered
+        sharpness = self.sharpness
+        face_points, stage = refinement_stages(self.mesh, rules, sharpness, sharpness.number)
+        F, others = face_points.shape[0], stage.shape[0] - face_points.shape[0]
+        points = np.concatenate([self.points, n_points + np.arange(F, dtype=np.int32)])
+        return [rows_of(face_points, self.points), rows_of(stage, points, others)]
+
+    def refined(self, lattice: Lattice, n_points: int, n_codes: int) -> Level:
+        """The children of the faces on the refined mesh, whose `rows` begin at `n_points`.
 
         Those of faces of the lattice become parts of splits, whose codes begin at `n_codes`; the
         limit faces of other polygons go straight to their children.
         """
-        mesh, sharpness, lattice = self.mesh, self.sharpness, rules.scheme.lattice
-        # points of the mesh, then its face points, then its vertex and edge points, all numbered
-        face_points, stage = refinement_stages(mesh, rules, sharpness, sharpness.number)
-        F, others = face_points.shape[0], stage.shape[0] - face_points.shape[0]
-        centres = np.arange(n_points, n_points + F, dtype=np.int32)
-        points = np.concatenate([self.points, centres])
-        rows = [rows_of(face_points, self.points), rows_of(stage, points, others)]
-        new = np.concatenate([n_points + F + np.arange(others), centres])
+        mesh, F = self.mesh, self.mesh.n_faces * lattice.face_points
+        others = mesh.n_vertices + mesh.n_edges
+        new = n_points + np.concatenate([F + np.arange(others), np.arange(F)])
         children = child_mesh(mesh, np.arange(len(new)), lattice)
         child, corner, middle = _children(mesh, self.faces, lattice)
         count, size = len(lattice.children), lattice.face_size
@@ -110,8 +112,8 @@ class Level:
         splits = np.arange((sizes == size).sum())
         slot[whole] = n_codes + np.repeat(count * splits, count) + part[whole]
         turn = np.where(whole, turn, 0).astype(np.int8)
-        inner = sharpness.children(children, lattice)
-        return rows, Level(inner, new[children.indices], child, slot, turn)
+        inner = self.sharpness.children(children, lattice)
+        return Level(inner, new[children.indices], child, slot, turn)
 
 
 def _children(mesh: Mesh, faces: Array, lattice: Lattice) -> tuple[Array, Array, Array | bool]:

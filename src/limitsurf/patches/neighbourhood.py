@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.mesh import Mesh
 from limitsurf.patches import squares
-from limitsurf.rules import Sectors, Sharpness
+from limitsurf.rules import DART, Sectors, Sharpness
 from limitsurf.scheme.lattice import Lattice, Place
 
 Array = NDArray[Any]
@@ -54,6 +54,22 @@ def smooth_faces(
     found[odd.sum(axis=1) > 1] = 0
     start = np.where(found == 0, 0, np.where(found == regular, -turn % size, special))
     return found.astype(np.int32), start.astype(np.int8)
+
+
+def influenced(sharpness: Sharpness, lattice: Lattice, first: Array) -> Array:
+    """Faces of the lattice from an edge of whose corners leads to an irregular vertex, (n,) bool.
+
+    Not along their own sides. `first` (n,) are their first corners. Where masks of edges depend on
+    valences, such an edge has others than around a patch.
+    """
+    mesh, n = sharpness.mesh, sharpness.mesh.n_vertices
+    odd = (sharpness.rule <= DART) & (mesh.vertex_faces != lattice.valence)
+    tail, head = mesh.edges.T
+    count = np.bincount(tail, odd[head], n) + np.bincount(head, odd[tail], n)
+    corners = mesh.indices[_corners(mesh, lattice, first)]
+    own = odd[corners].astype(float)
+    own = np.roll(own, 1, axis=1) + np.roll(own, -1, axis=1)
+    return np.asarray((count[corners] > own).any(axis=1))
 
 
 def sharp_faces(
@@ -171,12 +187,13 @@ def reflections(
     """
     if squares.fit(lattice):
         return squares.reflections(grid, sectors.twin, first, start)
-    corners = _turned_corners(lattice, first, start)
-    fan, position = sectors.fans.fan[corners], sectors.fans.position[corners]  # (n, size)
-    along = sectors.regular[fan] & ~sectors.fans.closed[fan]
+    corners, fans = _turned_corners(lattice, first, start), sectors.fans
+    fan, position = fans.fan[corners], fans.position[corners]  # (n, size)
+    size = np.where(sectors.regular & ~fans.closed, fans.sizes, 0)[fan]
     missing, found = grid < 0, []
-    for (k, p, place), (sources, factors) in _beyond(lattice).items():
-        face = np.flatnonzero(along[:, k] & (position[:, k] == p) & missing[:, place])
+    for (k, count, p, place), (sources, factors) in _beyond(lattice).items():
+        here = (size[:, k] == count) & (position[:, k] == p)
+        face = np.flatnonzero(here & missing[:, place])
         missing[face, place] = False
         shape = len(face), len(factors)
         columns = grid[face[:, None], np.array(sources)]
@@ -295,16 +312,22 @@ def _star(lattice: Lattice, k: int) -> tuple[Place, list[Place]]:
 @lru_cache(maxsize=8)
 def _beyond(
     lattice: Lattice,
-) -> dict[tuple[int, int, int], tuple[tuple[int, ...], tuple[int, ...]]]:
-    """What lies beyond a smooth boundary that passes through a corner, by `Lattice.reflection`.
+) -> dict[tuple[int, int, int, int], tuple[tuple[int, ...], tuple[int, ...]]]:
+    """What lies beyond sharp edges at a regular corner.
 
-    By corner, position of the face in the fan there, and place in the template: places and weights.
+    By corner of the face, faces of the fan there, position of the face among them, and place in the
+    template: places and weights. Beyond a smooth boundary these are `Lattice.reflection`; beyond a
+    corner of one face, what goes on as the face itself does (``derivations/loop_sectors.py``).
     """
     stride, size, place_of = len(lattice.orbits), len(lattice.star), lattice.template.index
     found = {}
     for k in range(lattice.face_size):
         vertex, star = _star(lattice, k)
-        for position in range(lattice.valence // 2):
+        own = [place_of((1 + i, 1 + j)) for i, j in lattice.corners]
+        for x, y in star[stride + 1 :]:
+            found[k, 1, 0, place_of((x, y))] = tuple(own), lattice.extrapolated((x - 1, y - 1))
+        faces = lattice.valence // 2
+        for position in range(faces):
             # directions along the boundary and into the mesh
             first = -position * stride % size
             (a, b), (c, d) = (
@@ -315,5 +338,5 @@ def _beyond(
                 x, y = star[r % size]
                 weights, sources = zip(*lattice.reflection, strict=True)
                 places = tuple(place_of((x + i * a + j * c, y + i * b + j * d)) for i, j in sources)
-                found[k, position, place_of((x, y))] = places, weights
+                found[k, faces, position, place_of((x, y))] = places, weights
     return found

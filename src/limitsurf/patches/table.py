@@ -4,7 +4,8 @@ A face of the lattice is a patch as it is when all faces around its corners are 
 semi-sharp is at them, and at most one corner is special: not regular in the sense of
 `Sectors.regular`. Where the spline is a tensor product it is a patch too where a semi-sharp crease
 of one sharpness runs along one of its sides and goes straight on at both ends
-(``derivations/creases.py``). Otherwise it is split into its children, another polygon into as many
+(``derivations/creases.py``). Where masks of edges depend on valences, other neighbours of its
+corners are regular, too. Otherwise it is split into its children, another polygon into as many
 as it has corners, by one refinement of its neighbourhood. Infinitely sharp edges part the mesh:
 what lies beyond one is replaced by reflections, which is exact at regular vertices, or has no
 influence. Where more than `tables.MOST_FACES` faces meet, their patches may share one copy of the
@@ -45,8 +46,9 @@ REGULAR, STRIP = 0, 1
 NO_LIMIT = -1
 # Sharpness below 10 is 0 after 10 refinements, n-gons are gone after one. The points that they make
 # are regular then, but for centres of n-gons, and after two no face has two special corners
-# (``derivations/isolation.py``).
-_DEEPEST = 10
+# (``derivations/isolation.py``). One more parts faces from irregular vertices beside their corners,
+# where masks of edges depend on valences.
+_DEEPEST = 11
 
 
 class PatchTable:
@@ -85,7 +87,8 @@ class PatchTable:
 
     def __init__(self, mesh: Mesh, rules: Rules, number: NumberType) -> None:
         self.lattice, self._scheme = rules.scheme.lattice, rules.scheme
-        self.n_limit_faces = int(first_limit_face(mesh, self.lattice)[-1])
+        limit_faces = first_limit_face(mesh, self.lattice)
+        self.n_limit_faces = int(limit_faces[-1])
         self.n_vertices = self.n_points = mesh.n_vertices
         self.extras: list[Any] = []
         self._number = number
@@ -102,13 +105,13 @@ class PatchTable:
         # for each refinement, how many there were before it: patches of smooth faces and others,
         # all patches, points, codes
         self._splits: list[tuple[int, int, int, int]] = []
-        self._build(mesh, rules)
+        self._build(mesh, rules, limit_faces)
         self._drop_unused()
         del self._kinds, self._combined, self._early, self._number
 
-    def _build(self, cage: Mesh, rules: Rules) -> None:
+    def _build(self, cage: Mesh, rules: Rules, limit_faces: Array) -> None:
         """Fill the table level by level; most faces of most cages end at the first."""
-        level, smooth = Level.first(cage, rules, self._number), 0
+        level, smooth = Level.first(cage, rules, self._number, limit_faces), 0
         for depth in range(_DEEPEST + 1):
             if depth:
                 level = self._split(level, rules, smooth)
@@ -146,6 +149,8 @@ class PatchTable:
             valence[mesh.indices[mesh.sizes[mesh.corner_face] != size]] = 0
         first = mesh.connectivity.first(level.faces)
         found, start = neighbourhood.smooth_faces(mesh, lattice, first, turn, valence)
+        if callable(self._scheme.edge):
+            found[neighbourhood.influenced(level.sharpness, lattice, first)] = 0
         shared = (found > tables.MOST_FACES) & lattice.face_points
         found[shared] = 0
         plain = np.flatnonzero(found == regular)
@@ -168,6 +173,8 @@ class PatchTable:
         found, start = neighbourhood.sharp_faces(
             level.sharpness, sectors, self.lattice, strips, first, level.turn
         )
+        if callable(self._scheme.edge):
+            found[neighbourhood.influenced(level.sharpness, self.lattice, first)] = 0
         whole = np.flatnonzero(found)
         found, start, first, slot = found[whole], start[whole], first[whole], level.slot[whole]
         turn = (level.turn[whole] + start) % self.lattice.face_size
@@ -240,6 +247,8 @@ class PatchTable:
         """The number of a kind, a new one when it is met first."""
         number = self._kinds.setdefault(sector, len(self.sectors))
         if number == len(self.sectors):
+            if sector.takes_vertex_mask:
+                self._scheme.check_spokes(sector.faces)
             self.sectors.append(sector)
             shared = tables.is_shared(sector)
             width = len(sector.lattice.outer) if shared else sector.size
@@ -297,10 +306,10 @@ class PatchTable:
         split = (n_codes - self.n_limit_faces) // count + np.arange(n_splits)
         self.codes[level.slot[whole]] = -2 - split
         self.codes = np.append(self.codes, np.full(count * n_splits, NO_LIMIT, dtype=np.int32))
-        rows, level = level.refined(rules, self.n_points, n_codes)
-        for each in rows:
+        n_points = self.n_points
+        for each in level.rows(rules, n_points):
             self._extend(*each)
-        return level
+        return level.refined(self.lattice, n_points, n_codes)
 
     def _drop_unused(self) -> None:
         """Leave out control points that no patch needs, and number the others anew."""
@@ -326,8 +335,6 @@ class PatchTable:
         are: the levels are refined again for the values of operators alone.
         """
         made = self._refined(cage, rules, number)
-        if made is None:
-            return PatchTable(cage, rules, number)
         found = copy(self)
         found.sharpness = number.array(self.sharpness)
         # what refinement does not make has integers and halves, exact in float64
@@ -336,30 +343,29 @@ class PatchTable:
         ]
         return found
 
-    def _refined(self, cage: Mesh, rules: Rules, number: NumberType) -> dict[int, Any] | None:
+    def _refined(self, cage: Mesh, rules: Rules, number: NumberType) -> dict[int, Any]:
         """Those `extras` that refinement makes, by the number of their first row.
 
-        None where they combine points that have been left out, because float64 rounded all their
-        weights to 0. No cage is known for that: around a face that is split, all is needed that its
-        points may ever depend on.
+        A row may combine points that it did not in float64, which rounded their weights to 0, but
+        none that have been left out (``derivations/isolation.py``, part 7).
         """
         made: dict[int, Any] = {}
         if not self._splits:
             return made
         needed = np.unpackbits(self._needed).astype(bool)
         place = new_numbers(needed)
-        level = Level.first(cage, rules, number)
-        for smooth, patches, n_points, n_codes in self._splits:
+        level = Level.first(cage, rules, number, first_limit_face(cage, self.lattice))
+        for k, (smooth, patches, n_points, _) in enumerate(self._splits):
+            if k:
+                level = level.refined(self.lattice, *self._splits[k - 1][2:])
             # what is left by smooth patches, and by all patches of the level
             level = level.of_faces(self._beyond(level, smooth)).part()
             level = level.of_faces(self._beyond(level, patches))
-            rows, level = level.refined(rules, n_points, n_codes)
-            for each in rows:
+            for each in level.rows(rules, n_points):
                 new = slice(n_points, n_points + len(each[0]))
                 counts, columns, values = some_rows(each, needed[new])
                 columns = place[columns]
-                if (columns < 0).any():
-                    return None
+                assert (columns >= 0).all()
                 if len(counts):
                     width = int(place[new][needed[new]][0])
                     made[width] = operator_of((counts, columns, values), width)

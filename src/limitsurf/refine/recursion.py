@@ -107,10 +107,21 @@ class RefinedMesh(RuledMesh):
         Exact rationals if the points are. NaN at vertices without a limit: unused ones, and those
         on untagged boundaries under boundary="none".
         """
-        lattice = self.rules.scheme.lattice
-        if not all_regular(self, lattice):
+        if self._wants_finer:
             finer = refined(self, **vars(self.rules))
-            return np.asarray(finer.limit_points[: self.n_vertices])
+            limits = finer._limits()  # noqa: SLF001  (one of these, too)
+            return np.asarray(limits[: self.n_vertices])
+        return self._limits()
+
+    @property
+    def _wants_finer(self) -> bool:
+        """Whether limit masks hold after one more step only: amid regular faces and vertices."""
+        scheme = self.rules.scheme
+        return callable(scheme.edge) or not all_regular(self, scheme.lattice)
+
+    def _limits(self) -> Array:
+        """Limit positions by the limit masks of what is at each vertex."""
+        lattice = self.rules.scheme.lattice
         points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
         rules = self.rules
         sharpness = Sharpness.of(self, rules, numbers.type_of(points))
@@ -157,12 +168,15 @@ class RefinedMesh(RuledMesh):
                 "limit normals need points of shape (n, 3) in numbers that have square roots, "
                 f"float64: got {self.points.dtype} {self.points.shape}"
             )
-        lattice = self.rules.scheme.lattice
-        if not all_regular(self, lattice):
+        if self._wants_finer:
             finer = refined(self, **vars(self.rules))
-            return np.asarray(
-                finer.limit_normals[child_halves(self.connectivity, None, lattice)[0]]
-            )
+            halves = child_halves(self.connectivity, None, self.rules.scheme.lattice)
+            return np.asarray(finer._normals()[halves[0]])  # noqa: SLF001  (one of these, too)
+        return self._normals()
+
+    def _normals(self) -> Floats:
+        """Limit normals by the tangent masks of what is at each vertex."""
+        lattice = self.rules.scheme.lattice
         rules, sharpness = self.rules, Sharpness.of(self, self.rules, numbers.FLOAT64)
         points = np.ldexp(self.points, kernels.balance(self.points))
         # what refinement rounded; a cage is exact

@@ -178,6 +178,13 @@ class Lattice:
             return tuple(every)
         return tuple(i + self.ratio * j for i, j in (child.origin for child in self.children))
 
+    def extrapolated(self, place: Place) -> tuple[int, ...]:
+        """Weights of the corners in the (bi)linear surface through them, by place from corner 0."""
+        u, v = place
+        if self.sloped:
+            return 1 - u - v, u, v
+        return (1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v
+
     # ---------------------------------------------------------------- places
 
     @cached_property

@@ -50,7 +50,8 @@ class Scheme:
     edge : (Fraction, Fraction)
         Weight of each end point, and of each adjacent face point, in an edge point; without face
         points of each opposite corner. Or a callable: the valences of both ends -> the weights of
-        the first end, of the second, and of what lies across.
+        the first end, of the second, and of what lies across. `LimitSurface` wants these to be
+        those of regular edges wherever one end is regular; `refined` takes any.
     vertex : callable, N -> 3 rationals
         Weights of the vertex, of each edge neighbour and of each adjacent face point, if there are
         any, in the vertex point of an interior vertex of valence ``N``.
@@ -168,6 +169,21 @@ class Scheme:
         weights = self.edge(first, second)
         return self._check(f"edge({first}, {second})", weights, (1, 1, 2), algebraic=True)
 
+    def check_spokes(self, valence: int) -> None:
+        """Refuse edges from a vertex of that valence to regular ones with masks of their own.
+
+        What is next to the vertex is then no piece of the spline, however often it is refined.
+        """
+        regular = self.lattice.valence
+        needed = self.edge_mask(regular, regular)
+        for ends in ((valence, regular), (regular, valence)):
+            if (got := self.edge_mask(*ends)) != needed:
+                raise ValueError(
+                    f"scheme {self.name!r}: edge{ends} is ({', '.join(map(str, got))}); such a "
+                    "scheme can be refined, but a surface needs the mask of regular edges, "
+                    f"({', '.join(map(str, needed))}), wherever one end is regular"
+                )
+
     @property
     def regular_edge(self) -> tuple[Fraction, Fraction]:
         """Weight of each end, and of what lies across, where both ends are regular."""
@@ -207,8 +223,12 @@ class Scheme:
         self, mask: str, weights: Weights, counts: tuple[int, ...], algebraic: bool = False
     ) -> Weights:
         """Return `weights`, which must be exact numbers whose sum, with multiplicities, is one."""
-        if len(weights) != len(counts) or not all(
-            isinstance(w, (Fraction, int)) or (algebraic and _is_algebraic(w)) for w in weights
+        if (
+            not hasattr(weights, "__len__")
+            or len(weights) != len(counts)
+            or not all(
+                isinstance(w, (Fraction, int)) or (algebraic and _is_algebraic(w)) for w in weights
+            )
         ):
             raise ValueError(
                 f"scheme {self.name!r}: {mask} must be {len(counts)} Fractions, got {weights!r}"
@@ -220,8 +240,8 @@ class Scheme:
 
 
 def _is_algebraic(weight: Any) -> bool:
-    """Whether it is an algebraic number of sympy, which is not imported to know that."""
-    return bool(getattr(weight, "is_algebraic", False))
+    """Whether it is a real algebraic number of sympy, which is not imported to know that."""
+    return bool(getattr(weight, "is_algebraic", False)) and weight.is_real is not False
 
 
 def _exact(weight: Any) -> Weight:
