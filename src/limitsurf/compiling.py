@@ -87,8 +87,9 @@ def _use_meshes(scheme: Scheme) -> None:
             uv = mesh.points[:, :2], mesh.indices, "boundaries"
             mesh = Mesh(mesh.points, mesh.faces, creases=mesh.creases, channels={"uv": uv})
             fine, _ = refined(mesh, 2, operator=True, scheme=scheme)
-            for found in (fine, refined(fine), refined(mesh.with_points(mesh.points[:, 0]))):
+            for found in (fine, refined(fine)):
                 found.limit_points, found.limit_normals, found.edges  # noqa: B018
+            refined(mesh.with_points(mesh.points[:, 0])).limit_points  # noqa: B018
             LimitSurface(mesh, scheme=scheme, engine="compiled").of_channel("uv")
 
 
