@@ -109,6 +109,23 @@ def test_sums_that_round_to_a_half(engine):
     assert jumped
 
 
+@pytest.mark.parametrize("engine", ["reference", "compiled"])
+@pytest.mark.parametrize("nu", [(2, 0), (1, 1), (0, 2), (3, 0), (1, 2)])
+def test_derivatives_beyond_the_largest_number_are_infinite(engine, nu):
+    """With the sign of those of a smaller surface, though sums of several in a patch."""
+    points, faces = zoo_triangles.disc(9)[:2]
+    faces = [[*face[1:], face[0]] for face in faces]
+    small = ls.LimitSurface(ls.Mesh(np.asarray(points, float), faces), scheme="loop", engine=engine)
+    query = 0, 4.4e-16, 1 - 1.3e-15
+    found = small.with_points(1e300 * small.points).evaluate(*query, nu=nu)
+    assert (found == np.inf * small.evaluate(*query, nu=nu)).all()
+    # rows that differ by such a factor: what is infinite adds up to no NaN where it cannot
+    weights = small.weights(*query, nu=nu)
+    assert np.isfinite(weights.data).all()
+    wanted = small.evaluate(*query, nu=nu)
+    assert np.abs(weights @ small.points - wanted).max() <= 1e-11 * np.abs(weights.data).max()
+
+
 @pytest.mark.parametrize("valence", CASES)
 def test_reference_cases(valence):
     case = CASES[valence]

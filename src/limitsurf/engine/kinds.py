@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import repeat
 from operator import attrgetter
@@ -253,8 +253,9 @@ class Corners(Kind):
         return tables.rational_table(self._scheme, self.table.sector)
 
     def weights(self, g: Group, nu: Order) -> Array:
-        scale = kernels.scale_by_two(np.ones(len(g.s), dtype=self.number.dtype), g.depth * sum(nu))
         place, table = basis.CornerPlace.of(g.s, g.t, g.orientation, self._lattice), self.table
+        # one for all derivatives of an order, whose sums are finite where they are not
+        exponent = np.zeros(len(g.s), dtype=np.int64)
 
         def rows(order: Order, here: Array) -> Array:
             sub = place[here]
@@ -262,10 +263,18 @@ class Corners(Kind):
                 at_corner = basis.corner_derivative(table, order)
                 spline = self._scheme.spline
                 return basis.rational_weights(self._rational, spline, sub, order, at_corner)
-            powers = basis.EigenPowers.of(table, sub)
-            return basis.control_weights(table, basis.eigen_weights(table, sub, powers, order))
+            found = basis.eigen_weights(table, sub, basis.EigenPowers.of(table, sub), order)
+            if not found.with_limit:
+                exponent[here] = found.exponent
+                found = replace(found, exponent=np.zeros_like(found.exponent))
+            return basis.control_weights(table, found)
 
-        return basis.turned_rows(self._lattice, nu, g.orientation, rows) * scale[:, None]
+        found = basis.turned_rows(self._lattice, nu, g.orientation, rows)
+        exponent += g.depth * sum(nu)
+        if self.number.exact:
+            scale = kernels.scale_by_two(np.ones(len(g.s), dtype=self.number.dtype), exponent)
+            return np.asarray(found * scale[:, None])
+        return kernels.scale_by_two(found, exponent[:, None])
 
     def derivatives(self, values: Values, g: Group, orders: Sequence[Order]) -> list[Array]:
         # in patch parameters first: all orders at once, then each query adds up what it needs
@@ -276,17 +285,19 @@ class Corners(Kind):
                 wanted.update(choices)
         needed = sorted(wanted)
         parts = np.empty((len(g.query), len(needed), values.channels))
+        # of two, one for all derivatives of an order, whose sums are finite where they are not
+        exponents = np.zeros(parts.shape[:2], dtype=np.int64)
         for c in self.parts(values, g):
             weights = partial(basis.eigen_weights, self.table, c.place, c.powers)
             eigen = list(map(weights, needed))
             rows = np.stack(list(map(attrgetter("rows"), eigen)), axis=1)  # (q, orders, K - 1)
             found = np.matmul(rows, c.modes[c.which, 1:])  # (q, orders, d)
             for k, (order, x) in enumerate(zip(needed, eigen, strict=True)):
-                exponent = (x.exponent + g.depth[c.query] * sum(order))[:, None]
+                exponent = x.exponent + g.depth[c.query] * sum(order)
                 if not x.with_limit:
-                    found[:, k] = kernels.scale_by_two(found[:, k], exponent - balance)
+                    exponents[c.query, k] = exponent - balance
                     continue
-                found[:, k] = kernels.scale_by_two(found[:, k], exponent)
+                found[:, k] = kernels.scale_by_two(found[:, k], exponent[:, None])
                 found[:, k] += c.modes[c.which, 0]
                 found[:, k] += c.low[c.which]
                 found[:, k] += c.origin[c.which]
@@ -301,9 +312,11 @@ class Corners(Kind):
                 factor = factors[g.orientation]
                 if number == 0:
                     result.append(parts[every, pick] * factor[:, None])
+                    exponent = exponents[every, pick]
                     continue
                 here = np.flatnonzero(factor)
                 result[-1][here] += parts[here, pick[here]] * factor[here, None]
+            result[-1] = kernels.scale_by_two(result[-1], exponent[:, None])
         return result
 
     def directions(self, values: Values, g: Group) -> list[Array]:
