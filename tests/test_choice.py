@@ -1,5 +1,6 @@
 """Which engine answers when: by cost, by what is in the cache, and while kernels are compiled."""
 
+import io
 import os
 import platform
 import subprocess
@@ -320,3 +321,118 @@ def test_no_lock_where_nothing_can_be_kept(monkeypatch, tmp_path):
             assert not held
         assert not disk_cache.claimed("kernels/lock")
         assert not disk_cache.writable("kernels")
+
+
+# --- What is found on the way
+
+
+class Strange:
+    """In the place of a terminal; it knows nothing but to write."""
+
+    def write(self, text):
+        raise OSError
+
+
+def closed():
+    stream = io.StringIO()
+    stream.close()
+    return stream
+
+
+@pytest.mark.parametrize("stream", [lambda: None, Strange, closed])
+def test_nothing_is_said_to_what_is_no_terminal(policy, monkeypatch, stream):
+    monkeypatch.setattr(sys, "stderr", stream())
+    for _ in range(2):
+        background.say("text")
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"x" * 40])
+def test_damaged_marks_mark_nothing(empty, content):
+    from limitsurf._kernels import jit
+
+    jit.mark("quads")
+    assert jit.complete("quads")
+    (mark,) = (empty / background.folder()).glob(f"{background.MARK}*")
+    mark.write_bytes(content)
+    assert background.marked()
+    assert not jit.complete("quads")
+
+
+@posix
+def test_locks_that_are_none(place):
+    os.mkfifo(place)
+    assert disk_cache.claimed("kernels/lock")  # which is not waited for
+    with disk_cache.alone("kernels/lock", 0.1) as held:
+        assert not held
+    place.unlink()
+    place.write_text(f"{os.getppid()} {platform.node()}")
+    assert disk_cache.claimed("kernels/lock")
+    place.parent.chmod(0o777)
+    assert not disk_cache.claimed("kernels/lock")  # anybody might have made it
+    place.parent.chmod(0o755)
+
+
+@posix
+def test_locks_are_those_of_who_made_them(place):
+    with disk_cache.alone("kernels/lock", 0) as held:
+        assert held
+        os.utime(place, (0, 0))
+        disk_cache.renew()
+        assert time.time() - place.stat().st_mtime < 60
+        place.write_text(f"1 {platform.node()}")
+    assert place.exists()
+
+
+@pytest.mark.parametrize("folder", ["", ".", "lib", b"bytes"])
+def test_modules_are_not_looked_for_where_a_process_happens_to_be(empty, monkeypatch, folder):
+    started = []
+
+    class Process:
+        def __init__(self, command, **options):
+            started.append(command)
+
+        def wait(self):
+            return 0
+
+        poll = wait
+
+    monkeypatch.setattr(sys, "path", [folder, *sys.path])
+    monkeypatch.setattr(subprocess, "Popen", Process)
+    monkeypatch.setenv(background.VARIABLE, "1")
+    assert background.begin("quads")
+    (command,) = started
+    where = command.index("quads") + 1
+    assert "-I" in command[:where]
+    assert all(os.path.isabs(path) for path in command[where:])
+    assert os.getcwd() not in command[where:] or os.getcwd() in sys.path
+
+
+@pytest.mark.parametrize("word", ["0", "false", "No", "off"])
+def test_processes_can_be_forbidden(empty, monkeypatch, word):
+    monkeypatch.setattr(background, "_started", lambda what: pytest.fail(what))
+    monkeypatch.setenv(background.VARIABLE, word)
+    assert not background.begin("quads")
+
+
+@posix
+def test_a_cache_for_all_is_for_all(tmp_path):
+    before = os.umask(0o077)
+    try:
+        disk_cache.make_for_all(tmp_path / "a" / "b")
+    finally:
+        os.umask(before)
+    assert [(tmp_path / x).stat().st_mode & 0o777 for x in ("a", "a/b")] == [0o755] * 2
+
+
+def test_refinement_knows_the_same_engines(monkeypatch):
+    points, faces = zoo.cube()
+    monkeypatch.setenv(_kernels.VARIABLE, "fast")
+    with pytest.raises(ValueError, match="LIMITSURF_ENGINE must be one of 'auto'"):
+        ls.refined(ls.Mesh(np.asarray(points, dtype=float), faces))
+
+
+def test_what_kernels_do_not_know_loads_none(policy, cache):
+    cache[0].update(_kernels.KINDS)
+    for _ in range(3):
+        surface().evaluate(np.zeros(10**5, int), 0.3, 0.4, nu=(3, 0))
+    assert _kernels._spent < 0.1

@@ -338,24 +338,40 @@ def test_bad_places_for_results():
     ]:
         with pytest.raises(error, match=what):
             surface.jet(*query, order=1, out=place)
+    large = np.empty((4, 3))
+    parts = {(0, 0): large[:2], (1, 0): large[1:3], (0, 1): np.empty((2, 3))}
+    with pytest.raises(ValueError, match=r"out\[\(0, 0\)\] and out\[\(1, 0\)\] share memory"):
+        surface.jet(*query, order=1, out=parts)
+    same = np.lib.stride_tricks.as_strided(np.empty(3), (2, 3), (0, 8))
+    with pytest.raises(ValueError, match="out has the same numbers in several places"):
+        surface.evaluate(*query, out=same)
+    # one beside the other, and one between the others
+    beside = np.empty((2, 9))
+    out = {nu: beside[:, 3 * k : 3 * k + 3] for k, nu in enumerate(made)}
+    assert surface.jet(*query, order=1, out=out) is out
+    assert all(np.array_equal(out[nu], x) for nu, x in surface.jet(*query, order=1).items())
     with pytest.raises(IndexError, match="limit face 9 at index 1 is out of range"):
         surface.evaluate([0, 9], 0.5, 0.5, out=np.empty((2, 3)))
 
 
 def test_blocks_keep_their_arrays_and_are_made_again_elsewhere():
-    pytest.importorskip("numba")
+    numba = pytest.importorskip("numba")
     from limitsurf._kernels.blocks import Block
 
+    line, square = numba.float64[::1], numba.float64[:, ::1]
     array = np.arange(6.0).reshape(2, 3)
     kept = sys.getrefcount(array)
-    block = Block((5, array), (array[0],))
+    block = Block([(numba.int64, square), (line,)], (5, array), (array[0],))
     assert sys.getrefcount(array) > kept
     assert block.words.reshape(-1, 5)[1].tolist() == [array.ctypes.data, 2, 3, 0, 0]
     again = pickle.loads(pickle.dumps(block))
     assert again.words[5] != block.words[5]
     assert again.words.reshape(-1, 5)[:, 1:].tolist() == block.words.reshape(-1, 5)[:, 1:].tolist()
-    with pytest.raises(ValueError, match="contiguous"):
-        Block((array.T,))
+    for wrong in (array.T, array.astype(np.float32), array[0]):
+        with pytest.raises(TypeError, match="field 0 of a block must be a contiguous array"):
+            Block([(square,)], (wrong,))
+    with pytest.raises(TypeError):
+        Block([(numba.int64,)], (2.5,))
 
 
 # --- Places

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import errno
 import os
-import signal
-import sys
 from pathlib import Path
 
 import numpy as np
 
 from limitsurf import _kernels, disk_cache
-from limitsurf._kernels import background
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.choice import Answers
 from limitsurf.engine.protocol import JET, Request
@@ -27,7 +24,7 @@ def precompile() -> None:
     """Compile all kernels now, or load them, and use them for calls of any size from now on.
 
     For services, and for images of containers, that are to be fast from the first call on. The
-    first time on a machine this takes a minute of one processor, later about a second: what is
+    first time on a machine this takes two minutes of one processor, later about a second: what is
     compiled is kept in a cache directory, ``LIMITSURF_CACHE_DIR`` or else the user's, which is used
     only if nobody but the user, root and the owner of the installed package may write it. Who does
     not call this has kernels compiled in the background as soon as much is asked for. Where
@@ -125,17 +122,6 @@ def _samples(scheme: Scheme) -> list[Mesh]:
     return [Mesh(points, faces, creases={(0, 1): s}) for faces, s in ((cube, 3.0), (cut, 1.5))]
 
 
-def main() -> None:
-    """Compile in the background: least urgent of all, and not where another process does so."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # removing what is unfinished
-    if hasattr(os, "nice"):
-        os.nice(19)
-    first = sys.argv[1:]
-    rest = [kind for kind in _kernels.KINDS if kind not in first]
-    with disk_cache.alone(background.lock(), 0) as alone:
-        if alone:
-            compile_kinds((*first, *rest))
-
-
-if __name__ == "__main__":
-    main()
+def compile_first(kind: str) -> None:
+    """Compile all kernels, those of a kind first."""
+    compile_kinds((kind, *(other for other in _kernels.KINDS if other != kind)))

@@ -148,6 +148,7 @@ def _make(directory: Path, mode: int) -> None:
     _check_place(directory.parent, directory)
     try:
         directory.mkdir(mode)
+        os.chmod(directory, mode)  # whatever masks the process has for its other files
     except FileExistsError:  # another process was sooner, or something is in the way
         if not directory.is_dir():
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR)) from None
@@ -177,16 +178,27 @@ def alone(name: str, patience: float) -> Iterator[bool]:
     finally:
         if held:
             _held.discard(path)
-            path.unlink(missing_ok=True)
+            with suppress(OSError):
+                if _owner(path)[0] == str(os.getpid()):
+                    path.unlink()
 
 
 def claimed(name: str) -> bool:
     """Whether another process holds the lock of this name."""
     try:
-        path = cache_directory() / name
+        directory = cache_directory()
+        path = directory / name
+        _check_place(path.parent, directory)
         return path.exists() and not _is_left(path)
-    except OSError:
+    except (OSError, _UntrustedError):
         return False
+
+
+def renew() -> None:
+    """Say that who holds locks goes on."""
+    for path in tuple(_held):
+        with suppress(OSError):
+            os.utime(path)
 
 
 def writable(name: str) -> bool:
@@ -198,7 +210,8 @@ def writable(name: str) -> bool:
         return False
 
 
-_LEFT = 300.0  # seconds after which a lock is nobody's: nothing takes as long
+# seconds after which a lock is nobody's: of another machine, which is to renew it, and of this one
+_LEFT, _EVER = 300.0, 86400.0
 _STEP = 0.02  # between two looks at a lock
 _held: set[Path] = set()
 
@@ -217,16 +230,26 @@ def _take(path: Path) -> bool:
     return True
 
 
+def _owner(path: Path) -> tuple[str, str]:
+    """The number of the process that made a lock, and its machine."""
+    with open(os.open(path, _FLAGS), "rb") as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise ValueError
+        pid, _, host = file.read(300).decode().partition(" ")
+    return pid, host
+
+
 def _is_left(path: Path) -> bool:
     """Whether who made a lock has ended, or has had it for too long."""
     try:
-        pid, _, host = path.read_text().partition(" ")
-        if time.time() - path.stat().st_mtime > _LEFT:
-            return True
+        pid, host = _owner(path)
+        age = time.time() - path.stat().st_mtime
     except (OSError, ValueError):
         return False
     if os.name != "posix" or host != platform.node() or not pid.isdigit():
-        return False
+        return age > _LEFT
+    if age > _EVER:
+        return True
     if int(pid) == os.getpid():  # of one before, with the same number
         return path not in _held
     try:

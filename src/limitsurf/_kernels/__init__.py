@@ -12,6 +12,7 @@ if there can be none, this one does, for work that takes NumPy longer.
 """
 
 import os
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,6 +24,7 @@ from limitsurf._kernels import background
 from limitsurf._kernels.locks import preparing as preparing
 
 VARIABLE = "LIMITSURF_ENGINE"
+CHOICES = ("auto", "reference", "compiled")
 # what kernels are for, in the order in which they are compiled: meshes, and by the shape of faces
 # derivatives and normals, weights, and tangents and curvature
 MESHES, WEIGHTS, CURVATURE = "meshes", "-weights", "-curvature"
@@ -50,6 +52,23 @@ _loaded = False
 _choice: ContextVar[str | None] = ContextVar("_choice", default=None)
 
 
+def named(engine: str | None) -> str:
+    """The choice that an argument, or where it is None the environment, makes.
+
+    Examples
+    --------
+    >>> from limitsurf import _kernels
+    >>> _kernels.named("reference")
+    'reference'
+    """
+    given, name = engine, "engine"
+    if given is None:
+        given, name = os.environ.get(VARIABLE) or "auto", f"the environment variable {VARIABLE}"
+    if given not in CHOICES:
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, CHOICES))}, got {given!r}")
+    return given
+
+
 def answer(kind: str, seconds: float) -> bool:
     """Whether kernels of this kind do what would take NumPy so many seconds."""
     return kind in available or _pays(kind, seconds)
@@ -65,7 +84,7 @@ def compiled(corners: int, passes: float = 1) -> bool:
     ...     _kernels.compiled(10**9)
     False
     """
-    choice = _choice.get() or os.environ.get(VARIABLE)
+    choice = _choice.get() or named(None)
     if choice == "reference":
         return False
     if choice == "compiled":
@@ -144,4 +163,7 @@ def _in_haste(kind: str) -> bool:
 
 def _disabled() -> bool:
     """Whether Numba is told to leave Python as it is, which intrinsics do not survive."""
+    numba = sys.modules.get("numba")
+    if numba is not None and hasattr(numba, "config"):
+        return bool(numba.config.DISABLE_JIT)
     return os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")

@@ -5,12 +5,16 @@ Handing 25 arrays to a kernel costs more than the query that it answers; a block
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import chain
+from operator import index
 from typing import Any
 
 import numpy as np
 from numba.core import cgutils, types
 from numba.core.types import NamedTuple, UniTuple  # type: ignore[attr-defined]
 from numba.np.arrayobj import populate_array
+from numba.np.numpy_support import as_dtype
 from numpy.typing import NDArray
 
 from limitsurf._kernels.jit import intrinsic
@@ -20,7 +24,9 @@ _SLOT = 5  # words of a field: a number, or an address and the shape
 
 
 class Block:
-    """Where the fields of named tuples are: arrays and integers, by number.
+    """Where the fields of named tuples are: arrays and integers of some kinds, by number.
+
+    Kernels believe what a block says: arrays must be of the types that they know.
 
     Attributes
     ----------
@@ -30,27 +36,29 @@ class Block:
     Examples
     --------
     >>> import numpy as np
+    >>> from numba.core.types import float64, int64
     >>> from limitsurf._kernels.blocks import Block
-    >>> Block((7, np.zeros((2, 3)))).words[[0, 6, 7]].tolist()
+    >>> Block([(int64, float64[:, ::1])], (7, np.zeros((2, 3)))).words[[0, 6, 7]].tolist()
     [7, 2, 3]
     """
 
-    def __init__(self, *tuples: tuple[Any, ...]) -> None:
-        self._kept = tuples
-        fields = [field for fields in tuples for field in fields]
-        slots = np.zeros((len(fields), _SLOT), dtype=np.int64)
-        for words, field in zip(slots, fields, strict=True):
-            if isinstance(field, np.ndarray):
-                if not field.flags.c_contiguous:
-                    raise ValueError("arrays in a block must be contiguous")
-                words[: field.ndim + 1] = field.ctypes.data, *field.shape
-            else:
-                words[0] = field
+    def __init__(self, kinds: Sequence[tuple[Any, ...]], *tuples: tuple[Any, ...]) -> None:
+        self._given = kinds, *tuples
+        flat = [*chain(*kinds)], [*chain(*tuples)]
+        slots = np.zeros((len(flat[0]), _SLOT), dtype=np.int64)
+        for k, (words, kind, field) in enumerate(zip(slots, *flat, strict=True)):
+            if not isinstance(kind, types.Array):
+                words[0] = index(field)
+                continue
+            wanted = as_dtype(kind.dtype), kind.ndim
+            if (field.dtype, field.ndim) != wanted or not field.flags.carray:
+                raise TypeError(f"field {k} of a block must be a contiguous array of {wanted}")
+            words[: field.ndim + 1] = field.ctypes.data, *field.shape
         self.words: Array = slots.reshape(-1)
 
     def __reduce__(self) -> tuple[type[Block], tuple[Any, ...]]:
         # addresses are of this process and of these arrays
-        return type(self), self._kept
+        return type(self), self._given
 
 
 def _placed(context: Any, builder: Any, kind: Any, pointer: Any, shape: Any) -> Any:

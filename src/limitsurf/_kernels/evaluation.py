@@ -22,7 +22,7 @@ import numpy as np
 from numba.core.types import float64, int32, int64
 from numpy.typing import NDArray
 
-from limitsurf._kernels.blocks import unpacking, within
+from limitsurf._kernels.blocks import Block, unpacking, within
 from limitsurf._kernels.doubt import NOISE, SCALED
 from limitsurf._kernels.jit import (
     bits,
@@ -144,7 +144,14 @@ _FIELDS = (
     ),
     (*[float64[:, ::1]] * 2, *[float64[::1]] * 2, float64[:, ::1]),
 )  # fmt: skip
-# what is in a block of patches, tables and points
+
+
+def block(patches: Patches, tables: Tables, points: Points) -> Block:
+    """All that kernels evaluate, prepared."""
+    return Block(_FIELDS, patches, tables, points)
+
+
+# what is in it
 patches_of = unpacking(Patches, 0, _FIELDS[0])
 tables_of = unpacking(Tables, len(Patches._fields), _FIELDS[1])
 points_of = unpacking(Points, len(Patches._fields + Tables._fields), _FIELDS[2])

@@ -112,6 +112,7 @@ class _Cache(NullCache):  # type: ignore[misc]
         background.say("kernels are being compiled, which takes seconds, once on this machine")
         with disk_cache.alone(f"{name}.lock", _PATIENCE):
             yield
+        disk_cache.renew()
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled kernel; None if it is to be compiled."""
@@ -142,13 +143,13 @@ class _Cache(NullCache):  # type: ignore[misc]
 def _closed_over(function: Callable[..., Any]) -> list[Any]:
     """What tells apart kernels that one function makes for several shapes of faces.
 
-    That is what they close over, and what functions among that close over: integers, and modules.
+    That is what they close over, and what functions among that close over: numbers, and modules.
     """
     found: list[Any] = []
     for cell in function.__closure__ or ():
         x = cell.cell_contents
         inner = getattr(x, "py_func", None)
-        found.append(x if isinstance(x, int) else getattr(x, "__module__", ""))
+        found.append(x if isinstance(x, (int, float)) else getattr(x, "__module__", ""))
         if inner is not None:
             found.append(_closed_over(inner))
     return found
@@ -169,13 +170,17 @@ used: dict[str, None] = {}  # files of the kernels of this process, in the order
 
 def mark(kind: str) -> None:
     """Write down that all kernels for something are those that this process has used."""
-    disk_cache.write(_mark(kind), "\n".join(used).encode())
+    name, content = _mark(kind), "\n".join(used).encode()
+    disk_cache.write(name, _digest(name, content) + content)
 
 
 def complete(kind: str) -> bool:
     """Whether all kernels for something are in the cache, for this processor."""
-    content = disk_cache.read(_mark(kind), _MOST)
-    return content is not None and all(map(disk_cache.there, content.decode().split("\n")))
+    name = _mark(kind)
+    content = disk_cache.read(name, _MOST)
+    if content is None or content[:32] != _digest(name, content[32:]):
+        return False
+    return all(map(disk_cache.there, content[32:].decode().split("\n")))
 
 
 def _mark(kind: str) -> str:

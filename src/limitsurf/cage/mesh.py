@@ -301,7 +301,7 @@ class Mesh:
         return {**vars(self), "_kept": {}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(read_only(state))
+        self.__dict__.update(read_only({"_kept": {}, **state}))
 
 
 def kept(mesh: Mesh, name: str, key: Any, make: Callable[[], T]) -> T:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,7 @@ _CALL, _KIND, _QUERY = 6e-4, 2e-4, 1e-6
 _PORTION = 1 << 18  # queries of a call after which is asked anew who answers
 
 # types of plain numbers
-_WHOLE, _REAL = {int, np.int64}, {float, np.float64}
+_WHOLE, _REAL = {int, np.int64, np.int32}, {float, np.float64}
 _FAR = 1 << 62  # no integers of other types before
 
 
@@ -40,14 +39,9 @@ def chosen(engine: str | None) -> Choice:
     >>> chosen("reference")
     'reference'
     """
-    known, given, name = get_args(Choice), engine, "engine"
-    if given is None:
-        given, name = os.environ.get(VARIABLE) or "auto", f"the environment variable {VARIABLE}"
-    for choice in known:
-        if given == choice:
-            found: Choice = choice
-            return found
-    raise ValueError(f"{name} must be one of {', '.join(map(repr, known))}, got {given!r}")
+    found: Any = _kernels.named(engine)
+    choice: Choice = found
+    return choice
 
 
 class Answers:
@@ -79,6 +73,10 @@ class Answers:
         Points are in float64. None if it is not in plain numbers, or `workers` are asked for: the
         call is as any other then.
         """
+        if type(u) is int and 0 <= u <= 1:
+            u = float(u)
+        if type(v) is int and 0 <= v <= 1:
+            v = float(v)
         if type(u) not in _REAL or type(v) not in _REAL or type(face) not in _WHOLE:
             return None
         if type(workers) is not int or workers != 1 or not 0 <= face < _FAR:
@@ -111,14 +109,14 @@ class Answers:
         choice, shape = self._choice, self.topology.shape
         if choice == "reference" or shape is None:
             return self.reference
-        weights = part == _kernels.WEIGHTS
+        if not self.compiled.knows(orders, part == _kernels.WEIGHTS):
+            return self.reference
         if choice == "auto" and (kind := shape + part) not in _kernels.available:
             size, kinds = request.face.size, len(self.topology.patches.controls)
             seconds = _CALL + _KIND * min(size, kinds) + _QUERY * size * (1 + (len(orders) or 3))
             if not _kernels.answer(kind, seconds):
-                portions = size > _PORTION and self.compiled.knows(orders, weights)
-                return _Portions(self, orders, part) if portions else self.reference
-        return self.compiled if self.compiled.knows(orders, weights) else self.reference
+                return _Portions(self, orders, part) if size > _PORTION else self.reference
+        return self.compiled
 
 
 class _Portions:

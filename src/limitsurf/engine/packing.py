@@ -131,7 +131,7 @@ class Packing:
         info = patches.codes.astype(np.int64)
         inside = info >= 0
         info[inside] = packed[info[inside]]
-        near = np.full(len(regular) + len(strip), -1)
+        near = np.full(len(regular) + len(strip), -1, dtype=np.int64)
         far = np.flatnonzero((packed >> evaluation.FAR & 1 == 1) & (patches.kind <= STRIP))
         if len(far) <= max(_COPIED, _COPIED_SHARE * patches.n_limit_faces):
             self._copied = packed[far] & evaluation.ROW
@@ -256,7 +256,9 @@ class Packing:
 
         patches, kinds = self._patches, self.tables.kinds
         special = patches.controls[STRIP + 1 :]
-        first = np.cumsum([0] * (STRIP + 2) + [control.size for control in special[:-1]])
+        first = np.cumsum(
+            [0] * (STRIP + 2) + [control.size for control in special[:-1]], dtype=np.int64
+        )
         most = int(kinds[:, evaluation.SIZE].max()) + 1
         wide = -(-most // rows.EIGHT) * rows.EIGHT
         left = np.zeros((len(kinds), most, wide))
@@ -291,7 +293,7 @@ class Packing:
         forms = np.empty(total, np.int64)
         starts = np.zeros((total + 1, 2), np.int64)
         found = rows.Patterns(forms, np.empty(most, np.int32), np.empty(most, np.uint16), starts)
-        seen = np.full(controls.n_vertices, -1)
+        seen = np.full(controls.n_vertices, -1, dtype=np.int64)
         room = np.empty((2, max(int(x.max(initial=0)) for x in terms)), np.int32)
         start = number = 0
         for k, ids in enumerate(blocks):
@@ -390,9 +392,9 @@ class Packing:
 
     def block(self, points: evaluation.Points) -> Block:
         """All that kernels evaluate, prepared: patches, tables and points."""
-        from limitsurf._kernels.blocks import Block
+        from limitsurf._kernels.evaluation import block
 
-        return Block(self.patches, self.tables, points)
+        return block(self.patches, self.tables, points)
 
     def one(
         self, words: Array, channels: int, query: tuple[int, float, float], given: Asked
@@ -515,7 +517,7 @@ class Packing:
 
         kinds = self.tables.kinds
         places = -(-len(u) // grids.PLACES) * grids.PLACES
-        start = np.full((len(kinds), 4), -1)
+        start = np.full((len(kinds), 4), -1, dtype=np.int64)
         parts, at = [np.zeros(0)], 0
         there = np.bincount((codes[codes >= 0] >> evaluation.TURN) & ~np.int64(8))
         for both in np.flatnonzero(there).tolist():

@@ -85,6 +85,7 @@ def written(
     """
     for name, x in out.items():
         _check(name, x, shape, request.exact)
+    _check_apart(out)
     parts = request.face, request.u, request.v
     if any(np.may_share_memory(part, x) for x in out.values() for part in parts):
         face, u, v = (part.copy() for part in parts)
@@ -119,6 +120,23 @@ def arrays_of(out: Any, orders: Sequence[Order]) -> dict[str, Any]:
     return {f"out[{nu}]": out[nu] for nu in orders}
 
 
+def _check_apart(out: Mapping[str, Array]) -> None:
+    """Complain of arrays that share memory, where one result would overwrite another."""
+    bounds = []
+    for name, x in out.items():
+        reach = [step * (n - 1) for step, n in zip(x.strides, x.shape, strict=True)]
+        first = x.ctypes.data + sum(step for step in reach if step < 0)
+        bounds += [(first, first + sum(map(abs, reach)) + x.itemsize, name)] if x.size else []
+    before: list[tuple[int, str]] = []  # ends of those that may reach into the next
+    for first, end, name in sorted(bounds):
+        before = [one for one in before if one[0] > first]
+        for _, other in before:
+            if np.shares_memory(out[name], out[other]):
+                both = " and ".join(x for x in out if x in (name, other))
+                raise ValueError(f"{both} share memory: give an array of its own for each")
+        before.append((end, name))
+
+
 def _check(name: str, x: Any, shape: tuple[int, ...], exact: bool) -> None:
     """Complain of what results of a shape cannot be written to."""
     if exact:
@@ -133,5 +151,7 @@ def _check(name: str, x: Any, shape: tuple[int, ...], exact: bool) -> None:
         raise TypeError(f"{name} must be an array of float64, got {x.dtype}")
     if x.shape != shape:
         raise ValueError(f"{name} must have the shape of the result, {shape}, got {x.shape}")
+    if any(step == 0 < n - 1 for step, n in zip(x.strides, x.shape, strict=True)):
+        raise ValueError(f"{name} has the same numbers in several places: give an array of its own")
     if not x.flags.writeable:
         raise ValueError(f"{name} is read-only: results cannot be written to it")

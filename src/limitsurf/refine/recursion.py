@@ -309,7 +309,7 @@ def refined(
     number = numbers.type_of(mesh.points)
     points, balance = _balanced(mesh.points.reshape(mesh.n_vertices, -1))
     total = identity(mesh.n_vertices, number) if operator else None
-    # decided once, so that equal calls have equal results, to the last digit
+    # decided once, so that all of a call is done in one way
     compiled = not number.exact and _kernels.compiled(_corners(mesh, levels), 10 if operator else 5)
     coarse, holes = mesh, np.flatnonzero(rules.without_limit(mesh))
     lattice = rules.scheme.lattice

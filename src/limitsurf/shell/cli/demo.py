@@ -77,6 +77,8 @@ def _who(surface: ls.LimitSurface) -> str:
 def _steady(surface: ls.LimitSurface, n: int, seed: int, quiet: bool) -> float:
     """Seconds for the same queries again, when what compiles kernels for them has done so."""
     shape, end = surface.topology.shape, perf_counter() + PATIENCE
+    if shape:
+        _kernels.answer(shape, 0.5)  # as long as loading them takes
     with terminal.working("compiling kernels, once on this machine"):
         while shape and background.busy() and perf_counter() < end:
             if _kernels.answer(shape, 0):
