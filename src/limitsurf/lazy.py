@@ -131,8 +131,8 @@ def matrices(
     >>> import limitsurf as ls
     >>> surface = ls.LimitSurface(ls.Mesh([[0], [1], [1], [0]], [[0, 1, 2, 3]]))
     >>> W = surface.weights(0, da.linspace(0, 1, 1000, chunks=100), 0.5)
-    >>> W.shape, W.numblocks, W.compute().nnz
-    ((1000, 4), (10, 1), 4000)
+    >>> W.shape, W.numblocks, type(W.compute()).__name__
+    ((1000, 4), (10, 1), 'csr_array')
     """
     import dask.array as da
     from dask import delayed

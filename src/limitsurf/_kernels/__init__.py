@@ -134,8 +134,12 @@ def evaluating(shape: str) -> Any:
 def _pays(kind: str, seconds: float) -> bool:
     """Account for a call; whether kernels answer it, since loading them would have paid."""
     global _spent
-    _spent += seconds
-    if _spent < _LOADING or _disabled():
+    before, _spent = _spent, _spent + seconds
+    if _spent < _LOADING / 4 or _disabled():
+        return False
+    if before < _LOADING / 4:
+        background.prepare()
+    if _spent < _LOADING:
         return False
     if time.monotonic() < _next.get(kind, 0):
         return False

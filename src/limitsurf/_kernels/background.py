@@ -68,6 +68,11 @@ def marked() -> bool:
     return any(name.startswith(MARK) for name in names)
 
 
+def prepare() -> None:
+    """Make the place where kernels are kept, before anybody needs them: it may be filled by then."""
+    disk_cache.writable(folder())
+
+
 def busy() -> bool:
     """Whether a process, whoever started it, compiles in the background."""
     return disk_cache.claimed(lock()) or any(process.poll() is None for process in _process)
