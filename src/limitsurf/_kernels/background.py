@@ -69,7 +69,7 @@ def marked() -> bool:
 
 
 def prepare() -> None:
-    """Make the place where kernels are kept, before anybody needs them: it may be filled by then."""
+    """Make the place where kernels are kept, before they are needed: it may be filled by then."""
     disk_cache.writable(folder())
 
 

@@ -682,8 +682,8 @@ def precompile(directory: str | None, as_json: bool) -> None:
       limitsurf precompile
       limitsurf precompile --json
 
-    This takes two minutes of one processor, once for each version and kind of processor. DIR is made
-    if need be, for all to read; processes use it where LIMITSURF_CACHE_DIR names it.
+    This takes two minutes of one processor, once for each version and kind of processor. DIR is
+    made if need be, for all to read; processes use it where LIMITSURF_CACHE_DIR names it.
 
     Keys of --json: directory, kernels, bytes, seconds.
     """
