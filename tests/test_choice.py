@@ -347,9 +347,11 @@ def test_nothing_is_said_to_what_is_no_terminal(policy, monkeypatch, stream):
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"x" * 40])
-def test_damaged_marks_mark_nothing(empty, content):
+def test_damaged_marks_mark_nothing(empty, content, monkeypatch):
     from limitsurf._kernels import jit
 
+    disk_cache.write("kernels/file", b"")
+    monkeypatch.setattr(jit, "used", {"kernels/file": None})
     jit.mark("quads")
     assert jit.complete("quads")
     (mark,) = (empty / background.folder()).glob(f"{background.MARK}*")

@@ -135,9 +135,9 @@ def _pays(kind: str, seconds: float) -> bool:
     """Account for a call; whether kernels answer it, since loading them would have paid."""
     global _spent
     before, _spent = _spent, _spent + seconds
-    if _spent < _LOADING / 4 or _disabled():
+    if _spent < _LOADING / 3 or _disabled():
         return False
-    if before < _LOADING / 4:
+    if before < _LOADING / 3:
         background.prepare()
     if _spent < _LOADING:
         return False

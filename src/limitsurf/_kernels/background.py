@@ -153,7 +153,7 @@ def say(text: str) -> None:
     """Tell a person at a terminal, once."""
     if text in _said:
         return
-    _said.add(text)
     with suppress(Exception):  # whatever somebody has put in the place of a terminal
         if sys.stderr.isatty():
+            _said.add(text)
             print(f"limitsurf: {text}", file=sys.stderr)

@@ -12,7 +12,7 @@ from limitsurf import _kernels
 from limitsurf._kernels import VARIABLE as VARIABLE
 from limitsurf.caching import cached_property
 from limitsurf.cage.mesh import Mesh
-from limitsurf.engine.compiled import Compiled
+from limitsurf.engine.compiled import PLACES, Compiled
 from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.reference import Reference
 from limitsurf.engine.topology import Topology
@@ -109,14 +109,17 @@ class Answers:
         choice, shape = self._choice, self.topology.shape
         if choice == "reference" or shape is None:
             return self.reference
-        if not self.compiled.knows(orders, part == _kernels.WEIGHTS):
+        weights = part == _kernels.WEIGHTS
+        # (what kernels never know costs them nothing)
+        if not (PLACES.keys() & orders if weights else PLACES.keys() >= {*orders}):
             return self.reference
         if choice == "auto" and (kind := shape + part) not in _kernels.available:
             size, kinds = request.face.size, len(self.topology.patches.controls)
             seconds = _CALL + _KIND * min(size, kinds) + _QUERY * size * (1 + (len(orders) or 3))
             if not _kernels.answer(kind, seconds):
-                return _Portions(self, orders, part) if size > _PORTION else self.reference
-        return self.compiled
+                portions = size > _PORTION and self.compiled.knows(orders, weights)
+                return _Portions(self, orders, part) if portions else self.reference
+        return self.compiled if self.compiled.knows(orders, weights) else self.reference
 
 
 class _Portions:
