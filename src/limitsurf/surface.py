@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, overload
 
 import numpy as np
@@ -14,8 +13,9 @@ from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles
 from limitsurf.channels import ChannelMesh
 from limitsurf.engine.choice import Answers, Choice, chosen
+from limitsurf.engine.orders import checked_order, checked_orders, orders_up_to
 from limitsurf.engine.protocol import Engine, Order, Request
-from limitsurf.engine.results import arrays_of, written
+from limitsurf.engine.results import arrays_of, by_order, written
 from limitsurf.engine.topology import Topology
 from limitsurf.numbers import Exact, Numbers, Plain
 from limitsurf.patches import PatchTable
@@ -32,8 +32,6 @@ Array = NDArray[Any]
 Floats: TypeAlias = NDArray[np.float64]
 Fractions: TypeAlias = NDArray[np.object_]
 
-_MOST = 10_000  # derivatives in a jet
-_ZERO = 5  # order of derivatives that are 0 in all pieces
 _POSITION: tuple[Order] = ((0, 0),)
 
 
@@ -398,7 +396,7 @@ class LimitSurface:
         True [0.5, 0.5, 0.5]
         True [1.5, 1.5, 1.5]
         """
-        orders = _POSITION if nu is _POSITION[0] else (_order(nu),)
+        orders = _POSITION if nu is _POSITION[0] else (checked_order(nu),)
         if channel is None and out is None and not self._exact:
             known = self._answers.one(face, u, v, orders, workers)
             if known is not None:
@@ -463,11 +461,11 @@ class LimitSurface:
         >>> {nu: round(float(x[0]), 12) for nu, x in surface.jet(0, 0.25, 0.0, order=1).items()}
         {(0, 0): 0.25, (1, 0): 1.0, (0, 1): 0.0}
         """
-        orders, within = _jet_orders(checked_integer("order", order, 0))
+        orders, within = orders_up_to(checked_integer("order", order, 0))
         if channel is None and out is None and not self._exact:
             known = self._answers.one(face, u, v, within, workers)
             if known is not None:
-                return _by_order(orders, known, self._shape)
+                return by_order(orders, known, self._shape)
         if lazy.is_lazy(face, u, v):
             options = {"order": order, "channel": channel, "workers": workers}
             return lazy.mapped(self, "jet", face, u, v, out=out, **options)
@@ -477,7 +475,7 @@ class LimitSurface:
         request = Request.of(face, u, v, self._exact, workers)
         engine, shape = self._answers.engine(request, within), request.face.shape + self._shape
         if out is None:
-            return _by_order(orders, engine.derivatives(request, within), shape)
+            return by_order(orders, engine.derivatives(request, within), shape)
         arrays = arrays_of(out, orders)
         written(arrays, shape, request, lambda r, to: engine.derivatives(r, within, to))
         return out
@@ -736,7 +734,7 @@ class LimitSurface:
         >>> P.indices is du.indices, du.toarray().round(12).tolist()
         (True, [[-0.5, 0.5, 0.5, -0.5]])
         """
-        several, orders = _orders(nu)
+        several, orders = checked_orders(nu)
         if lazy.is_lazy(face, u, v):
             options = {"channel": channel, "workers": workers}
             rows = lazy.matrices(self, face, u, v, orders, **options)
@@ -769,45 +767,3 @@ class LimitSurface:
         """Complain of points that are not of shape (n, 3)."""
         if self._shape != (3,):
             raise ValueError(f"{what} needs points of shape (n, 3), got {self.points.shape}")
-
-
-def _orders(nu: Any) -> tuple[bool, list[Order]]:
-    """One order or a sequence of them: whether it is one, and them."""
-    sequences = tuple, list, np.ndarray
-    if isinstance(nu, sequences) and all(isinstance(one, sequences) for one in nu):
-        return True, list(map(_order, nu))
-    return False, [_order(nu)]
-
-
-def _order(nu: Any) -> Order:
-    """Two non-negative integers; those beyond the degree of all pieces are alike."""
-    order = tuple(nu) if isinstance(nu, (tuple, list, np.ndarray)) else ()
-    if len(order) == 2:
-        i, j = order
-        whole = isinstance(i, (int, np.integer)) and isinstance(j, (int, np.integer))
-        if whole and i >= 0 and j >= 0 and type(i) is not bool and type(j) is not bool:
-            return min(int(i), _ZERO), min(int(j), _ZERO)
-    raise ValueError(f"nu must be two integers >= 0, got {nu!r}")
-
-
-@lru_cache(maxsize=16)
-def _jet_orders(order: int) -> tuple[tuple[Order, ...], tuple[Order, ...]]:
-    """All derivatives up to an order, and which of the pieces' these are."""
-    count = (order + 1) * (order + 2) // 2
-    if count > _MOST:
-        raise ValueError(
-            f"a jet of order {order} has {count:,} derivatives, more than {_MOST:,}; those "
-            "beyond the third in u or in v are 0: ask for order 6, which has all others, or "
-            "evaluate those you need by nu="
-        )
-    orders = tuple((m - j, j) for m in range(order + 1) for j in range(m + 1))
-    return orders, tuple(map(_order, orders))
-
-
-def _by_order(orders: tuple[Order, ...], found: Any, shape: tuple[int, ...]) -> dict[Order, Any]:
-    """Derivatives (n, Q, d), one array or several, in a shape for each."""
-    if isinstance(found, np.ndarray):
-        found = found.reshape(len(orders), *shape)
-    else:
-        found = [x.reshape(shape)[()] for x in found]
-    return dict(zip(orders, found, strict=True))

@@ -55,6 +55,23 @@ class Results:
                 result[part] = value
 
 
+def by_order(orders: Sequence[Order], found: Any, shape: tuple[int, ...]) -> dict[Order, Array]:
+    """Derivatives (n, Q, d), one array or several, in a shape for each.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from limitsurf.engine.results import by_order
+    >>> by_order([(0, 0), (1, 0)], np.zeros((2, 4, 1)), (2, 2))[1, 0].shape
+    (2, 2)
+    """
+    if isinstance(found, np.ndarray):
+        found = found.reshape(len(orders), *shape)
+    else:
+        found = [x.reshape(shape)[()] for x in found]
+    return dict(zip(orders, found, strict=True))
+
+
 def written(
     out: Mapping[str, Any],
     shape: tuple[int, ...],
