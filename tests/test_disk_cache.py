@@ -35,11 +35,15 @@ def top(tmp_path, monkeypatch):
 
 
 def read(top, name="file"):
-    return disk_cache.read(name, 100, str(top))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LIMITSURF_CACHE_DIR", str(top))
+        return disk_cache.read(name, 100)
 
 
 def write(top, name="file", content=CONTENT):
-    disk_cache.write(name, content, str(top))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LIMITSURF_CACHE_DIR", str(top))
+        disk_cache.write(name, content)
 
 
 def warned(*words):

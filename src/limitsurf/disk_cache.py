@@ -58,15 +58,14 @@ def cache_directory() -> Path:
         raise FileNotFoundError(errno.ENOENT, "no home directory") from error
 
 
-def read(name: str, most: int, top: str | None = None) -> bytes | None:
+def read(name: str, most: int) -> bytes | None:
     """Return what a file in the cache holds; None if there is none, or none to be trusted.
 
-    A file of more than `most` bytes is none of ours. `top` is another directory than
-    `cache_directory`.
+    A file of more than `most` bytes is none of ours.
     """
     what = "the cache"
     try:
-        directory = Path(top) if top else cache_directory()
+        directory = cache_directory()
         what, path = f"the cache in {directory}", directory / name
         _check_place(path.parent, directory)
         what = f"{path} in the cache"
@@ -85,25 +84,25 @@ def read(name: str, most: int, top: str | None = None) -> bytes | None:
     return None
 
 
-def write(name: str, content: bytes, top: str | None = None) -> None:
+def write(name: str, content: bytes) -> None:
     """Write a file in the cache, making directories on the way; a warning says why if it cannot be.
 
     New directories are the user's alone; those inside the cache are open to whom it is open.
     """
     what = "the cache"
     try:
-        directory = Path(top) if top else cache_directory()
+        directory = cache_directory()
         what = f"the cache in {directory}"
-        replace(_place(name, directory), content)
+        replace(_place(name), content)
     except _UntrustedError as reason:
         _warn_once(f"{what} is not used: {reason}")
     except OSError as error:
         _warn_once(f"nothing can be kept in {what} ({error.strerror or error})")
 
 
-def _place(name: str, top: Path | None = None) -> Path:
+def _place(name: str) -> Path:
     """Where a file is to be in the cache, in a directory that is made and trusted."""
-    directory = top or cache_directory()
+    directory = cache_directory()
     path = directory / name
     _make(directory, 0o700)
     _check_place(directory, directory)

@@ -137,10 +137,10 @@ class _Portions:
         """See `Engine`."""
         return self._joined(request, lambda engine, some: engine.derivatives(some, orders), out)
 
-    def normals(self, request: Request, limits: bool = True, out: Array | None = None) -> Array:
+    def normals(self, request: Request, out: Array | None = None) -> Array:
         """See `Engine`."""
         given = None if out is None else [out]
-        return self._joined(request, lambda engine, some: [engine.normals(some, limits)], given)[0]
+        return self._joined(request, lambda engine, some: [engine.normals(some)], given)[0]
 
     def tangents(self, request: Request, width: int) -> tuple[Array, Array]:
         """See `Engine`."""

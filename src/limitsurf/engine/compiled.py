@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,11 +87,11 @@ class Compiled:
                 result[rest] = part
         return found
 
-    def normals(self, request: Request, limits: bool = True, out: Array | None = None) -> Array:
+    def normals(self, request: Request, out: Array | None = None) -> Array:
         """See `Engine`."""
         (normals,), rest = self._answers(request, None, None if out is None else [out])
         if len(rest):
-            normals[rest] = self._reference.normals(request.flat(rest), limits)
+            normals[rest] = self._reference.normals(request.flat(rest))
         return normals
 
     def tangents(self, request: Request, width: int) -> tuple[Array, Array]:
@@ -99,10 +99,9 @@ class Compiled:
         out = np.empty((2, request.face.size, self._reference.values.channels))
         rest = self._shapes("tangents", request, lambda: (width, out))
         if len(rest):
-            for part, x in zip(
-                out, self._reference.tangents(request.flat(rest), width), strict=True
-            ):
-                part[rest] = x
+            parts = self._reference.tangents(request.flat(rest), width)
+            for result, part in zip(out, parts, strict=True):
+                result[rest] = part
         return out[0], out[1]
 
     def curvatures(self, request: Request) -> Array:
@@ -120,9 +119,13 @@ class Compiled:
         packing = self._topology.packing
         rest = packing.shapes(kernel, self._points, queries, given, request.workers)
         if rest is None:
-            request.check(self._topology.patches.n_limit_faces, self._topology.lattice)
-            raise AssertionError("kernels and checks disagree about what is in range")
+            self._complain(request)
         return rest
+
+    def _complain(self, request: Request) -> NoReturn:
+        """Say what of a request is out of range."""
+        request.check(self._topology.patches.n_limit_faces, self._topology.lattice)
+        raise AssertionError("kernels and checks disagree about what is in range")
 
     def weights(self, request: Request, orders: Sequence[Order]) -> list[Any]:
         """See `Engine`; orders of `PLACES` by kernels, others by the reference.
@@ -137,7 +140,7 @@ class Compiled:
             known = [nu for nu in known if sum(nu) < 2]
             found = self._known_weights(request, known)
         if found is None:
-            raise AssertionError("kernels and checks disagree about what is in range")
+            self._complain(request)
         rest = [nu for nu in orders if nu not in known]
         if not rest:
             return found
@@ -188,6 +191,5 @@ class Compiled:
         packing = self._topology.packing
         rest = packing.evaluate(self._words, places, given, results, request.workers)
         if rest is None:
-            request.check(self._topology.patches.n_limit_faces, self._topology.lattice)
-            raise AssertionError("kernels and checks disagree about what is in range")
+            self._complain(request)
         return results.arrays, rest

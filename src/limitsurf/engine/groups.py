@@ -64,14 +64,6 @@ class Groups:
                 found.append(Rings(controls, *own, patches.rings[kind], masks))
         return found
 
-    def special(self, face: Array, u: Array, v: Array) -> Array:
-        """Whether queries (Q,) lie in patches with a special corner."""
-        where = np.flatnonzero(np.isfinite(u) & np.isfinite(v) & (self.patches.codes[face] != -1))
-        patch, *_ = self.patches.locate(face[where], u[where], v[where])
-        found = np.zeros(len(face), dtype=bool)
-        found[where] = np.array([x.special for x in self.kinds])[self.patches.kind[patch]]
-        return found
-
     @property
     def strips(self) -> tuple[StripTables, Array]:
         """Splines across the creases of strips, and which of them each strip has."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import repeat
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,11 +54,7 @@ class Kind(ABC):
     number : NumberType
     widths : (int, int)
         How many control points a patch has, but for those of shared rings, and with them.
-    special : bool
-        Whether they have a special corner.
     """
-
-    special: ClassVar[bool] = True
 
     def __init__(self, controls: Array, number: NumberType, scheme: Scheme) -> None:
         self.controls, self.number = controls, number
@@ -119,8 +115,6 @@ class Kind(ABC):
 
 class Spline(Kind):
     """Patches of pieces of a spline."""
-
-    special = False
 
     @abstractmethod
     def own_weights(self, g: Group, nu: Order, here: Any) -> Array:

@@ -137,11 +137,8 @@ class Engine(Protocol):
         """Derivatives in (u, v) of these orders, (Q, d) each: the arrays of `out`, if given."""
         ...
 
-    def normals(self, request: Request, limits: bool = True, out: Array | None = None) -> Array:
-        """Unit normals (Q, 3): the array `out`, if given.
-
-        With `limits` also where derivatives vanish and the normal is a limit.
-        """
+    def normals(self, request: Request, out: Array | None = None) -> Array:
+        """Unit normals (Q, 3), also where they are limits: the array `out`, if given."""
         ...
 
     def tangents(self, request: Request, width: int) -> tuple[Array, Array]:

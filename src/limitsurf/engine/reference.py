@@ -65,12 +65,11 @@ class Reference:
         widths = [self.values.channels] * len(orders)
         return self._answers(request, widths, "derivatives", self.values, orders, out=out)
 
-    def normals(self, request: Request, limits: bool = True, out: Array | None = None) -> Array:
+    def normals(self, request: Request, out: Array | None = None) -> Array:
         """See `Engine`."""
         given = None if out is None else [out]
         (normals,) = self._answers(request, [3], "normals", self.values, out=given)
-        if limits:
-            self.limits.fill(request, normals)
+        self.limits.fill(request, normals)
         return normals
 
     def tangents(self, request: Request, width: int) -> tuple[Array, Array]:
