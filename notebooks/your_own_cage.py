@@ -48,16 +48,18 @@ def row(*surfaces: ls.LimitSurface, up: str = "z") -> Image.Image:
 
 # %%
 barrel = pyvista.Cylinder(resolution=12, direction=(0, 0, 1))
-apart = ls.from_pyvista(barrel)
+apart = ls.from_pyvista(barrel, merge=False)
 apart
 
 # %% [markdown]
 # All of its vertices are on a boundary. A cylinder has none. But PyVista gives each end of it
-# points of its own, so that they can have normals of their own: its faces only touch. `clean()`
-# merges points that are in one place.
+# points of its own, so that they can have normals of their own: its faces only touch. `merge=True`
+# joins points that are in one place, and a number those that are as close. Texture coordinates,
+# which this dataset has, become a channel with seams; by default points are joined where there
+# are some.
 
 # %%
-joined = ls.from_pyvista(barrel.clean())
+joined = ls.from_pyvista(barrel, merge=True)
 joined
 
 # %%
@@ -93,7 +95,7 @@ print(ls.from_trimesh(box, merge=True))
 # same one cut into triangles, and that with smoother rules for triangles.
 
 # %%
-quads = ls.from_pyvista(pyvista.Cube().clean())
+quads = ls.from_pyvista(pyvista.Cube(), merge=True)
 cut = ls.from_trimesh(box, merge=True)
 row(*(ls.LimitSurface(cage) for cage in (quads, cut)), ls.LimitSurface(cut, triangles="smooth"))
 

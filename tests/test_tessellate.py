@@ -371,7 +371,7 @@ def test_split():
 def test_nothing_but_holes():
     mesh = ls.Mesh(*zoo.grid(1, 1), holes=[0])
     found = ls.tessellate(ls.LimitSurface(mesh), 2)
-    assert repr(found) == "Tessellation(0 points, 0 polygons)"
+    assert repr(found) == "Tessellation(0 points, 0 faces)"
     assert found.triangles.shape == (0, 3)
     assert found.split().points.shape == (0, 3)
 

@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from limitsurf.shell.io.by_trimesh import (
         to_trimesh as to_trimesh,
     )
+    from limitsurf.shell.io.merge import merged as merged
     from limitsurf.shell.io.vtk import (
         from_pyvista as from_pyvista,
     )
@@ -113,6 +114,7 @@ _HOME = {
     "eigenbasis": "spectra",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",
+    "merged": "shell.io.merge",
     "plot": "shell.plot.plots",
     "plot_characteristic_map": "shell.plot.plots",
     "plot_convergence": "shell.plot.plots",
@@ -139,4 +141,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOME})
+    return sorted([*_HOME, "__version__"])

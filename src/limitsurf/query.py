@@ -349,7 +349,7 @@ class Polygons:
         )
 
     def __repr__(self) -> str:
-        parts = [f"{len(self.points)} points", f"{len(self.sizes)} polygons"]
+        parts = [f"{len(self.points)} points", f"{len(self.sizes)} faces"]
         if len(self.normals):
             parts.append(f"{len(self.normals)} normals")
         parts += [f"channel {name!r}" for name in self.channels]

@@ -7,14 +7,16 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from limitsurf.caching import cached_property
 from limitsurf.cage.connectivity import Connectivity, derived, read_only
 from limitsurf.cage.faces import IntArray
 from limitsurf.cage.mesh import Mesh, valid_mesh
 from limitsurf.scheme.lattice import Lattice
 
 Array = NDArray[Any]
+Floats = NDArray[np.float64]
 
 
 class ChildConnectivity(Connectivity):
@@ -415,7 +417,7 @@ def first_limit_face(mesh: Mesh, lattice: Lattice) -> IntArray:
     return np.concatenate([[0], np.cumsum(counts)])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LimitFaces:
     """The limit faces of a mesh: one for a regular face, n for an n-gon, by its corners.
 
@@ -434,17 +436,183 @@ class LimitFaces:
     face: IntArray
     corner: IntArray
     first: IntArray
+    _cage: Connectivity
+    _holes: IntArray
+    _lattice: Lattice
 
     @classmethod
     def of(cls, mesh: Mesh, lattice: Lattice) -> LimitFaces:
         """Number the limit faces of `mesh`."""
         first = first_limit_face(mesh, lattice)
+        known = mesh.connectivity, mesh.holes, lattice
         if all_regular(mesh, lattice):
-            return cls(first[:-1], np.full(mesh.n_faces, -1), first[:-1])
+            return cls(first[:-1], np.full(mesh.n_faces, -1), first[:-1], *known)
         face = np.repeat(np.arange(mesh.n_faces), np.diff(first))
         regular = mesh.sizes[face] == lattice.face_size
         corner = np.where(regular, -1, np.arange(len(face)) - first[face])
-        return cls(face, corner, first[:-1])
+        return cls(face, corner, first[:-1], *known)
+
+    def at_corner(self, face: ArrayLike, corner: ArrayLike) -> tuple[IntArray, Floats, Floats]:
+        """Where corners of faces of the mesh are: limit face, u and v.
+
+        Parameters
+        ----------
+        face, corner : int or array_like
+            Faces of the mesh, and their corners from 0 on; they broadcast.
+
+        Returns
+        -------
+        limit_face, u, v : arrays of the same shape
+
+        Raises
+        ------
+        IndexError
+            For a face, or a corner, that does not exist.
+
+        Examples
+        --------
+        >>> import limitsurf as ls
+        >>> mesh = ls.Mesh([[0, 0], [1, 0], [1, 1], [0, 1], [2, 0]], [[0, 1, 2, 3], [1, 4, 2]])
+        >>> surface = ls.LimitSurface(mesh)
+        >>> surface.limit_faces.at_corner([0, 1], 2)
+        (array([0, 3]), array([1., 0.]), array([1., 0.]))
+        """
+        face, corner = np.broadcast_arrays(_whole(face, "face"), _whole(corner, "corner"))
+        _refuse_beyond(face, len(self.first), "face")
+        wrong = (corner < 0) | (corner >= self._cage.sizes[face])
+        if wrong.any():
+            f, k = int(face[wrong].flat[0]), int(corner[wrong].flat[0])
+            raise IndexError(f"face {f} has corners 0 to {self._cage.sizes[f] - 1}, got {k}")
+        regular = self._cage.sizes[face] == self._lattice.face_size
+        place = np.array(self._lattice.corners, dtype=float)[np.where(regular, corner, 0)]
+        limit_face = self.first[face] + np.where(regular, 0, corner)
+        return limit_face, place[..., 0], place[..., 1]
+
+    def at_vertex(self, vertex: ArrayLike) -> tuple[IntArray, Floats, Floats]:
+        """Where vertices of the mesh have their limits: limit face, u and v of one face there.
+
+        Of the faces at a vertex it is the first in the mesh that is no hole.
+
+        Parameters
+        ----------
+        vertex : int or array_like
+
+        Returns
+        -------
+        limit_face, u, v : arrays of the same shape
+
+        Raises
+        ------
+        IndexError
+            For a vertex that does not exist.
+        ValueError
+            For a vertex of no face.
+
+        Examples
+        --------
+        The limit positions of all vertices of a cage:
+
+        >>> import limitsurf as ls
+        >>> mesh = ls.Mesh([[1, 1], [2, 1], [2, 2], [1, 2]], [[0, 1, 2, 3]])
+        >>> surface = ls.LimitSurface(mesh)
+        >>> surface.evaluate(*surface.limit_faces.at_vertex(range(4))).round(12).tolist()
+        [[1.0, 1.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0]]
+        """
+        vertex = _whole(vertex, "vertex")
+        _refuse_beyond(vertex, self._cage.n_vertices, "vertex")
+        corner = self._first_corner[vertex]
+        if (corner < 0).any():
+            raise ValueError(f"vertex {vertex[corner < 0].flat[0]} is of no face")
+        return self._at(corner)
+
+    def at_edge(self, ends: ArrayLike, t: ArrayLike = 0.5) -> tuple[IntArray, Floats, Floats]:
+        """Where edges of the mesh are on the surface: limit face, u and v of one face there.
+
+        Of the faces at an edge it is the first in the mesh that is no hole.
+
+        Parameters
+        ----------
+        ends : array_like, (..., 2)
+            Vertices of edges.
+        t : array_like
+            How far along the edge, from 0 at its first to 1 at its second vertex; it broadcasts.
+
+        Returns
+        -------
+        limit_face, u, v : arrays of the same shape
+
+        Raises
+        ------
+        ValueError
+            For two vertices without an edge, a shape without two ends, or t outside [0, 1].
+
+        Examples
+        --------
+        >>> import limitsurf as ls
+        >>> mesh = ls.Mesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2, 3]])
+        >>> surface = ls.LimitSurface(mesh)
+        >>> surface.limit_faces.at_edge([2, 1], [0.25, 0.5])
+        (array([0, 0]), array([1., 1.]), array([0.75, 0.5 ]))
+        """
+        pair, t = _whole(ends, "ends"), np.asarray(t, dtype=float)
+        if not pair.ndim or pair.shape[-1] != 2:
+            raise ValueError(f"ends: got shape {pair.shape}, need two vertices (..., 2)")
+        if not ((t >= 0) & (t <= 1)).all():
+            raise ValueError("t must be in [0, 1]")
+        cage, ascending = self._cage, np.sort(pair.reshape(-1, 2), axis=1)
+        edge = cage.edge_numbers(ascending).clip(max=cage.n_edges - 1)
+        wrong = np.flatnonzero((cage.edges[edge] != ascending).any(axis=1))
+        if len(wrong):
+            a, b = pair.reshape(-1, 2)[wrong[0]].tolist()
+            raise ValueError(f"the mesh has no edge between vertices {a} and {b}")
+        corner = self._first_corner_of_edge[edge].reshape(pair.shape[:-1])
+        corner, start, t = np.broadcast_arrays(corner, pair[..., 0], t)
+        t = np.where(cage.indices[corner] == start, t, 1 - t)
+        regular = cage.sizes[cage.corner_face[corner]] == self._lattice.face_size
+        near = regular | (t <= 0.5)  # of an n-gon each half is the edge of another limit face
+        after = cage.next_corner[corner]
+        limit_face, u, v = self._at(np.where(near, corner, after))
+        _, far_u, far_v = self._at(after)
+        u = np.where(regular, (1 - t) * u + t * far_u, np.where(near, 2 * t, 0.0))
+        v = np.where(regular, (1 - t) * v + t * far_v, np.where(near, 0.0, 2 * (1 - t)))
+        return limit_face, u, v
+
+    def _at(self, corner: IntArray) -> tuple[IntArray, Floats, Floats]:
+        face = self._cage.corner_face[corner]
+        return self.at_corner(face, corner - self._cage.offsets[face])
+
+    def _first(self, number: IntArray, count: int) -> IntArray:
+        """The first corner of each number (n_corners,), of a hole if there is no other, or -1."""
+        first = np.full(count, -1)
+        hole = np.zeros(self._cage.n_faces, dtype=bool)
+        hole[self._holes] = True
+        of_hole = hole[self._cage.corner_face]
+        for some in (np.flatnonzero(of_hole)[::-1], np.flatnonzero(~of_hole)[::-1]):
+            first[number[some]] = some  # of several the last one written stays
+        return first
+
+    @cached_property
+    def _first_corner(self) -> IntArray:
+        return self._first(self._cage.indices, self._cage.n_vertices)
+
+    @cached_property
+    def _first_corner_of_edge(self) -> IntArray:
+        return self._first(self._cage.corner_edge, self._cage.n_edges)
 
     def __len__(self) -> int:
         return len(self.face)
+
+
+def _whole(values: ArrayLike, name: str) -> IntArray:
+    """Integers as an array."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "iu" and array.size:
+        raise TypeError(f"{name} must be integers, got {array.dtype}")
+    return array.astype(np.int64, copy=False)
+
+
+def _refuse_beyond(values: IntArray, count: int, name: str) -> None:
+    wrong = (values < 0) | (values >= count)
+    if wrong.any():
+        worst = values[wrong].flat[0]
+        raise IndexError(f"{name} {worst} is out of range, need 0 to {count - 1}")

@@ -166,6 +166,8 @@ def face_arrays(faces: FacesLike) -> tuple[IntArray, IntArray]:
     """``sizes`` and ``indices`` from any of the ways to give faces."""
     if isinstance(faces, Faces):
         faces = faces.sizes, faces.indices
+    elif not isinstance(faces, np.ndarray) and hasattr(faces, "__array__"):  # as tables of pandas
+        faces = np.asarray(faces)
     if isinstance(faces, np.ndarray) and faces.dtype != object:
         if faces.ndim != 2:
             raise MeshError(f"faces: got an array of shape {faces.shape}, need (n_faces, k)")

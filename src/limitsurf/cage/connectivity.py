@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from limitsurf import _kernels
 from limitsurf.caching import cached_property
+from limitsurf.cage.chains import boundary_chains
 from limitsurf.cage.faces import Faces, IntArray
 
 BoolArray: TypeAlias = NDArray[np.bool_]
@@ -347,6 +348,15 @@ class Connectivity:
     def fans(self) -> Fans:
         """The corners at each vertex in fans of faces joined along manifold edges."""
         return Fans.of(self, self.twin)
+
+    @derived
+    def boundary_chains(self) -> tuple[IntArray, ...]:
+        """Vertices along the boundary, one array a chain, the surface on their left.
+
+        A closed chain ends with the vertex that it begins with; one that ends at a non-manifold
+        edge is open. Chains are in the order of their first corners.
+        """
+        return boundary_chains(self)
 
     @derived
     def ring_offsets(self) -> IntArray:

@@ -236,6 +236,19 @@ class Mesh:
         """The vertices of all faces, (m, k), if each has k corners; None where they differ."""
         return self.faces.uniform
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether no edge has one face only."""
+        return not self.boundary_edge.any()
+
+    @property
+    def is_manifold(self) -> bool:
+        """Whether around each vertex there is one fan of faces, joined along edges of two faces.
+
+        Boundaries are manifold; two faces that run along an edge the same way are not.
+        """
+        return not self.nonmanifold_vertex.any()
+
     faces = _of_faces(Connectivity.faces)
     offsets = _of_faces(Connectivity.offsets)
     corner_face = _of_faces(Connectivity.corner_face)
@@ -251,6 +264,7 @@ class Mesh:
     twin = _of_faces(Connectivity.twin)
     boundary_vertex = _of_faces(Connectivity.boundary_vertex)
     nonmanifold_vertex = _of_faces(Connectivity.nonmanifold_vertex)
+    boundary_chains = _of_faces(Connectivity.boundary_chains)
     vertex_faces = _of_faces(Connectivity.vertex_faces)
     fans = _of_faces(Connectivity.fans)
     ring_offsets = _of_faces(Connectivity.ring_offsets)

@@ -58,7 +58,7 @@ class Request:
         if faces.size == 0 and faces.dtype == float:
             faces = faces.astype(np.int64)
         if faces.dtype.kind not in "iu":
-            raise TypeError(f"faces must be integers, got {faces.dtype}")
+            faces = _within_range(faces)
         if exact or numbers.RATIONAL.dtype in (us.dtype, vs.dtype):
             us, vs, exact = numbers.RATIONAL.array(us), numbers.RATIONAL.array(vs), True
         else:
@@ -169,13 +169,26 @@ def threads(workers: int) -> int:
     >>> threads(3)
     3
     """
-    if isinstance(workers, bool) or not isinstance(workers, (int, np.integer)) or workers == 0:
+    whole = isinstance(workers, (int, np.integer)) and not isinstance(workers, bool)
+    if not whole or workers < -1 or workers == 0:
         raise ValueError(f"workers must be a positive integer, or -1 for all, got {workers!r}")
     if workers < 0:
         # those that this process may run on
         count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-        return max(1, (count or 1) + 1 + int(workers))
+        return max(1, count or 1)
     return int(workers)
+
+
+def _within_range(faces: Array) -> Array:
+    """Integers that NumPy has as objects, since some of them are beyond 64 bits: as no face."""
+    flat = faces.ravel().tolist()
+    whole = faces.dtype == object and all(isinstance(x, int | np.integer) for x in flat)
+    if not whole or any(isinstance(x, bool) for x in flat):
+        raise TypeError(f"faces must be integers, got {faces.dtype}")
+    beyond = np.array([not -(2**63) <= x < 2**63 for x in flat], dtype=bool).reshape(faces.shape)
+    if beyond.any():
+        raise IndexError(f"limit face {_first(faces, beyond)} is out of range")
+    return faces.astype(np.int64)
 
 
 def _first(values: Array, bad: Array) -> str:

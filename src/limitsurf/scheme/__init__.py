@@ -19,12 +19,18 @@ _OTHERS = {
 
 
 def find_scheme(scheme: str | Scheme) -> Scheme:
-    """Return the scheme of that name, or the scheme itself; ValueError when there is none."""
+    """Return the scheme of that name, or the scheme itself.
+
+    ValueError when there is none of that name, TypeError for what is no name.
+    """
     if isinstance(scheme, Scheme):
         return scheme
-    if not isinstance(scheme, str) or scheme not in SCHEMES:
+    if not isinstance(scheme, str):
+        known = f"the name of one ({', '.join(sorted(SCHEMES))}) or a Scheme"
+        raise TypeError(f"scheme: got {scheme!r}, need {known}")
+    if scheme not in SCHEMES:
         text = f"unknown scheme {scheme!r}; known: {', '.join(sorted(SCHEMES))}"
-        if isinstance(scheme, str) and scheme in _OTHERS:
+        if scheme in _OTHERS:
             advice = f'to subdivide it all the same, say scheme="{CATMULL_CLARK.name}"'
             text += f" ({_OTHERS[scheme]}; {advice})"
         raise ValueError(text)

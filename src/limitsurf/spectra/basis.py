@@ -272,6 +272,7 @@ def eigenbasis(
     >>> ls.eigenbasis("catmull-clark", kind="crease", faces=4).float64.eigenvalues[:4]
     array([1.        , 0.61111653, 0.5       , 0.5       ])
     """
+    scheme = find_scheme(scheme)
     number = faces if valence is None else valence
     if (valence is None) == (faces is None):
         raise ValueError(f"give either valence or faces, got {valence!r} and {faces!r}")
@@ -279,5 +280,4 @@ def eigenbasis(
         if not isinstance(value, (int, np.integer)) or isinstance(value, bool):
             raise ValueError(f"the {name} is an integer, got {value!r}")
     assert number is not None
-    scheme = find_scheme(scheme)
     return Eigenbasis(scheme, scheme.sector(kind, int(number), int(position)))

@@ -20,6 +20,7 @@ from limitsurf.shell.cli.program import (
     Program,
     from_option,
     json_option,
+    merge_option,
     mesh_suffix,
     output_option,
     prim_option,
@@ -74,7 +75,8 @@ def info(cage: Cage, as_json: bool) -> None:
       limitsurf info cage.obj
       limitsurf info cage.obj --json
 
-    Keys of --json: cage; vertices, unused_vertices, edges, boundary_edges, nonmanifold_edges,
+    Keys of --json: cage; vertices, unused_vertices, edges, boundary_edges, apart_edges (which lie
+    on another one of the boundary), nonmanifold_edges,
     faces, components, closed; face_sizes, valences, boundary_faces, nonmanifold_faces (how
     often which number of corners, or of faces at a vertex, occurs); creases, corners (number,
     infinite, least, most); holes; channels (of each name values, numbers, interpolation); scheme,
@@ -601,6 +603,7 @@ def _direction(view: str | None) -> str | tuple[float, ...] | None:
 @to_option
 @prim_option
 @time_option
+@merge_option
 @strict_option
 @json_option
 def convert(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import limitsurf as ls
 from limitsurf.cage.mesh import Mesh
 from limitsurf.shell import terminal
+from limitsurf.shell.io.merge import apart
 from limitsurf.tables import is_infinite
 
 Facts: TypeAlias = dict[str, Any]
@@ -98,10 +99,11 @@ def _counts_of(mesh: Mesh) -> Facts:
         "unused_vertices": int((~used).sum()),
         "edges": mesh.n_edges,
         "boundary_edges": int(mesh.boundary_edge.sum()),
+        "apart_edges": apart(mesh),
         "nonmanifold_edges": int(mesh.nonmanifold_edge.sum()),
         "faces": mesh.n_faces,
         "components": len(np.unique(connected_components(links)[1][used])),
-        "closed": not mesh.boundary_edge.any(),
+        "closed": mesh.is_closed,
         "face_sizes": _counts(mesh.sizes),
         "valences": _counts(mesh.vertex_faces[used & ~mesh.boundary_vertex & ~odd]),
         "boundary_faces": _counts(mesh.vertex_faces[mesh.boundary_vertex & ~odd]),
@@ -127,7 +129,11 @@ def _sharpness(values: NDArray[Any]) -> Facts:
 def told(facts: Facts) -> Iterator[tuple[str, str]]:
     """The facts of a cage as lines of a table."""
     yield "vertices", _with_some(facts["vertices"], {"in no face": facts["unused_vertices"]})
-    on = {"on the boundary": facts["boundary_edges"], "not manifold": facts["nonmanifold_edges"]}
+    on = {
+        "on the boundary": facts["boundary_edges"],
+        "on another without being joined": facts["apart_edges"],
+        "not manifold": facts["nonmanifold_edges"],
+    }
     yield "edges", _with_some(facts["edges"], on)
     yield "faces", f"{facts['faces']}"
     yield "components", f"{facts['components']}, {'closed' if facts['closed'] else 'open'}"

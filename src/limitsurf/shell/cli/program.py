@@ -96,7 +96,7 @@ class Cage:
     path: str
     suffix: str | None
     rules: Mapping[str, Any]  # for `LimitSurface` and `refined`
-    asked: Mapping[str, Any]  # what else `ls.read` takes: prim, time, strict
+    asked: Mapping[str, Any]  # what else `ls.read` takes: prim, time, merge, strict
 
     def read(self) -> Mesh:
         """The cage."""
@@ -197,6 +197,12 @@ prim_option = click.option(
 time_option = click.option(
     "--time", type=float, metavar="T", help="Of a USD file, the frame; else the earliest."
 )
+merge_option = click.option(
+    "--merge",
+    type=click.FloatRange(0),
+    metavar="D",
+    help="Join vertices no farther apart than D; 0 joins equal ones.",
+)
 strict_option = click.option(
     "--strict", is_flag=True, help="Refuse a damaged cage, of which else is read what can be."
 )
@@ -228,6 +234,7 @@ def reads_cage(command: Command) -> Command:
         from_: str | None,
         prim: str | None,
         time: float | None,
+        merge: float | None,
         strict: bool,
         scheme: str | None,
         boundary: str | None,
@@ -237,7 +244,7 @@ def reads_cage(command: Command) -> Command:
     ) -> Any:
         names = ("scheme", "boundary", "creasing", "triangles")
         rules = dict(zip(names, (scheme, boundary, creasing, triangles), strict=True))
-        asked = {"prim": prim, "time": time, "strict": strict}
+        asked = {"prim": prim, "time": time, "merge": merge, "strict": strict}
         return command(cage=Cage(cage, from_, rules, asked), **others)
 
     decorated: Any = with_cage
@@ -251,6 +258,7 @@ def reads_cage(command: Command) -> Command:
     for option in (
         click.option("--scheme", metavar="NAME", help=f"Of subdivision. {RULE}"),
         strict_option,
+        merge_option,
         time_option,
         prim_option,
         from_option,

@@ -17,8 +17,11 @@ from limitsurf.cage.mesh import Mesh
 from limitsurf.shell import files
 from limitsurf.shell.files import Path, replacing
 from limitsurf.shell.io import by_trimesh, formats, obj, off, ply, vtk
+from limitsurf.shell.io.losses import Losses
+from limitsurf.shell.io.merge import Merge, checked, joined, warn_if_apart
 from limitsurf.shell.io.polygons import (
     float_points,
+    no_polygons,
     polygons,
     warn_of_cuts,
     warn_of_loss,
@@ -38,6 +41,7 @@ def read(
     suffix: str | None = None,
     prim: str | None = None,
     time: float | None = None,
+    merge: Merge = None,
     strict: bool = False,
 ) -> Mesh:
     """Read a cage from a file; the suffix of its name says in which format it is.
@@ -139,6 +143,11 @@ def read(
     time : float, optional
         Of a USD file, the frame to read, as a time code; by default the earliest that each
         attribute has. Between samples USD interpolates.
+    merge : bool or float, optional
+        Whether vertices at one place become one, as by `merged`: True those of equal coordinates, a
+        number those no farther apart than that. By default only where a format repeats vertices
+        along seams (STL, glTF, DAE, 3MF, and texture coordinates of PLY, OFF and VTK), and a
+        warning says where edges of the cage meet without being joined.
     strict : bool
         Whether damage is an error. Otherwise what can be read is read, and a warning says what was
         left out or mended, and where.
@@ -157,7 +166,7 @@ def read(
     ValueError
         An unknown suffix; a prim that does not exist, or one of a file that is not USD; a time that
         is no number, or one of a file that is not USD; a format that needs a path, from what is
-        open.
+        open; a `merge` that is negative.
     OSError
         A file that cannot be read, or a pipe that nobody opens for writing within 20 s.
     MemoryError
@@ -170,7 +179,8 @@ def read(
     UserWarning
         What is left out or mended, once for each kind, with the first line or prim, and how often;
         a statement or a tag of an OBJ file that is not known, and therefore ignored; meshes that
-        differ in their choices or channels; anything that USD warns of, such as a reference to a
+        differ in their choices or channels; boundary edges that lie on others; faces that lose
+        corners as vertices are joined; anything that USD warns of, such as a reference to a
         file that does not exist.
 
     Examples
@@ -183,6 +193,7 @@ def read(
     ...     ls.read(path)
     Mesh(4 vertices, 4 edges, 1 face {4: 1}, 4 boundary vertices, 1 corner)
     """
+    tolerance = checked(merge)
     name, kind = _named(file, suffix, "<stdin>")
     library = None if kind in formats.READABLE else formats.library(kind)
     if kind not in formats.READABLE and library is None:
@@ -201,12 +212,18 @@ def read(
     options = {"prim": prim, "time": time} if is_usd else {}
     try:
         if kind in _PARSERS:
-            return _PARSERS[kind](name, _content(file, name, kind), strict=strict)
-        with _on_disk(file, name, kind, library) as (path, folder):
-            found: Mesh = formats.read_by_library(
-                name, kind, path, folder, strict=strict, **options
-            )
-            return found
+            found = _PARSERS[kind](name, _content(file, name, kind), strict=strict)
+        else:
+            with _on_disk(file, name, kind, library) as (path, folder):
+                call = formats.read_by_library
+                found = call(name, kind, path, folder, strict=strict, **options)
+        if tolerance is not None:
+            losses = Losses(name, strict=False)
+            found = joined(found, tolerance, losses)
+            losses.warn(2)
+        elif merge is None:
+            warn_if_apart(name, found, "merge=True")
+        return found
     except MeshError as error:
         if str(error).startswith(name):
             raise
@@ -353,6 +370,8 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     if kind not in formats.WRITABLE:
         known = ", ".join(formats.WRITABLE)
         raise ValueError(f"{name}: unknown suffix {kind!r}, need one of {known}")
+    if not isinstance(x, Mesh) and not hasattr(x, "normal_indices"):
+        raise no_polygons(x)
     try:
         if kind == ".obj":
             content: Any = obj.statements(x)

@@ -19,16 +19,18 @@ from limitsurf.shell.io import gltf, references
 from limitsurf.shell.io.apart import allow
 from limitsurf.shell.io.formats import MEASURES
 from limitsurf.shell.io.losses import Losses
-from limitsurf.shell.io.polygons import mesh_of, polygons
+from limitsurf.shell.io.merge import Merge, checked, joined
+from limitsurf.shell.io.polygons import mesh_of, polygons, tessellated
 
 if TYPE_CHECKING:
     from limitsurf.query import Polygons, Tessellation
+    from limitsurf.surface import LimitSurface
 
 GLTF = (".glb", ".gltf")
 _UNPACKED = 1 << 26  # bytes of archives unpacked, beside those in proportion to a file
 
 
-def from_trimesh(mesh: Any, *, merge: bool = False, **tags: Any) -> Mesh:
+def from_trimesh(mesh: Any, *, merge: Merge = None, **tags: Any) -> Mesh:
     """A cage of the triangles of a ``trimesh.Trimesh``, or of all in a ``trimesh.Scene``.
 
     Parameters
@@ -37,9 +39,10 @@ def from_trimesh(mesh: Any, *, merge: bool = False, **tags: Any) -> Mesh:
         The objects of a scene become one mesh, each where its transforms put it; their point
         clouds and curves are ignored. Texture coordinates are the channel "uv", NaN in objects
         without.
-    merge : bool
-        Whether points of equal coordinates become one, as they should where they are repeated
-        along seams; trimesh itself merges most of them unless it is told ``process=False``.
+    merge : bool or float, optional
+        Whether points of equal coordinates, or no farther apart than a number, become one, as they
+        should where they are repeated along seams; trimesh itself merges most of them unless it is
+        told ``process=False``. By default they stay.
     **tags
         Creases, corners and all else that ``Mesh`` takes besides points and faces.
 
@@ -63,23 +66,29 @@ def from_trimesh(mesh: Any, *, merge: bool = False, **tags: Any) -> Mesh:
     Mesh(12 vertices, 30 edges, 20 faces {3: 20}, interior valences {5: 12})
     """
     losses = Losses("from_trimesh", strict=False)
-    found = _of_trimesh(mesh, losses, merge=merge, **tags)
+    tolerance = checked(merge)
+    found = _of_trimesh(mesh, losses, merge=tolerance is not None, **tags)
+    if tolerance:
+        found = joined(found, tolerance, losses)
     losses.warn(2)
     return found
 
 
-def to_trimesh(x: Mesh | Tessellation) -> Any:
-    """A cage or a tessellation as a ``trimesh.Trimesh``, of triangles.
+def to_trimesh(x: Mesh | Tessellation | LimitSurface, *, n: int | None = None) -> Any:
+    """A cage, a tessellation or a surface as a ``trimesh.Trimesh``, of triangles.
 
     Polygons are cut as those of `Tessellation.triangles`. trimesh processes nothing: points stay as
     they are and where they are.
 
     Parameters
     ----------
-    x : Mesh or Tessellation
+    x : Mesh, Tessellation or LimitSurface
         Of a cage the points and faces, without tags and channels; exact points are rounded to
         float64. A tessellation is split into one normal for each point, its ``vertex_normals``;
-        "uv" or else "st" (k, 2) are the ``uv`` of its ``TextureVisuals``.
+        "uv" or else "st" (k, 2) are the ``uv`` of its ``TextureVisuals``. A surface is tessellated
+        first.
+    n : int, optional
+        Of a surface, polygons along each edge of a limit face, as for `tessellate`; 8 by default.
 
     Returns
     -------
@@ -88,7 +97,8 @@ def to_trimesh(x: Mesh | Tessellation) -> Any:
     Raises
     ------
     ValueError
-        Points that are not of shape (n_vertices, 3), or a tessellation without polygons.
+        Points that are not of shape (n_vertices, 3), or a tessellation without polygons; `n` with
+        anything but a surface.
     ImportError
         trimesh is not installed.
 
@@ -101,7 +111,8 @@ def to_trimesh(x: Mesh | Tessellation) -> Any:
     >>> ls.to_trimesh(ls.tessellate(ls.LimitSurface(square), 2)).vertex_normals.shape
     (9, 3)
     """
-    return _triangles(polygons(x, uv=not isinstance(x, Mesh)))
+    shown = tessellated(x, n)
+    return _triangles(polygons(shown, uv=not isinstance(shown, Mesh)))
 
 
 def _of_trimesh(mesh: Any, losses: Losses, *, merge: bool, **tags: Any) -> Mesh:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf import memory
 from limitsurf.cage.checks import MeshError
 from limitsurf.cage.mesh import CHOICES, Mesh
 from limitsurf.shell.io.losses import Losses, finite_points, tagged, with_gaps
@@ -72,13 +73,34 @@ def polygons(x: Mesh | Tessellation, *, uv: bool = True) -> Polygons:
             raise ValueError("the tessellation has no polygon: no face has a limit")
         points, normals, rows = x.points, _finite_normals(x), x.normal_indices
     else:
-        raise TypeError(f"need a Mesh or a Tessellation, got {type(x).__name__}")
+        raise no_polygons(x)
     name = texture(x) if uv else None
     kept = {}
     if name is not None:
         values, where, *_ = x.channels[name]
         kept["uv"] = values.astype(np.float64), where
     return Polygons(points, x.sizes, x.indices, normals, rows, kept)
+
+
+def no_polygons(x: Any) -> TypeError:
+    """What to say of anything that is neither a cage nor a tessellation."""
+    advice = ""
+    if type(x).__name__ == "LimitSurface":
+        advice = ": its cage is surface.mesh, polygons on it are ls.tessellate(surface, n)"
+    return TypeError(f"need a Mesh or a Tessellation, got {type(x).__name__}{advice}")
+
+
+def tessellated(x: Any, n: int | None) -> Any:
+    """A surface as n x n polygons a face, 8 x 8 if nothing is said; all else as it is."""
+    from limitsurf.query import tessellate
+    from limitsurf.surface import LimitSurface
+
+    if isinstance(x, LimitSurface):
+        name = texture(x.mesh)
+        return tessellate(x, 8 if n is None else n, channels=[] if name is None else [name])
+    if n is not None:
+        raise ValueError(f"n is for a LimitSurface, got {type(x).__name__}")
+    return x
 
 
 def warn_of_loss(
@@ -184,6 +206,25 @@ def distinct(points: NDArray[Any]) -> tuple[IntArray, IntArray]:
     return np.sort(first), number
 
 
+def close(points: NDArray[np.float64], tolerance: float) -> tuple[IntArray, IntArray]:
+    """As `distinct`, of points (V, d) no farther apart than that, and of chains of such points."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
+    tree, n = KDTree(points), len(points)
+    pairs = int(tree.count_neighbors(tree, tolerance))
+    memory.refuse_beyond(pairs, 48, "pairs of close vertices", "choose a smaller tolerance")
+    ends = tree.query_pairs(tolerance, output_type="ndarray").T
+    graph = coo_array((np.ones(ends.shape[1], dtype=bool), tuple(ends)), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    _, first, number = np.unique(label, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[order] = np.arange(len(first))
+    return first[order], rank[number]
+
+
 def face_number(face: int) -> str:
     """The place of a face in a file where it has no line."""
     return f"face {face}"
@@ -232,7 +273,7 @@ def mesh_of(
         indices, rows = indices[kept], rows[kept]
         place = _renumbered(place, np.flatnonzero(faces))
         if "holes" in tags and lost_tags is not None:
-            tags["holes"] = _renumbered_holes(tags["holes"], faces)
+            tags["holes"] = renumbered_holes(tags["holes"], faces)
 
     def lost(vertices: IntArray, why: str) -> None:
         more = f"; {len(vertices) - 1} more like it" if len(vertices) > 1 else ""
@@ -264,7 +305,7 @@ def _in_range(indices: IntArray, points: NDArray[Any]) -> bool:
     return len(indices) > 0 and bool(0 <= indices.min() <= indices.max() < len(points))
 
 
-def _renumbered_holes(holes: Any, kept: NDArray[np.bool_]) -> IntArray:
+def renumbered_holes(holes: Any, kept: NDArray[np.bool_]) -> IntArray:
     """Holes as the faces that are kept are numbered; those that are no faces stay as they are."""
     holes = np.asarray(holes, np.int64)
     there = (holes >= 0) & (holes < len(kept))

@@ -12,23 +12,29 @@ from numpy.typing import NDArray
 from limitsurf.cage.mesh import Mesh
 from limitsurf.shell.io import vtk_reader
 from limitsurf.shell.io.losses import Losses
-from limitsurf.shell.io.polygons import mesh_of, polygons
+from limitsurf.shell.io.merge import Merge, checked, joined
+from limitsurf.shell.io.polygons import mesh_of, polygons, tessellated
 
 if TYPE_CHECKING:
     from limitsurf.query import Polygons, Tessellation
+    from limitsurf.surface import LimitSurface
 
 
-def from_pyvista(dataset: Any, **tags: Any) -> Mesh:
+def from_pyvista(dataset: Any, *, merge: Merge = None, **tags: Any) -> Mesh:
     """A cage of the polygons of a PyVista ``PolyData`` or ``UnstructuredGrid``.
 
-    Vertex cells and lines are ignored, and so are data arrays. Triangle strips become triangles,
-    in the order of VTK behind other polygons. Faces that only touch are joined nowhere: merge their
-    points first with ``dataset.clean()``.
+    It is what `read` makes of the same object in a file. Vertex cells and lines are ignored, and so
+    are data arrays but for active texture coordinates, which are the channel "uv". Triangle strips
+    become triangles, in the order of VTK behind other polygons.
 
     Parameters
     ----------
     dataset : pyvista.PolyData or pyvista.UnstructuredGrid
         Polygons of any size; a grid must have no other cells.
+    merge : bool or float, optional
+        As for `read`: True joins points of equal coordinates, a number those that are as close. By
+        default they are joined where there are texture coordinates, along whose seams points are
+        repeated.
     **tags
         Creases, corners and all else that ``Mesh`` takes besides points and faces.
 
@@ -50,26 +56,37 @@ def from_pyvista(dataset: Any, **tags: Any) -> Mesh:
     Examples
     --------
     >>> import limitsurf as ls, pyvista
-    >>> ls.from_pyvista(pyvista.Cube().clean())
-    Mesh(8 vertices, 12 edges, 6 faces {4: 6}, interior valences {3: 8})
+    >>> ls.from_pyvista(pyvista.Cube(), merge=True)
+    Mesh(8 vertices, 12 edges, 6 faces {4: 6}, interior valences {3: 8}, channel 'uv')
     """
     imported_pyvista()
     losses = Losses("from_pyvista", strict=False)
+    tolerance = checked(merge)
     sizes, indices = _dataset_faces(dataset)
-    mesh = mesh_of(dataset.points, sizes, indices, losses, **tags)
+    uv = vtk_reader.texture(dataset)
+    if uv is not None and len(uv) != len(dataset.points):
+        losses.add("uv", "", f"got {len(uv)} texture coordinates, need {len(dataset.points)}")
+        uv = None
+    seams = uv is not None and merge is None
+    mesh = mesh_of(dataset.points, sizes, indices, losses, uv=uv, merge=seams, **tags)
+    if tolerance is not None:
+        mesh = joined(mesh, tolerance, losses)
     losses.warn(2)
     return mesh
 
 
-def to_pyvista(x: Mesh | Tessellation) -> Any:
-    """A cage or a tessellation as a ``pyvista.PolyData``.
+def to_pyvista(x: Mesh | Tessellation | LimitSurface, *, n: int | None = None) -> Any:
+    """A cage, a tessellation or a surface as a ``pyvista.PolyData``.
 
     Parameters
     ----------
-    x : Mesh or Tessellation
+    x : Mesh, Tessellation or LimitSurface
         Of a cage the points and faces, without tags and channels; exact points are rounded to
         float64. Of a tessellation the polygons, split into one normal for each point, which are
-        the active normals; "uv" or else "st" (k, 2) are the active texture coordinates.
+        the active normals; "uv" or else "st" (k, 2) are the active texture coordinates. A surface
+        is tessellated first.
+    n : int, optional
+        Of a surface, polygons along each edge of a limit face, as for `tessellate`; 8 by default.
 
     Returns
     -------
@@ -78,7 +95,8 @@ def to_pyvista(x: Mesh | Tessellation) -> Any:
     Raises
     ------
     ValueError
-        Points that are not of shape (n_vertices, 3), or a tessellation without polygons.
+        Points that are not of shape (n_vertices, 3), or a tessellation without polygons; `n` with
+        anything but a surface.
     ImportError
         PyVista is not installed.
 
@@ -88,7 +106,8 @@ def to_pyvista(x: Mesh | Tessellation) -> Any:
     >>> ls.to_pyvista(ls.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])).n_cells
     1
     """
-    return _dataset(polygons(x, uv=not isinstance(x, Mesh)))
+    shown = tessellated(x, n)
+    return _dataset(polygons(shown, uv=not isinstance(shown, Mesh)))
 
 
 def imported_pyvista() -> Any:

@@ -221,14 +221,22 @@ def _polygons(found: Any) -> dict[str, Any]:
     points = vtk_to_numpy(found.GetPoints().GetData()).astype(np.float64)
     result: dict[str, Any] = {"points": points, "sizes": sizes, "indices": indices}
     names, damage = _arrays(found)
-    texture = found.GetPointData().GetTCoords()
-    if texture is not None and texture.GetNumberOfComponents() >= 2:
-        if texture.GetNumberOfTuples() == len(points):
-            result["uv"] = vtk_to_numpy(texture)[:, :2].astype(np.float64)
-        else:
-            count = texture.GetNumberOfTuples()
-            damage.append(f"got {count} texture coordinates, need {len(points)}")
+    uv = texture(found)
+    if uv is not None and len(uv) == len(points):
+        result["uv"] = uv
+    elif uv is not None:
+        damage.append(f"got {len(uv)} texture coordinates, need {len(points)}")
     return {**result, "left_out": [*others, *names], "damage": damage}
+
+
+def texture(found: Any) -> Any:
+    """Active texture coordinates (n, 2) of a dataset, or None."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    array = found.GetPointData().GetTCoords()
+    if array is None or array.GetNumberOfComponents() < 2:
+        return None
+    return vtk_to_numpy(array)[:, :2].astype(np.float64)
 
 
 def cells(found: Any) -> tuple[Any, Any, list[str]]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from limitsurf import memory
 from limitsurf.cage.checks import checked_integer
+from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.protocol import threads
 from limitsurf.query import POLYGON, validate
 from limitsurf.scheme.net import Net
@@ -35,10 +36,10 @@ from limitsurf.shell.plot.scene import (
     real_numbers,
 )
 from limitsurf.spectra.fan import Fan, Mode, predicted_order
+from limitsurf.surface import LimitSurface
 
 if TYPE_CHECKING:
     from limitsurf.scheme.scheme import Scheme
-    from limitsurf.surface import LimitSurface
 
 __all__ = [
     "Picture",
@@ -53,7 +54,7 @@ GRAPH_VIEW = (-0.5, -1.0, 0.8)
 
 
 def plot(
-    surface: LimitSurface,
+    surface: LimitSurface | Mesh,
     file: Path | None = None,
     *,
     n: int | None = None,
@@ -81,9 +82,9 @@ def plot(
 
     Parameters
     ----------
-    surface : LimitSurface
+    surface : LimitSurface or Mesh
         Points of shape (n_vertices, 3), or (n_vertices, 2) for a flat one. Exact points are
-        rounded to float64.
+        rounded to float64. Of a mesh it is ``LimitSurface(mesh)``.
     file : str or os.PathLike, optional
         A file to write, off screen: ``.png``, or ``.html`` for a page that needs nothing else and
         turns in a browser. It appears whole or not at all.
@@ -170,6 +171,7 @@ def plot(
 
     >>> ls.plot(surface, "cube.html", scalars=lambda face, u, v: u * v)  # doctest: +SKIP
     """
+    surface = _surface(surface)
     pictures.check_target(file, off_screen, pictures.SceneDrawing.suffixes)
     n = None if n is None else checked_integer("n", n, 1)
     isolines = checked_integer("isolines", isolines, 0)
@@ -205,6 +207,17 @@ def plot(
     )
     drawing = pictures.SceneDrawing(partial(build, surface, wishes), (width, height), with_bar)
     return pictures.finished(drawing, (width, height), file, off_screen)
+
+
+def _surface(given: LimitSurface | Mesh) -> LimitSurface:
+    """What is to be drawn; TypeError that says what to do with anything else."""
+    if isinstance(given, Mesh):
+        return LimitSurface(given)
+    if isinstance(given, LimitSurface):
+        return given
+    advice = "; draw a tessellation by ls.to_pyvista(it).plot()"
+    kind = type(given).__name__
+    raise TypeError(f"need a LimitSurface or a Mesh, got {kind}{advice * (kind == 'Tessellation')}")
 
 
 def plot_characteristic_map(

@@ -269,7 +269,8 @@ def check_display() -> None:
     """OSError without a display."""
     if not _display():
         raise OSError(
-            "there is no display to open a window on; give the name of a picture to write"
+            "there is no display to open a window on; give the name of a picture to write, or say "
+            "off_screen=True"
         )
 
 
