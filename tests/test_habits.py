@@ -89,6 +89,9 @@ def test_boundaries_are_chains():
     assert [chain.tolist() for chain in bow] == [[0, 1, 2, 3, 0], [2, 4, 5, 6, 2]]
     book = ls.Mesh(np.zeros((5, 3)), [[0, 1, 2], [0, 1, 3], [0, 1, 4]]).boundary_chains
     assert sorted(chain.tolist() for chain in book) == [[1, 2, 0], [1, 3, 0], [1, 4, 0]]
+    # four walls of a tetrahedron, and once more: every edge has four faces
+    walls = [[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]]
+    assert ls.Mesh(np.eye(4), [*walls, *walls]).boundary_chains == ()
 
 
 @pytest.mark.parametrize("name", ["grid_3x3", "carved_cube_1"])
@@ -140,6 +143,14 @@ def test_messages_are_about_what_was_given():
         ls.write("never.obj", surface)
     with pytest.raises(ValueError, match="n is for a LimitSurface, got Mesh"):
         ls.to_pyvista(CAGES["cube"], n=3)
+
+
+def test_tables_say_what_they_are_of():
+    basis = ls.eigenbasis("catmull-clark", valence=5)
+    for table in (basis, basis.exact, basis.float64, basis.in_digits(20)):
+        assert len(repr(table)) < 200
+        assert "18 control points" in repr(table)
+    assert "a crease of 3 faces" in repr(ls.eigenbasis("loop", kind="crease", faces=3).exact)
 
 
 def test_surfaces_become_polygons_of_other_libraries():

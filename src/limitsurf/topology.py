@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -436,9 +436,9 @@ class LimitFaces:
     face: IntArray
     corner: IntArray
     first: IntArray
-    _cage: Connectivity
-    _holes: IntArray
-    _lattice: Lattice
+    _cage: Connectivity = field(repr=False)
+    _holes: IntArray = field(repr=False)
+    _lattice: Lattice = field(repr=False)
 
     @classmethod
     def of(cls, mesh: Mesh, lattice: Lattice) -> LimitFaces:

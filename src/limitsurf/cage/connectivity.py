@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from limitsurf import _kernels
 from limitsurf.caching import cached_property
-from limitsurf.cage.chains import boundary_chains
 from limitsurf.cage.faces import Faces, IntArray
 
 BoolArray: TypeAlias = NDArray[np.bool_]
@@ -354,9 +353,43 @@ class Connectivity:
         """Vertices along the boundary, one array a chain, the surface on their left.
 
         A closed chain ends with the vertex that it begins with; one that ends at a non-manifold
-        edge is open. Chains are in the order of their first corners.
+        edge is open.
         """
-        return boundary_chains(self)
+        # half-edges without a twin are a permutation: each ends at an open fan, of which another
+        # one begins; its cycles, ranked by pointer doubling, fall apart at edges that are no rim
+        rim = np.flatnonzero(self.twin < 0)
+        if not len(rim):
+            return ()
+        fans = self.fans
+        number = np.empty(self.n_corners, np.int64)
+        number[rim] = np.arange(len(rim))
+        following = number[fans.corners[fans.offsets[fans.fan[self.next_corner[rim]]]]]
+        least, after = np.arange(len(rim)), following
+        steps = len(rim).bit_length()
+        for _ in range(steps):
+            least, after = np.minimum(least, least[after]), after[after]
+        preceding = np.empty_like(following)
+        preceding[following] = np.arange(len(rim))
+        # start open chains behind what is not manifold, closed ones at their first half-edge
+        inner = self.boundary_edge[self.corner_edge[rim]]
+        if not inner.any():
+            return ()
+        starts = inner & ~inner[preceding]
+        broken = np.zeros(len(rim), dtype=bool)
+        broken[least[starts]] = True
+        starts |= (least == np.arange(len(rim))) & inner & ~broken
+        back = np.where(starts, np.arange(len(rim)), preceding)
+        rank = (back != np.arange(len(rim))).astype(np.int64)
+        for _ in range(steps):
+            rank, back = rank + rank[back], back[back]
+        order = np.lexsort((rank, back))
+        order = order[inner[order]]
+        vertices = self.indices[rim[order]]
+        cut = np.flatnonzero(np.diff(back[order])) + 1
+        last = order[np.append(cut, len(order)) - 1]
+        ends = self.indices[self.next_corner[rim[last]]]
+        found = np.split(vertices, cut)
+        return tuple(np.append(chain, end) for chain, end in zip(found, ends, strict=True))
 
     @derived
     def ring_offsets(self) -> IntArray:

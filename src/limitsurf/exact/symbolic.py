@@ -108,6 +108,10 @@ class SymbolicBasis:
         order, chains = self._numeric.order, self._numeric.chains
         self._ends = {order[k]: order[k - 1] for k in chains}
 
+    def __repr__(self) -> str:
+        name = f"{type(self).__name__} of {self._scheme.name} at {self.sector.place}"
+        return f"<{name}: {self.sector.size} control points>"
+
     @cached_property
     def _ring(self) -> Ring:
         return SymbolicWaves(self._matrix)

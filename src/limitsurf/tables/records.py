@@ -90,7 +90,7 @@ class DenseRing:
         return np.asarray(rows @ self.left)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class EigenTable:
     """Real Jordan basis of the subdivision matrix around a special corner, in float64.
 
@@ -216,6 +216,10 @@ class EigenTable:
                 result[i, k] = float(weight)
         return result
 
+    def __repr__(self) -> str:
+        what = f"{self.scheme.name} at {self.sector.place}"
+        return f"<EigenTable of {what}: {self.size} control points>"
+
     @property
     def residual(self) -> Array:
         """``A V - V J`` in float64, (K, K): rounding only."""
@@ -290,7 +294,7 @@ class EigenTable:
         return np.concatenate([vectors, np.zeros((len(modes), len(self.outer)))], axis=1)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class EigenNumbers:
     """Real Jordan basis of the subdivision matrix around a special corner, to any digits.
 
@@ -320,6 +324,9 @@ class EigenNumbers:
     def limit_mask(self) -> Array:
         """Weights of the control points in the limit position of the vertex, (K,)."""
         return np.asarray(self.Vinv[0])
+
+    def __repr__(self) -> str:
+        return f"<EigenNumbers to {self.digits} digits: {len(self.A)} control points>"
 
     @property
     def residual(self) -> Array:
@@ -364,7 +371,7 @@ def eigen_numbers(scheme: Scheme, sector: Sector, digits: int) -> EigenNumbers:
     return made
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RationalTable:
     """One refinement step around a special corner as sparse integers over one denominator.
 
@@ -392,6 +399,9 @@ class RationalTable:
     denominator: int
     pieces: Array
     limit_mask: Array
+
+    def __repr__(self) -> str:
+        return f"<RationalTable of {self.sector.place}: {self.sector.size} control points>"
 
     def projected(self, row: Array, eigenvalue: Fraction) -> Array:
         """The part of a row (K,) in the space of left eigenvectors of a semisimple eigenvalue."""
