@@ -285,3 +285,108 @@ def test_coincident_vertices_of_a_closed_cage_are_no_news(tmp_path, recwarn):
         ls.write(tmp_path / f"{name}.obj", cage)
         ls.read(tmp_path / f"{name}.obj")
     assert not len(recwarn)
+
+
+# ---------------------------------------------------------------- data of faces
+
+
+def painted():
+    names = np.array(["lid", "lid", "side", "side", "", "side"])
+    data = {"group": names, "material": np.array(["a b"] * 6), "number": np.arange(6)}
+    return ls.Mesh(PLACES, BOX, face_data=data)
+
+
+def test_data_of_faces_are_carried_along():
+    mesh = painted()
+    assert mesh.face_data["number"].tolist() == list(range(6))
+    assert not mesh.face_data["number"].flags.writeable
+    assert "face data 'group'" in repr(mesh)
+    assert mesh != ls.Mesh(PLACES, BOX)
+    moved = mesh.with_points(mesh.points * 2)
+    assert moved.face_data["group"].tolist() == mesh.face_data["group"].tolist()
+    fine = ls.refined(mesh, 2)
+    assert fine.face_data["number"].tolist() == np.repeat(np.arange(6), 16).tolist()
+    shown = ls.tessellate(ls.LimitSurface(mesh), 3)
+    assert shown.face_data["group"].tolist() == np.repeat(mesh.face_data["group"], 9).tolist()
+
+
+def test_data_of_faces_of_all_sizes_go_with_their_children():
+    mixed = ls.Mesh(
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]],
+        [[0, 1, 2, 3], [1, 4, 2]],
+        face_data={"n": [[4, 4], [3, 3]]},
+    )
+    fine = ls.refined(mixed, 1)
+    assert fine.face_data["n"][:, 0].tolist() == [4] * 4 + [3] * 3
+    assert ls.refined(mixed, 2).face_data["n"][:, 0].tolist() == [4] * 16 + [3] * 12
+    shown = ls.tessellate(ls.LimitSurface(mixed), 2)
+    centre = np.array([shown.points[face].mean(axis=0) for face in shown.faces])
+    inside = ls.tessellate(ls.LimitSurface(mixed), 2).face_data["n"][:, 0] == 4
+    assert (centre[inside, 0] < 1.01).all()
+    triangles = ls.Mesh(*zoo_triangles.ZOO["octahedron"](), scheme="loop")
+    triangles = ls.Mesh(
+        triangles.points, triangles.uniform, scheme="loop", face_data={"n": np.arange(8)}
+    )
+    assert ls.refined(triangles, 2).face_data["n"].tolist() == np.repeat(np.arange(8), 16).tolist()
+
+
+@pytest.mark.parametrize(
+    ("data", "error", "text"),
+    [
+        ({"n": [1, 2]}, ls.MeshError, r"face_data 'n': got shape \(2,\), need \(6, ...\)"),
+        ({"n": [None] * 6}, TypeError, "need numbers or texts"),
+        ([1] * 6, TypeError, "face_data: need a mapping, got list"),
+    ],
+)
+def test_data_that_are_not_of_faces_are_refused(data, error, text):
+    with pytest.raises(error, match=text):
+        ls.Mesh(PLACES, BOX, face_data=data)
+
+
+def test_names_of_faces_come_back_from_obj(tmp_path):
+    path, mesh = tmp_path / "box.obj", painted()
+    with pytest.warns(UserWarning, match=r"left out: data of faces 'number'$"):
+        ls.write(path, mesh)
+    again = ls.read(path)
+    assert set(again.face_data) == {"group", "material"}
+    for name, values in again.face_data.items():
+        assert values.tolist() == mesh.face_data[name].tolist()
+    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\no it\ng a  b\nf 1 2 3\ng\nf 3 2 1")
+    found = ls.read(path).face_data
+    assert found["object"].tolist() == ["", "it", "it"]
+    assert found["group"].tolist() == ["", "a b", ""]
+    wrong = ls.Mesh(PLACES, BOX, face_data={"group": ["a\nf 1 2 3"] * 6})
+    with pytest.raises(ValueError, match=r"group .* of face 0: an OBJ file holds names"):
+        ls.write(path, wrong)
+    assert ls.read(path).n_faces == 3
+
+
+@pytest.mark.parametrize("suffix", [".vtp", ".vtu", ".vtk"])
+def test_data_of_faces_come_back_from_vtk(tmp_path, suffix):
+    path, mesh = tmp_path / f"box{suffix}", painted()
+    ls.write(path, mesh)
+    again = ls.read(path)
+    assert {n: x.tolist() for n, x in again.face_data.items()} == {
+        name: values.tolist() for name, values in mesh.face_data.items()
+    }
+
+
+def test_data_of_cells_come_from_pyvista():
+    pyvista = pytest.importorskip("pyvista")
+    data = ls.to_pyvista(painted())
+    assert ls.from_pyvista(data).face_data["group"].tolist()[:3] == ["lid", "lid", "side"]
+    strips = pyvista.PolyData(
+        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [5, 0, 0], [5, 1, 0.0]]),
+        faces=[3, 1, 4, 5],
+        strips=[4, 0, 1, 2, 3],
+        lines=[2, 0, 1],
+    )
+    strips.cell_data["n"] = [10, 20, 30]  # of the line, the triangle and the strip
+    assert ls.from_pyvista(strips).face_data["n"].tolist() == [20, 30, 30]
+
+
+def test_faces_that_are_left_out_take_their_data_along():
+    points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 0], [0, 1, 0]]
+    mesh = ls.Mesh(points, [[1, 2, 3], [0, 1, 2], [0, 3, 4]], face_data={"n": [7, 8, 9]})
+    with pytest.warns(UserWarning, match="less than 3 corners"):
+        assert ls.merged(mesh).face_data["n"].tolist() == [8, 9]

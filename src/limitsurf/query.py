@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, ClassVar, Self, TypeAlias
 
@@ -270,6 +270,7 @@ class Polygons:
     normals: NDArray[np.float64]
     normal_indices: NDArray[np.int64]
     channels: Mapping[str, tuple[NDArray[Any], NDArray[np.int64]]]
+    face_data: Mapping[str, NDArray[Any]] = field(default_factory=dict, kw_only=True)
 
     _by_point: ClassVar[tuple[str, ...]] = ("points",)
 
@@ -384,6 +385,8 @@ class Tessellation(Polygons):
         Rows of `normals` of all corners; (0,) without normals.
     channels : {name: (values (k, ...), indices (C,))}
         Face-varying channels in the same way.
+    face_data : {name: (F, ...)}
+        Data of the faces of the cage, by polygon.
     units, up
         Those of the cage, for files: see ``Mesh``.
 
@@ -490,7 +493,9 @@ def tessellate(
         of_channels[name] = values, value[corners]
     points = surface.evaluate(*at, workers=workers)
     shape = points, sizes, number[corners], directions, rows, of_channels
-    return Tessellation(*shape, *at, surface.mesh.units, surface.mesh.up)
+    owner = surface.limit_faces.face[np.repeat(sites.face, len(sites.net.cells))]
+    data = {name: values[owner] for name, values in surface.mesh.face_data.items()}
+    return Tessellation(*shape, *at, surface.mesh.units, surface.mesh.up, face_data=data)
 
 
 def _tips(points: Array) -> Array:

@@ -362,3 +362,14 @@ def channel(cage: Connectivity, name: str, given: Any) -> Channel:
     check((rows < 0) | (rows >= len(values)), missing)
     interpolation = choice(given[2], f"channel {name!r}: interpolation", INTERPOLATION)
     return values, rows, interpolation
+
+
+def face_data(cage: Connectivity, name: str, given: Any) -> NDArray[Any]:
+    """A copy of values, one for each face: numbers or texts."""
+    values = np.array(complete(given, f"face_data {name!r}"))
+    if values.dtype.kind not in "biufUS":
+        raise TypeError(f"face_data {name!r}: need numbers or texts, got {values.dtype}")
+    if values.shape[:1] != (cage.n_faces,):
+        need = f"need ({cage.n_faces}, ...), a value for each face"
+        raise MeshError(f"face_data {name!r}: got shape {values.shape}, {need}")
+    return values

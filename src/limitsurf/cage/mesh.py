@@ -80,6 +80,9 @@ class Mesh:
         Face-varying data: for each corner the row of ``values`` that it takes. ``interpolation``
         is "none", "corners_only", "corners_plus1", "corners_plus2", "boundaries" or "all". Values
         may be NaN, where faces have none.
+    face_data : mapping {name: (n_faces, ...)}, optional
+        Values of faces, numbers or texts, such as groups, materials or identities. They are carried
+        along: by refined meshes and tessellations, and by files that have a place for them.
     units : float, optional
         The metres that one unit of the points is. It is kept for files; nothing is scaled by it.
     up : {"y", "z"}, optional
@@ -106,6 +109,7 @@ class Mesh:
     scheme, boundary, creasing, triangles, units, up
         As given.
     channels : read-only mapping {name: (values, face_indices, interpolation)}
+    face_data : read-only mapping {name: (n_faces, ...)}
 
     Raises
     ------
@@ -142,6 +146,7 @@ class Mesh:
     units: float | None
     up: Up | None
     _channels: dict[str, Channel]
+    _face_data: dict[str, NDArray[Any]]
     _kept: dict[str, tuple[Any, Any]]  # see `kept`
 
     def __init__(
@@ -157,6 +162,7 @@ class Mesh:
         creasing: Creasing | None = None,
         triangles: Triangles | None = None,
         channels: Mapping[str, tuple[Numbers, ArrayLike, str]] | None = None,
+        face_data: Mapping[str, ArrayLike] | None = None,
         units: float | None = None,
         up: Up | None = None,
     ) -> None:
@@ -174,6 +180,7 @@ class Mesh:
             creasing=creasing,
             triangles=triangles,
             channels=channels,
+            face_data=face_data,
             units=units,
             up=up,
         )
@@ -200,6 +207,11 @@ class Mesh:
     def channels(self) -> Mapping[str, Channel]:
         """Face-varying data: {name: (values (k, ...), face_indices (n_corners,), mode)}."""
         return MappingProxyType(self._channels)
+
+    @property
+    def face_data(self) -> Mapping[str, NDArray[Any]]:
+        """Values of faces, such as groups or materials: {name: (n_faces, ...)}."""
+        return MappingProxyType(self._face_data)
 
     @property
     def sizes(self) -> IntArray:
@@ -297,10 +309,11 @@ class Mesh:
         options = {name: getattr(self, name) for name in CHOICES}
         parts += [f"{name}={value!r}" for name, value in options.items() if value is not None]
         parts += [f"channel {name!r}" for name in self.channels]
+        parts += [f"face data {name!r}" for name in self.face_data]
         return f"{type(self).__name__}({', '.join(parts)})"
 
     def __eq__(self, other: object) -> bool:
-        """Whether points, faces, tags and channels are all the same."""
+        """Whether points, faces, tags, channels and data of faces are all the same."""
         if not isinstance(other, Mesh):
             return NotImplemented
         return all(map(_same, self._content(), other._content()))
@@ -309,7 +322,8 @@ class Mesh:
 
     def _content(self) -> tuple[Any, ...]:
         cage = (self.points, self.sizes, self.indices, self.creases, self.corners, self.holes)
-        return *cage, *(getattr(self, name) for name in CHOICES), self._channels
+        options = (getattr(self, name) for name in CHOICES)
+        return *cage, *options, self._channels, self._face_data
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_kept": {}}
@@ -352,6 +366,7 @@ def _checked(
     creasing: Creasing | None = None,
     triangles: Triangles | None = None,
     channels: Any = None,
+    face_data: Any = None,
     units: float | None = None,
     up: Up | None = None,
 ) -> dict[str, Any]:
@@ -369,11 +384,15 @@ def _checked(
         "corners": checks.corner_tags(cage, corners),
         "holes": checks.hole_tags(cage, holes),
     }
-    if not isinstance(channels, Mapping | None):
-        raise TypeError(f"channels: need a mapping, got {type(channels).__name__}")
+    for what, value in (("channels", channels), ("face_data", face_data)):
+        if not isinstance(value, Mapping | None):
+            raise TypeError(f"{what}: need a mapping, got {type(value).__name__}")
     given = (channels or {}).items()
     found = {name: checks.channel(cage, name, channel) for name, channel in given}
-    return {**choices, **read_only(tags), "_channels": read_only(found)}
+    data = {
+        name: checks.face_data(cage, name, values) for name, values in (face_data or {}).items()
+    }
+    return {**choices, **read_only(tags), **read_only({"_channels": found, "_face_data": data})}
 
 
 _NO_TAGS: dict[str, Any] = read_only(
@@ -383,6 +402,7 @@ _NO_TAGS: dict[str, Any] = read_only(
         "corners": (np.zeros(0, np.int64), np.zeros(0)),
         "holes": np.zeros(0, np.int64),
         "_channels": {},
+        "_face_data": {},
     }
 )
 

@@ -345,6 +345,10 @@ def refined(
     # valid as they are made: no edge is looked for
     tags: dict[str, Any] = {**sharpness.tags()}
     tags["holes"] = holes if levels else mesh.holes
+    tags["_face_data"] = {
+        name: np.repeat(values, _descendants(mesh, levels, lattice), axis=0)
+        for name, values in mesh.face_data.items()
+    }
     tags["_channels"] = {
         name: (channel.points, channel.indices, mesh.channels[name][2])
         for name, channel in channels.items()
@@ -430,3 +434,12 @@ def _child_parameters(
     if not all_regular(mesh, lattice):
         children[mesh.sizes[mesh.corner_face] != lattice.face_size] = lattice.corners
     return np.repeat(limit_face, children.size // uv.size), children.reshape(-1, 2)
+
+
+def _descendants(mesh: Mesh, levels: int, lattice: Lattice) -> IntArray:
+    """How many faces each face has become after some steps: (n_faces,)."""
+    if not levels:
+        return np.ones(mesh.n_faces, dtype=np.int64)
+    children = len(lattice.children)
+    first = mesh.sizes if lattice.face_points else np.full(mesh.n_faces, children)
+    return np.asarray(first * children ** (levels - 1))

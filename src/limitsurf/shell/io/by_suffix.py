@@ -375,7 +375,7 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     try:
         if kind == ".obj":
             content: Any = obj.statements(x)
-            warn_of_loss(name, kind, x, uv=True, tags=True)
+            warn_of_loss(name, kind, x, uv=True, tags=True, data=obj.named(x))
         elif kind in formats.USD:
             content = _usd().content(x, kind)
             points = float_points(x) if isinstance(x, Mesh) else x.points
@@ -403,7 +403,8 @@ def _content_of(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]
     if kind in formats.TRIMESH and np.abs(shape.points).max() > np.finfo(np.float32).max:
         raise ValueError(f"a coordinate is beyond float32, in which a file of type {kind} keeps it")
     held = {"uv": kind in formats.WITH_UV, "normals": kind in formats.WITH_NORMALS}
-    warn_of_loss(name, kind, x, **held, loose=kind not in (".stl", ".dae"))
+    data = x.face_data if kind in formats.VTK else ()
+    warn_of_loss(name, kind, x, **held, loose=kind not in (".stl", ".dae"), data=data)
     if kind in formats.TRIMESH:
         shape = without_gaps(name, kind, shape)
         warn_of_cuts(name, kind, x)

@@ -106,6 +106,7 @@ def joined(mesh: Mesh, tolerance: float, losses: Losses) -> Mesh:
         corners=_largest(number[mesh.corners[0]], mesh.corners[1]),
         holes=renumbered_holes(mesh.holes, faces),
         channels={n: (values, rows[kept], how) for n, (values, rows, how) in mesh.channels.items()},
+        face_data={name: values[faces] for name, values in mesh.face_data.items()},
         **{name: getattr(mesh, name) for name in CHOICES},
     )
 

@@ -46,15 +46,15 @@ TAGS = {
 # A tag of the time before OpenSubdiv 3, of which nothing is left there.
 OBSOLETE = "facevaryingpropagatecorners"
 
+# Statements that say what faces after them belong to: the name of that, as data of faces.
+NAMES = {b"o": "object", b"g": "group", b"usemtl": "material"}
 # Statements of the format that have no place in a cage, and what they are about; of normals, ""
 # here, nothing is said: those of the surface are its own.
 LEFT_OUT = {
     keyword: what
     for what, keywords in (
-        ("", b"vn"),
-        ("groups", b"g"),
-        ("names of objects", b"o"),
-        ("materials", b"usemtl mtllib usemap maplib"),
+        ("", b"vn g o usemtl"),
+        ("files of materials", b"mtllib usemap maplib"),
         ("smoothing groups", b"s"),
         ("lines", b"l"),
         ("points", b"p"),
@@ -88,7 +88,7 @@ def statements(x: Mesh | Tessellation) -> Iterator[str]:
         columns[1] = np.where(np.repeat(lacking, shape.sizes), "", number).tolist()
         form, uv = "{}{}" if normal is None else form, uv[~missing]
     before = np.full(len(shape.indices), " ", dtype=object)
-    before[shape.offsets[:-1]] = "\nf "
+    before[shape.offsets[:-1]] = _before_faces(x)
     return chain(
         map("v {!r} {!r} {!r}\n".format, *shape.points.T.tolist()),
         map("vt {!r} {!r}\n".format, *uv.T.tolist()),
@@ -99,6 +99,27 @@ def statements(x: Mesh | Tessellation) -> Iterator[str]:
         () if x.units is None else [f"t units 0/1/0 {x.units!r}\n"],
         () if x.up is None else [f"t up 0/0/1 {x.up}\n"],
     )
+
+
+def named(x: Mesh | Tessellation) -> list[str]:
+    """Data of faces that are names of the format."""
+    return [n for n in NAMES.values() if n in x.face_data and x.face_data[n].dtype.kind == "U"]
+
+
+def _before_faces(x: Mesh | Tessellation) -> Any:
+    """What stands before the corners of each face: names where they change, and the keyword."""
+    before = np.full(len(x.sizes), "\n", dtype=object)
+    for keyword, name in NAMES.items():
+        if name not in named(x):
+            continue
+        values = x.face_data[name]
+        for i in np.flatnonzero(values != np.append("", values[:-1])).tolist():
+            text = str(values[i])
+            if " ".join(text.split()) != text or {"#", "\\"} & set(text):
+                need = "names without #, \\ and white space but single blanks"
+                raise ValueError(f"{name} {text!r} of face {i}: an OBJ file holds {need}")
+            before[i] += f"{keyword.decode()} {text}\n" if text else f"{keyword.decode()}\n"
+    return before + "f "
 
 
 def _tag_statements(mesh: Mesh) -> Iterator[str]:
@@ -296,12 +317,26 @@ def parse(name: str, data: bytes, *, strict: bool = False) -> Mesh:
         interpolation=tags.options.pop("uv", INTERPOLATED),
         place=lambda face: file.place(faces[face]),
         lost_tags=tags.lost,
+        face_data=_names_of_faces(file, faces),
         **tags.arrays(),
         **tags.options,
     )
     _tell(file, losses, unknown, left_out)
     losses.warn(3)
     return mesh
+
+
+def _names_of_faces(file: Statements, faces: IntArray) -> dict[str, NDArray[np.str_]]:
+    """What faces belong to, "" before the first statement that says it, by its name."""
+    others = file.of(OTHER)
+    keywords, found = _keywords(file, others), {}
+    for keyword, name in NAMES.items():
+        at = others[keywords == keyword]
+        known = np.searchsorted(at, faces)
+        if known.any():
+            names = ["", *(" ".join(file.words(i)[1:]) for i in at.tolist())]
+            found[name] = np.array(names)[known]
+    return found
 
 
 def _unknown_statements(file: Statements) -> IntArray:

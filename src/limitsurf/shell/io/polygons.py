@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -79,7 +79,7 @@ def polygons(x: Mesh | Tessellation, *, uv: bool = True) -> Polygons:
     if name is not None:
         values, where, *_ = x.channels[name]
         kept["uv"] = values.astype(np.float64), where
-    return Polygons(points, x.sizes, x.indices, normals, rows, kept)
+    return Polygons(points, x.sizes, x.indices, normals, rows, kept, face_data=x.face_data)
 
 
 def no_polygons(x: Any) -> TypeError:
@@ -112,11 +112,12 @@ def warn_of_loss(
     normals: bool = True,
     loose: bool = True,
     tags: bool = False,
+    data: Container[str] = (),
 ) -> None:
     """Warn of all that a file cannot hold.
 
     `uv`, `normals`, `loose` and `tags` say whether it holds texture coordinates, normals, vertices
-    of no face, and the tags of a cage with its choices.
+    of no face, and the tags of a cage with its choices; `data` which data of faces.
     """
     kept = texture(x) if uv else None
     lost = []
@@ -126,6 +127,7 @@ def warn_of_loss(
     elif not isinstance(x, Mesh) and not normals and len(x.normals):
         lost = ["normals"]
     lost += [f"channel {name!r}" for name in x.channels if name != kept]
+    lost += [f"data of faces {name!r}" for name in x.face_data if name not in data]
     if kept not in (None, "uv", "st"):
         lost.append(f"the name of channel {kept!r}")
     if isinstance(x, Mesh) and not tags:
@@ -272,6 +274,8 @@ def mesh_of(
         sizes = np.bincount(face, minlength=len(faces))[faces]
         indices, rows = indices[kept], rows[kept]
         place = _renumbered(place, np.flatnonzero(faces))
+        given = tags.get("face_data", {}).items()
+        tags["face_data"] = {name: np.asarray(values)[faces] for name, values in given}
         if "holes" in tags and lost_tags is not None:
             tags["holes"] = renumbered_holes(tags["holes"], faces)
 

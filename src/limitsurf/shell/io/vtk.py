@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from limitsurf.cage.mesh import Mesh
 from limitsurf.shell.io import vtk_reader
@@ -23,9 +22,10 @@ if TYPE_CHECKING:
 def from_pyvista(dataset: Any, *, merge: Merge = None, **tags: Any) -> Mesh:
     """A cage of the polygons of a PyVista ``PolyData`` or ``UnstructuredGrid``.
 
-    It is what `read` makes of the same object in a file. Vertex cells and lines are ignored, and so
-    are data arrays but for active texture coordinates, which are the channel "uv". Triangle strips
-    become triangles, in the order of VTK behind other polygons.
+    It is what `read` makes of the same object in a file: data of cells are the ``face_data``,
+    active texture coordinates of points are the channel "uv". Other data of points are ignored, and
+    so are vertex cells and lines. Triangle strips become triangles, in the order of VTK behind
+    other polygons.
 
     Parameters
     ----------
@@ -62,7 +62,8 @@ def from_pyvista(dataset: Any, *, merge: Merge = None, **tags: Any) -> Mesh:
     imported_pyvista()
     losses = Losses("from_pyvista", strict=False)
     tolerance = checked(merge)
-    sizes, indices = _dataset_faces(dataset)
+    sizes, indices, numbers = _dataset_faces(dataset)
+    tags["face_data"] = {**vtk_reader.cell_data(dataset, numbers)[0], **tags.get("face_data", {})}
     uv = vtk_reader.texture(dataset)
     if uv is not None and len(uv) != len(dataset.points):
         losses.add("uv", "", f"got {len(uv)} texture coordinates, need {len(dataset.points)}")
@@ -119,8 +120,8 @@ def imported_pyvista() -> Any:
     return pyvista
 
 
-def _dataset_faces(dataset: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Sizes and indices of the polygons of a dataset of PyVista."""
+def _dataset_faces(dataset: Any) -> tuple[Any, Any, Any]:
+    """Sizes, indices and numbers of the polygons of a dataset of PyVista."""
     pyvista = imported_pyvista()
     if not isinstance(dataset, (pyvista.PolyData, pyvista.UnstructuredGrid)):
         raise TypeError(
@@ -134,8 +135,7 @@ def _dataset_faces(dataset: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
             raise ValueError(
                 f"cell {others[0]} is a {kind}, need polygons only: call .extract_surface()"
             )
-    sizes, indices, _ = vtk_reader.cells(dataset)
-    return sizes, indices
+    return vtk_reader.cells(dataset)[:3]
 
 
 def _dataset(shape: Polygons) -> Any:
@@ -150,6 +150,8 @@ def _dataset(shape: Polygons) -> Any:
         # in single precision: of others VTK's writer of PLY files would end the process
         dataset.point_data["uv"] = shape.channels["uv"][0].astype(np.float32)
         dataset.GetPointData().SetActiveTCoords("uv")
+    for name, values in shape.face_data.items():
+        dataset.cell_data[name] = values
     return dataset
 
 

@@ -215,12 +215,13 @@ def _polygons(found: Any) -> dict[str, Any]:
     if found is None or not (found.IsA("vtkPolyData") or found.IsA("vtkUnstructuredGrid")):
         kind = "nothing" if found is None else found.GetClassName().removeprefix("vtk")
         raise MeshError(f"need polygons, got {kind}")
-    sizes, indices, others = cells(found)
+    sizes, indices, numbers, others = cells(found)
     if not len(sizes) or not found.GetNumberOfPoints():
         return {}
     points = vtk_to_numpy(found.GetPoints().GetData()).astype(np.float64)
     result: dict[str, Any] = {"points": points, "sizes": sizes, "indices": indices}
-    names, damage = _arrays(found)
+    result["face_data"], unfit = cell_data(found, numbers)
+    names, damage = _arrays(found, unfit)
     uv = texture(found)
     if uv is not None and len(uv) == len(points):
         result["uv"] = uv
@@ -239,10 +240,30 @@ def texture(found: Any) -> Any:
     return vtk_to_numpy(array)[:, :2].astype(np.float64)
 
 
-def cells(found: Any) -> tuple[Any, Any, list[str]]:
+def cell_data(found: Any, numbers: Any) -> tuple[dict[str, Any], list[str]]:
+    """Data of the cells of such numbers by name, but normals; and the names of others."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    data, kept, others = found.GetCellData(), {}, []
+    for i in range(data.GetNumberOfArrays()):
+        array = data.GetAbstractArray(i)
+        name, count = array.GetName() or str(i), array.GetNumberOfTuples()
+        if count != found.GetNumberOfCells() or name in (_END, _UNREAD):
+            continue
+        if array.IsA("vtkStringArray") and array.GetNumberOfComponents() == 1:
+            kept[name] = np.array([array.GetValue(k) for k in range(count)], dtype=str)[numbers]
+        elif array.IsA("vtkDataArray") and array is not data.GetNormals():
+            kept[name] = vtk_to_numpy(array)[numbers]
+        elif array is not data.GetNormals():
+            others.append(name)
+    return kept, others
+
+
+def cells(found: Any) -> tuple[Any, Any, Any, list[str]]:
     """Sizes and vertices of the polygons of a PolyData or UnstructuredGrid, and what else it has.
 
-    Strips become triangles. Cells that are no polygons are left out, if there are polygons.
+    Before that the number of the cell that each was. Strips become triangles. Cells that are no
+    polygons are left out, if there are polygons.
     """
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
@@ -261,10 +282,12 @@ def cells(found: Any) -> tuple[Any, Any, list[str]]:
         for name, array in ("lines", found.GetLines()), ("points", found.GetVerts()):
             if array.GetNumberOfCells():
                 others.append(f"{name} ({array.GetNumberOfCells()})")
-        return *_without_strips(sizes, indices, is_strip), others
+        before = found.GetNumberOfVerts() + found.GetNumberOfLines()
+        numbers = before + np.arange(len(sizes))
+        return *_without_strips(sizes, indices, numbers, is_strip), others
     sizes, indices = listed(found.GetCells())
     if not len(sizes):
-        return sizes, indices, others
+        return sizes, indices, np.zeros(0, np.int64), others
     try:
         types = found.GetCellTypes()
     except TypeError:  # before VTK 9.6
@@ -279,7 +302,7 @@ def cells(found: Any) -> tuple[Any, Any, list[str]]:
     indices, sizes, kinds = indices[np.repeat(fit, sizes)], sizes[fit], kinds[fit]
     third = (np.cumsum(sizes) - sizes)[(kinds == PIXEL) & (sizes == 4)] + 2
     indices[third], indices[third + 1] = indices[third + 1], indices[third]  # along rows, in VTK
-    return *_without_strips(sizes, indices, kinds == STRIP), others
+    return *_without_strips(sizes, indices, np.flatnonzero(fit), kinds == STRIP), others
 
 
 _SKIN = (
@@ -299,19 +322,25 @@ def _names(numbers: list[int]) -> list[tuple[int, str]]:
     return sorted((int(k.GetCellDimension()), name) for k, name in zip(kinds, names, strict=True))
 
 
-def _without_strips(sizes: Any, indices: Any, is_strip: Any) -> tuple[Any, Any]:
-    """Sizes and indices of polygons, and behind them the triangles of strips."""
+def _without_strips(sizes: Any, indices: Any, numbers: Any, is_strip: Any) -> tuple[Any, Any, Any]:
+    """Sizes, indices and numbers of polygons, and behind them the triangles of strips."""
     if not is_strip.any():
-        return sizes, indices
+        return sizes, indices, numbers
     corners = np.repeat(is_strip, sizes)
     ends = indices[corners]
-    triangles = ends[strips(sizes[is_strip], ends)]
+    corner = strips(sizes[is_strip], ends)
+    of_triangles = np.repeat(numbers[is_strip], sizes[is_strip])[corner[:, 0]]
+    triangles = ends[corner]
     sizes = np.append(sizes[~is_strip], np.full(len(triangles), 3))
-    return sizes, np.append(indices[~corners], triangles)
+    numbers = np.append(numbers[~is_strip], of_triangles)
+    return sizes, np.append(indices[~corners], triangles), numbers
 
 
-def _arrays(found: Any) -> tuple[list[str], list[str]]:
-    """The names of data arrays but for texture coordinates; and of those of a wrong size."""
+def _arrays(found: Any, unfit: list[str]) -> tuple[list[str], list[str]]:
+    """The names of data arrays that are not kept; and of those of a wrong size.
+
+    Of cells `unfit` ones are not kept.
+    """
     names, damage = [], []
     for of, data, number in (
         ("points", found.GetPointData(), found.GetNumberOfPoints()),
@@ -330,7 +359,7 @@ def _arrays(found: Any) -> tuple[list[str], list[str]]:
                 continue
             if number is not None and count != number:
                 damage.append(f"array {name} of {of}: got {count} values, need {number}")
-            else:
+            elif of != "cells" or name in unfit:
                 listed.append(name)
         names += [f"of {of} {', '.join(listed)}"] if listed else []
     return names, damage
@@ -361,6 +390,14 @@ def _joined(parts: list[dict[str, Any]]) -> dict[str, Any]:
     if count:
         joined["uv"] = np.concatenate([part["uv"] for part in parts if "uv" in part])
         joined["rows"] = np.concatenate(rows)
+    shared = [set(part["face_data"]) for part in parts]
+    joined["face_data"] = {}
+    for name in sorted(set.intersection(*shared)):
+        values = [part["face_data"][name] for part in parts]
+        if len({x.shape[1:] for x in values}) == len({x.dtype.kind == "U" for x in values}) == 1:
+            joined["face_data"][name] = np.concatenate(values)
+    lost = sorted(set.union(*shared) - set(joined["face_data"]))
+    parts[0]["left_out"] += [f"of cells {name}" for name in lost]
     for name in "left_out", "damage":
         joined[name] = list(dict.fromkeys(x for part in parts for x in part[name]))
     return joined
