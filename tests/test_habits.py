@@ -355,10 +355,12 @@ def test_names_of_faces_come_back_from_obj(tmp_path):
     found = ls.read(path).face_data
     assert found["object"].tolist() == ["", "it", "it"]
     assert found["group"].tolist() == ["", "a b", ""]
+    path.write_bytes("v 0 0 0\nv 1 0 0\nv 1 1 0\ng Stra\u00dfe\nf 1 2 3\n".encode("latin-1"))
+    assert ls.read(path).face_data["group"].tolist() == ["Stra\u00dfe"]
     wrong = ls.Mesh(PLACES, BOX, face_data={"group": ["a\nf 1 2 3"] * 6})
     with pytest.raises(ValueError, match=r"group .* of face 0: an OBJ file holds names"):
         ls.write(path, wrong)
-    assert ls.read(path).n_faces == 3
+    assert ls.read(path).n_faces == 1
 
 
 @pytest.mark.parametrize("suffix", [".vtp", ".vtu", ".vtk"])

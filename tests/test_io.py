@@ -91,7 +91,10 @@ def test_plain_file(read):
 )
 def test_ways_to_write_a_square(read, text):
     expected = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
-    assert read(text) == expected
+    found = read(text)
+    assert found == ls.Mesh(
+        expected.points, expected.faces, face_data=found.face_data
+    )  # some have names
 
 
 def test_negative_indices_count_from_the_face(read):
@@ -189,9 +192,8 @@ def test_what_has_no_place_is_named_with_its_line(read):
     text = SQUARE.replace("1 1 0", "1 1 0 0.5 0.5 0.5").replace("0 1 0", "0 1 0 2") + extra
     said = (
         "cage.obj: a cage has no place for all, left out: weights of vertices (1 line, first 4), "
-        "colours of vertices (1 line, first 3), groups (2 lines, first 7), lines (1 line, first "
-        "13), materials (2 lines, first 5), names of objects (1 line, first 6), smoothing groups "
-        "(1 line, first 9)"
+        "colours of vertices (1 line, first 3), lines (1 line, first 13), files of materials (1 "
+        "line, first 5), smoothing groups (1 line, first 9)"
     )
     with pytest.warns(UserWarning, match="a cage has no place") as caught:
         assert read(text + "f 1 2 3 4\n", strict=True).n_faces == 1

@@ -49,12 +49,12 @@ def read(
     ==========================  =====================================================  ==========
     suffix                      what is read                                           needs
     ==========================  =====================================================  ==========
-    ``.obj``                    polygons, "uv", OpenSubdiv's tags                      nothing
+    ``.obj``                    polygons, "uv", names, OpenSubdiv's tags               nothing
     ``.usd .usda .usdc .usdz``  polygons, channels, tags, transforms                   ``[usd]``
     ``.ply``                    polygons, strips, "uv" (of corners or vertices)        nothing
     ``.off``                    polygons, "uv" (STOFF)                                 nothing
     ``.stl``                    triangles                                              ``[formats]``
-    ``.vtp .vtu .vtk``          polygons, strips, "uv" (of points)                     ``[plot]``
+    ``.vtp .vtu .vtk``          polygons, strips, "uv" (of points), data of cells      ``[plot]``
     ``.glb .gltf .dae``         triangles, "uv", transforms                            ``[formats]``
     ``.3mf``                    triangles, transforms                                  ``[formats]``
     any other of trimesh        triangles, "uv", transforms                            ``[formats]``
@@ -127,6 +127,10 @@ def read(
     several meshes has no such primvar, the channel is NaN on its faces; where they differ in
     interpolation, that of most corners holds. Other primvars, materials, subsets, skeletons and
     shapes that are no meshes have no place in a cage, which a warning says. Normals are ignored.
+
+    **OBJ.** Groups, objects and materials are the ``face_data`` "group", "object" and "material", a
+    name for each face, "" before the first; in files of VTK data of cells are. Other formats have
+    them not, or they are left out with a warning.
 
     **glTF, DAE, 3MF** say in which units and with which axis up they are (glTF: metres, Y), which
     become the ``units`` and ``up`` of the mesh. Strips and fans of glTF become triangles.
@@ -301,7 +305,8 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     ``.3mf``               decimal    triangles                                 ``[formats]``
     =====================  =========  ========================================  ============
 
-    "Triangles" means that larger faces are cut, as those of `Tessellation.triangles` are. To cut
+    Data of faces (``mesh.face_data``) are in files of VTK; in OBJ those called "object", "group" and
+    "material", if they are texts of one line. "Triangles" means that larger faces are cut, as those of `Tessellation.triangles` are. To cut
     those of a cage changes its limit surface, which a warning says. In float32 and in 7 digits,
     points of a mesh that is small or far from the origin may become equal, which a warning says
     too.

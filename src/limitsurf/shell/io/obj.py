@@ -201,9 +201,19 @@ class Statements:
 
     def words(self, statement: int) -> list[str]:
         """The words of a statement, keyword first, as text."""
+        return [word.decode(errors="backslashreplace") for word in self._bytes(statement)]
+
+    def name(self, statement: int) -> str:
+        """What follows the keyword of a statement, in UTF-8 or else Latin-1."""
+        text = b" ".join(self._bytes(statement)[1:])
+        try:
+            return text.decode()
+        except UnicodeDecodeError:
+            return text.decode("latin-1")
+
+    def _bytes(self, statement: int) -> list[bytes]:
         low, high = self.start[self.first[[statement, statement + 1]]]
-        text = self.text[low:high].tobytes()
-        return [word.decode(errors="backslashreplace") for word in text.split()]
+        return self.text[low:high].tobytes().split()
 
     def line(self, statement: int) -> int:
         """The line of the file, from 1, on which a statement starts."""
@@ -334,7 +344,7 @@ def _names_of_faces(file: Statements, faces: IntArray) -> dict[str, NDArray[np.s
         at = others[keywords == keyword]
         known = np.searchsorted(at, faces)
         if known.any():
-            names = ["", *(" ".join(file.words(i)[1:]) for i in at.tolist())]
+            names = ["", *map(file.name, at.tolist())]
             found[name] = np.array(names)[known]
     return found
 
