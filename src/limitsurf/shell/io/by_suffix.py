@@ -305,11 +305,11 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     ``.3mf``               decimal    triangles                                 ``[formats]``
     =====================  =========  ========================================  ============
 
-    Data of faces (``mesh.face_data``) are in files of VTK; in OBJ those called "object", "group" and
-    "material", if they are texts of one line. "Triangles" means that larger faces are cut, as those of `Tessellation.triangles` are. To cut
-    those of a cage changes its limit surface, which a warning says. In float32 and in 7 digits,
-    points of a mesh that is small or far from the origin may become equal, which a warning says
-    too.
+    Data of faces (``mesh.face_data``) are in files of VTK; in OBJ those called "object", "group"
+    and "material", if they are texts of one line. "Triangles" means that larger faces are cut, as
+    those of `Tessellation.triangles` are. To cut those of a cage changes its limit surface, which a
+    warning says. In float32 and in 7 digits, points of a mesh that is small or far from the origin
+    may become equal, which a warning says too.
 
     Of a tessellation all but OFF, STL and 3MF hold the normals and texture coordinates as well. OBJ
     has them by corner, USD too; the other formats by point, of which there are then several at

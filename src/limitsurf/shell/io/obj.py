@@ -203,7 +203,7 @@ class Statements:
         """The words of a statement, keyword first, as text."""
         return [word.decode(errors="backslashreplace") for word in self._bytes(statement)]
 
-    def name(self, statement: int) -> str:
+    def label(self, statement: int) -> str:
         """What follows the keyword of a statement, in UTF-8 or else Latin-1."""
         text = b" ".join(self._bytes(statement)[1:])
         try:
@@ -344,7 +344,7 @@ def _names_of_faces(file: Statements, faces: IntArray) -> dict[str, NDArray[np.s
         at = others[keywords == keyword]
         known = np.searchsorted(at, faces)
         if known.any():
-            names = ["", *map(file.name, at.tolist())]
+            names = ["", *map(file.label, at.tolist())]
             found[name] = np.array(names)[known]
     return found
 
