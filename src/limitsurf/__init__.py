@@ -12,15 +12,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from limitsurf.bezier import (
-        BezierPatches as BezierPatches,
-    )
-    from limitsurf.bezier import (
-        BezierRest as BezierRest,
-    )
-    from limitsurf.bezier import (
-        bezier_patches as bezier_patches,
-    )
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
@@ -38,6 +29,15 @@ if TYPE_CHECKING:
     )
     from limitsurf.query import (
         validate as validate,
+    )
+    from limitsurf.query.bezier import (
+        BezierPatches as BezierPatches,
+    )
+    from limitsurf.query.bezier import (
+        BezierRest as BezierRest,
+    )
+    from limitsurf.query.bezier import (
+        bezier_patches as bezier_patches,
     )
     from limitsurf.refine import (
         ExactOperator as ExactOperator,
@@ -95,8 +95,8 @@ __version__ = "0.2.0"
 
 # what is public, and the module that defines it; imported on first use
 _HOME = {
-    "BezierPatches": "bezier",
-    "BezierRest": "bezier",
+    "BezierPatches": "query.bezier",
+    "BezierRest": "query.bezier",
     "Curvature": "surface",
     "Eigenbasis": "spectra",
     "ExactOperator": "refine",
@@ -109,7 +109,7 @@ _HOME = {
     "Scheme": "scheme.scheme",
     "Tessellation": "query",
     "agrees": "query",
-    "bezier_patches": "bezier",
+    "bezier_patches": "query.bezier",
     "eigenbasis": "spectra",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",
