@@ -39,6 +39,15 @@ if TYPE_CHECKING:
     from limitsurf.query.bezier import (
         bezier_patches as bezier_patches,
     )
+    from limitsurf.query.closest import (
+        ClosestPoints as ClosestPoints,
+    )
+    from limitsurf.query.closest import (
+        closest_point as closest_point,
+    )
+    from limitsurf.query.index import (
+        SurfaceIndex as SurfaceIndex,
+    )
     from limitsurf.refine import (
         ExactOperator as ExactOperator,
     )
@@ -97,6 +106,7 @@ __version__ = "0.2.0"
 _HOME = {
     "BezierPatches": "query.bezier",
     "BezierRest": "query.bezier",
+    "ClosestPoints": "query.closest",
     "Curvature": "surface",
     "Eigenbasis": "spectra",
     "ExactOperator": "refine",
@@ -107,9 +117,11 @@ _HOME = {
     "Picture": "shell.plot.plots",
     "RefinedMesh": "refine",
     "Scheme": "scheme.scheme",
+    "SurfaceIndex": "query.index",
     "Tessellation": "query",
     "agrees": "query",
     "bezier_patches": "query.bezier",
+    "closest_point": "query.closest",
     "eigenbasis": "spectra",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",
