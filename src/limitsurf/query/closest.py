@@ -13,11 +13,12 @@ from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.query.index import SurfaceIndex
 from limitsurf.query.nearest import SAME, Feet, Search, in_plane
+from limitsurf.query.sides import refuse_open, sides
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
 
-_CHUNK = 1 << 12  # points that are searched for at once
+_CHUNK = 1 << 13  # points that are searched for at once
 _FAR = 2.0**24  # points farther away, of the largest coordinate, are drawn nearer: along their rays
 _STAYS = 2.0**-38  # a foot that would move by less, of the largest coordinate, is one by itself
 
@@ -62,6 +63,7 @@ def closest_point(
     surface: LimitSurface,
     points: ArrayLike,
     *,
+    signed: bool = False,
     max_distance: float = np.inf,
     workers: int = 1,
 ) -> ClosestPoints:
@@ -72,6 +74,9 @@ def closest_point(
     surface : LimitSurface
         Of float64 points, (n_vertices, 3).
     points : (..., 3) array_like
+    signed : bool
+        Whether distances are to be negative inside. The surface must be closed, with consistent
+        orientation.
     max_distance : float
         Nothing farther away is sought, which is faster.
     workers : int
@@ -90,7 +95,8 @@ def closest_point(
     TypeError
         For points that are not real numbers, and for a surface of exact ones.
     ValueError
-        For points of another shape.
+        For points of another shape; for a surface that bounds nothing where signs are asked for,
+        with the first edge that says so.
 
     Notes
     -----
@@ -101,6 +107,9 @@ def closest_point(
     whatever the surface is like. A point that is as far from many places, as the centre of a ball,
     costs more.
 
+    A sign is that of the side of the foot: of its normal, of the sum of both normals on an edge, of
+    the normals around a vertex by their angles (Baerentzen and Aanaes 2005).
+
     Examples
     --------
     >>> import limitsurf as ls
@@ -110,6 +119,8 @@ def closest_point(
     ([2.0, 2.0], [0.25, 1.0])
     """
     index = SurfaceIndex.of(surface, threads(workers))
+    if signed:
+        refuse_open(surface)
     asked = _asked(points)
     most = _distance("max_distance", max_distance)
     flat = asked.reshape(-1, 3)
@@ -135,10 +146,16 @@ def closest_point(
     point[known] = surface.evaluate(*places, workers=workers)
     normal[known] = surface.normal(*places, workers=workers)
     distance[known] = _lengths(flat[known] - point[known])
+    if signed:
+        feet_ = *places, point[known], normal[known]
+        signs = np.ones(len(flat))
+        signs[known] = sides(surface, flat[known], *feet_)
     beyond = np.flatnonzero(distance > most)
     face[beyond], distance[beyond] = -1, np.inf
     for x in (u, v, point, normal):
         x[beyond] = np.nan
+    if signed:
+        distance = distance * signs
     one = [x.reshape(shape)[()] for x in (distance, face, u, v)]
     return ClosestPoints(point.reshape(*shape, 3), *one, normal.reshape(*shape, 3))
 
