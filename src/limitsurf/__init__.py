@@ -45,6 +45,12 @@ if TYPE_CHECKING:
     from limitsurf.query.closest import (
         closest_point as closest_point,
     )
+    from limitsurf.query.closest import (
+        FeetOfPoints as FeetOfPoints,
+    )
+    from limitsurf.query.closest import (
+        feet as feet,
+    )
     from limitsurf.query.index import (
         SurfaceIndex as SurfaceIndex,
     )
@@ -111,6 +117,7 @@ _HOME = {
     "Eigenbasis": "spectra",
     "ExactOperator": "refine",
     "Faces": "cage.faces",
+    "FeetOfPoints": "query.closest",
     "LimitSurface": "surface",
     "Mesh": "cage.mesh",
     "MeshError": "cage.checks",
@@ -123,6 +130,7 @@ _HOME = {
     "bezier_patches": "query.bezier",
     "closest_point": "query.closest",
     "eigenbasis": "spectra",
+    "feet": "query.closest",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",
     "plot": "shell.plot.plots",

@@ -12,14 +12,17 @@ from limitsurf import numbers
 from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.query.index import SurfaceIndex
-from limitsurf.query.nearest import SAME, Feet, Search, in_plane
-from limitsurf.query.sides import refuse_open, sides
+from limitsurf.query.nearest import POINT, SAME, Feet, Search, in_plane
+from limitsurf.query.sides import around_vertex, beside_edge, refuse_open, shared, sides
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
 
 _CHUNK = 1 << 13  # points that are searched for at once
-_FAR = 2.0**24  # points farther away, of the largest coordinate, are drawn nearer: along their rays
+_FAR = 24  # points farther away than 2^24 of the largest coordinate are drawn nearer
+_LEVEL = 2.0**-30  # cosines at which a surface is level: rounding, seen from a vertex nearby
+_STEEP = 2.0**-8  # and at which it is steep: no vertex that is smooth, and almost a foot
+_ALIKE = 1e-7  # parameters of feet that are one, where Newton's method ended in several cells
 _STAYS = 2.0**-38  # a foot that would move by less, of the largest coordinate, is one by itself
 
 
@@ -160,6 +163,170 @@ def closest_point(
     return ClosestPoints(point.reshape(*shape, 3), *one, normal.reshape(*shape, 3))
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class FeetOfPoints:
+    """Feet of points on a surface, made by `feet`: a run for each point, the nearest first.
+
+    Attributes
+    ----------
+    offsets : (n + 1,) int64
+        The feet of point k are numbers ``offsets[k]`` to ``offsets[k + 1]``, exclusive.
+    point, normal : (m, 3) float64
+    distance, u, v : (m,) float64
+    face : (m,) int64
+        As in `ClosestPoints`.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    >>> ls.feet(ls.LimitSurface(square), [[0.5, 0.5, 2.0]], within=3.0)
+    FeetOfPoints(1 foot of 1 point)
+    """
+
+    offsets: Array
+    point: Array
+    distance: Array
+    face: Array
+    u: Array
+    v: Array
+    normal: Array
+
+    def __repr__(self) -> str:
+        m, n = len(self.face), len(self.offsets) - 1
+        what = f"{m} {'foot' if m == 1 else 'feet'} of {n} point{'s' * (n != 1)}"
+        return f"{type(self).__name__}({what})"
+
+
+def feet(
+    surface: LimitSurface, points: ArrayLike, *, within: float, workers: int = 1
+) -> FeetOfPoints:
+    """All places within a distance from which a surface goes away from points on all sides.
+
+    These are the feet of perpendiculars at which the distance is smallest nearby, and places on
+    boundaries, creases and vertices where it is.
+
+    Parameters
+    ----------
+    surface : LimitSurface
+        Of float64 points, (n_vertices, 3).
+    points : (n, 3) array_like
+    within : float
+        Feet farther away are left out.
+    workers : int
+        Threads, as for `LimitSurface.evaluate`; answers do not depend on it.
+
+    Returns
+    -------
+    FeetOfPoints
+        Those of each point by distance, each once: on the smallest of the limit faces that share
+        it. Points that are not finite have none.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `closest_point` does.
+
+    Examples
+    --------
+    Both sides of a sheet that is folded over:
+
+    >>> import limitsurf as ls
+    >>> fold = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [1, 1, 1], [0, 1, 1],
+    ...                 [1, 0, 1], [0, 0, 1]], [[0, 1, 2, 3], [3, 2, 4, 5], [5, 4, 6, 7]])
+    >>> found = ls.feet(ls.LimitSurface(fold), [[0.5, 0.25, 0.5]], within=1.0)
+    >>> found.offsets.tolist(), found.face.tolist()
+    ([0, 2], [0, 2])
+    """
+    index = SurfaceIndex.of(surface, threads(workers))
+    asked, most = _asked(points), _distance("within", within)
+    if asked.ndim != 2:
+        raise ValueError(f"points must be of shape (n, 3), got {asked.shape}")
+    scaled = _scaled(index, asked)
+
+    def work(part: slice) -> Feet:
+        here = part.start + np.flatnonzero(np.isfinite(scaled[part]).all(axis=1))
+        reach = np.full(len(here), _ldexp(most, index.power))
+        found = Search(index, scaled[here], reach, True).run()
+        found = _local(index, found, scaled[here])
+        found.query = here[found.query]
+        return found
+
+    parts = over_chunks(len(asked), threads(workers), work, _CHUNK)
+    found = Feet.joined(list(parts))
+    places = found.face, found.u, found.v
+    point = surface.evaluate(*places, workers=workers).reshape(-1, 3)
+    distance = _lengths(asked[found.query] - point)
+    order = np.lexsort((found.u, found.v, found.face, distance, found.query))
+    order = order[distance[order] <= most]
+    counts = np.bincount(found.query[order], minlength=len(asked))
+    face, u, v = (x[order] for x in places)
+    normal = surface.normal(face, u, v, workers=workers).reshape(-1, 3)
+    offsets = np.concatenate([[0], np.cumsum(counts)])
+    return FeetOfPoints(offsets, point[order], distance[order], face, u, v, normal)
+
+
+def _local(index: SurfaceIndex, feet: Feet, points: Array) -> Feet:
+    """Those feet from which the surface goes away on all sides, each once."""
+    surface = index.surface
+    most = _STAYS * (1 + feet.distance)
+    stays = _off(index, feet, points) <= most
+    _snap(index, feet, stays)
+    around = shared(surface, feet.face, feet.u, feet.v)
+    if len(around.owner):
+        # on sides: if it does so in all limit faces there
+        goes = np.ones(len(feet.query), dtype=bool)
+        edge, vertex = np.flatnonzero(~around.corner), np.flatnonzero(around.corner)
+        query = points[feet.query[around.owner]]
+        falls = beside_edge(index, around.some(edge), query[edge]) > most[around.owner[edge]]
+        goes[around.owner[edge][falls]] = False
+        low, high = np.zeros((2, len(feet.query)))
+        slopes = around_vertex(index, around.some(vertex), query[vertex])
+        np.minimum.at(low, around.owner[vertex], slopes.min(axis=1, initial=0))
+        np.maximum.at(high, around.owner[vertex], slopes.max(axis=1, initial=0))
+        at = np.unique(around.owner[vertex])
+        goes[at] = (low[at] >= -_LEVEL) & (stays[at] | (high[at] > _STEEP))
+        own = np.unique(around.owner)
+        stays[own] = goes[own]
+        # all of the same place are the one on the smallest limit face
+        order = np.lexsort((around.u, around.v, around.face, around.owner))
+        owner, first = np.unique(around.owner[order], return_index=True)
+        for array, values in ((feet.face, around.face), (feet.u, around.u), (feet.v, around.v)):
+            array[owner] = values[order[first]]
+    feet = feet[np.flatnonzero(stays)]
+    return feet[_once(feet)]
+
+
+def _snap(index: SurfaceIndex, feet: Feet, level: Array) -> None:
+    """Put feet that are vertices, but for rounding, on these; more so where a surface is level."""
+    ends = index.form.ends
+    place = np.stack([feet.u, feet.v], axis=1)
+    gap = np.abs(place[:, None] - ends).max(axis=2)
+    near = np.flatnonzero(gap.min(axis=1, initial=np.inf) <= _ALIKE)
+    end = ends[gap[near].argmin(axis=1)]
+    face, surface = feet.face[near], index.surface
+    both = surface.evaluate(face, *place[near].T) - surface.evaluate(face, *end.T)
+    reach = np.where(level[near], 16 * _STAYS, POINT)
+    same = np.abs(np.ldexp(both, index.power)).max(axis=1, initial=0) <= reach
+    feet.u[near[same]], feet.v[near[same]] = end[same].T
+
+
+def _once(feet: Feet) -> Array:
+    """One of the feet that are the same place of a limit face, up to rounding."""
+    order = np.lexsort((feet.u, feet.v, feet.distance, feet.face, feet.query))
+    some = feet[order]
+    u, v = some.u, some.v
+    again = np.zeros(len(order), dtype=bool)
+    for step in range(1, len(order)):
+        a, b = slice(None, -step), slice(step, None)
+        same = (some.query[a] == some.query[b]) & (some.face[a] == some.face[b])
+        same &= np.abs(some.distance[a] - some.distance[b]) <= 4 * SAME * (1 + some.distance[a])
+        if not same.any():
+            break
+        again[b] |= same & (np.abs(u[a] - u[b]) + np.abs(v[a] - v[b]) <= _ALIKE)
+    return np.asarray(order[~again])
+
+
 def _chosen(index: SurfaceIndex, feet: Feet, points: Array) -> Array:
     """Which feet are the answers, one for each query that has any."""
     nearest = np.full(len(points), np.inf)
@@ -213,7 +380,7 @@ def _scaled(index: SurfaceIndex, points: Array) -> Array:
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         size = np.abs(points).max(axis=1, initial=0, keepdims=True)
         power = np.frexp(size)[1] + index.power
-        near = np.minimum(power, 24)
+        near = np.minimum(power, _FAR)
         found = np.ldexp(points, index.power - (power - near))
     found[~np.isfinite(points).all(axis=1)] = np.nan
     return np.asarray(found)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.patches import NO_LIMIT
+from limitsurf.query.index import SurfaceIndex
 from limitsurf.query.tessellation import tessellate
 from limitsurf.surface import LimitSurface
 
@@ -29,6 +30,10 @@ class Shared:
     u: Array
     v: Array
     corner: Array  # whether it is a vertex of the cage
+
+    def some(self, which: Array) -> Shared:
+        """Some of them."""
+        return Shared(*(getattr(self, name)[which] for name in Shared.__annotations__))
 
 
 def refuse_open(surface: LimitSurface) -> None:
@@ -165,6 +170,44 @@ def spokes(surface: LimitSurface, around: Shared) -> Array:
     return np.asarray(surface.evaluate(face, place[..., 0], place[..., 1]))
 
 
+def beside_edge(index: SurfaceIndex, around: Shared, points: Array) -> Array:
+    """How far feet on edges would move along the edge, or into the limit face, (n,).
+
+    `points` (n, 3) are in the unit of the index.
+    """
+    jet = index.surface.jet(around.face, around.u, around.v, order=1)
+    x, du, dv = (
+        np.nan_to_num(np.ldexp(jet[nu], index.power).reshape(-1, 3))
+        for nu in ((0, 0), (1, 0), (0, 1))
+    )
+    gap, lattice = x - points, index.lattice
+    place = np.stack([np.ones(len(x)), around.u, around.v])
+    edges = np.array(lattice.edges, dtype=float)
+    inward = edges[(edges @ place).argmin(axis=0), 1:]
+    along = np.stack([-inward[:, 1], inward[:, 0]], axis=1)
+    step, into = (du * way[:, :1] + dv * way[:, 1:] for way in (along, inward))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        step = np.nan_to_num(step / np.sqrt((step**2).sum(axis=1, keepdims=True)))
+        into = into - (into * step).sum(axis=1, keepdims=True) * step
+        into = np.nan_to_num(into / np.sqrt((into**2).sum(axis=1, keepdims=True)))
+    return np.maximum(np.abs((gap * step).sum(axis=1)), -(gap * into).sum(axis=1))
+
+
+def around_vertex(index: SurfaceIndex, around: Shared, points: Array) -> Array:
+    """Cosines (n, k) between the way from a point to a vertex and ways on from there.
+
+    More where these turn away from the point, up to where they end.
+    """
+    foot = np.ldexp(index.surface.evaluate(around.face, around.u, around.v), index.power)
+    arm = np.ldexp(spokes(index.surface, around), index.power) - foot.reshape(-1, 1, 3)
+    gap = foot.reshape(-1, 3) - points
+    # half of what is added to squared distances
+    more = (arm * (gap[:, None] + arm / 2)).sum(axis=2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        lengths = np.sqrt((gap**2).sum(axis=1))[:, None] * np.sqrt((arm**2).sum(axis=2))
+        return np.nan_to_num(more / lengths)
+
+
 def sides(
     surface: LimitSurface, points: Array, face: Array, u: Array, v: Array, foot: Array, normal: Array
 ) -> Array:
@@ -184,7 +227,7 @@ def sides(
         np.add.at(direction, around.owner[edge], np.nan_to_num(surface.normal(*beside)))
         at = np.flatnonzero(around.corner)
         if len(at):
-            some = Shared(*(getattr(around, n)[at] for n in Shared.__annotations__))
+            some = around.some(at)
             np.add.at(direction, some.owner, _cone(spokes(surface, some), foot[some.owner]))
     away = points - foot
     size = np.abs(away).max(axis=1, keepdims=True)
