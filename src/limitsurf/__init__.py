@@ -39,14 +39,16 @@ if TYPE_CHECKING:
     from limitsurf.query.bezier import (
         bezier_patches as bezier_patches,
     )
+    from limitsurf.query.bounds import Bounds as Bounds
+    from limitsurf.query.bounds import bounds as bounds
     from limitsurf.query.closest import (
         ClosestPoints as ClosestPoints,
     )
     from limitsurf.query.closest import (
-        closest_point as closest_point,
+        FeetOfPoints as FeetOfPoints,
     )
     from limitsurf.query.closest import (
-        FeetOfPoints as FeetOfPoints,
+        closest_point as closest_point,
     )
     from limitsurf.query.closest import (
         feet as feet,
@@ -111,6 +113,7 @@ __version__ = "0.2.0"
 # what is public, and the module that defines it; imported on first use
 _HOME = {
     "BezierPatches": "query.bezier",
+    "Bounds": "query.bounds",
     "BezierRest": "query.bezier",
     "ClosestPoints": "query.closest",
     "Curvature": "surface",
@@ -128,6 +131,7 @@ _HOME = {
     "Tessellation": "query",
     "agrees": "query",
     "bezier_patches": "query.bezier",
+    "bounds": "query.bounds",
     "closest_point": "query.closest",
     "eigenbasis": "spectra",
     "feet": "query.closest",

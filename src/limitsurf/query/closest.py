@@ -150,7 +150,7 @@ def closest_point(
     normal[known] = surface.normal(*places, workers=workers)
     distance[known] = _lengths(flat[known] - point[known])
     if signed:
-        feet_ = *places, point[known], normal[known]
+        feet_ = places, point[known], normal[known]
         signs = np.ones(len(flat))
         signs[known] = sides(surface, flat[known], *feet_)
     beyond = np.flatnonzero(distance > most)

@@ -175,9 +175,7 @@ class Search:
         for start in range(0, len(pairs), _BATCH):
             self._stack.append(pairs[start : start + _BATCH])
 
-    def _add(
-        self, pairs: _Pairs, which: Array, places: Array, gap: Array, off: Array
-    ) -> None:
+    def _add(self, pairs: _Pairs, which: Array, places: Array, gap: Array, off: Array) -> None:
         """Places (n, 2) of pairs as feet; `gap` (n, 3) is from the query to them."""
         distance = np.sqrt((gap**2).sum(axis=1))
         query = pairs.query[which]
@@ -186,9 +184,7 @@ class Search:
         near = distance <= self._reach(self.best[query])
         k = np.flatnonzero(near)
         u, v = places[k].T
-        self._found.append(
-            Feet(query[k], pairs.face[which][k], u, v, distance[k], off[k])
-        )
+        self._found.append(Feet(query[k], pairs.face[which][k], u, v, distance[k], off[k]))
 
     # ------------------------------------------------------------------ special corners
 
@@ -454,7 +450,6 @@ class Search:
         """Feet on the sides of cells."""
         if not len(which):
             return
-        derivatives, *_ = lines(self._form.degree)
         values = line_values(self._form.degree, x)
         gap = np.matmul(values[:, None], pairs.points[which])[:, 0] + pairs.base[which]
         frame = pairs.frame[which]

@@ -76,17 +76,25 @@ class Form:
             edges.append(on[np.argsort(far)])
         edge = np.array(edges)
         frames, across = _halvings(lattice)
-        halves = np.array([[_onto(exponents, frame) for frame in way] for way in frames])
         inward = sides[:, 1:].astype(float)
-        return cls(
-            exponents, degree, np.stack(parts), edge[:, 0], edge, ends, inward, halves, frames,
-            across,
-        )  # fmt: skip
+        known = exponents, degree, np.stack(parts), edge[:, 0], edge, ends, inward
+        form = cls(*known, frames, frames, across)
+        n, unit = len(s), 4.0 ** (degree + 2)  # (halves have multiples of powers of 1/2)
+        halves = np.round(form.part(frames.reshape(-1, 3, 2)) * unit) / unit
+        return cls(*known, halves.reshape(*frames.shape[:2], n, n), frames, across)
 
     @property
     def size(self) -> int:
         """Number n of coefficients."""
         return len(self.exponents)
+
+    def part(self, frames: Array) -> Array:
+        """Onto the coefficients in parts of the domain, (Q, n, n), of frames (Q, 3, 2)."""
+        s, t = self.exponents.T / self.degree
+        at = frames[:, :1] + s[:, None] * frames[:, 1:2] + t[:, None] * frames[:, 2:]
+        there = bernstein.polynomials(self.exponents, *at.reshape(-1, 2).T)
+        own = bernstein.polynomials(self.exponents, s, t)
+        return np.linalg.solve(own, there.reshape(len(frames), self.size, self.size))
 
     def values(self, s: Array, t: Array, order: int = 2) -> Array:
         """Weights (Q, 6, n) of values and derivatives at (s, t); (Q, 1, n) if `order` is 0."""
@@ -153,7 +161,7 @@ def line_values(degree: int, x: Array) -> Array:
 
 
 def _exponents(lattice: Lattice, degree: int) -> Array:
-    """i and j of the coefficients, in the order of `Bernstein.exponents`."""
+    """I and j of the coefficients, in the order of `Bernstein.exponents`."""
     steps = range(degree + 1)
     if lattice.sloped:
         return np.array([(i, j) for j in steps for i in steps if i + j <= degree])
@@ -211,14 +219,3 @@ def _halvings(lattice: Lattice) -> tuple[Array, Array]:
         frames.append([[c, a - c, middle - c], [c, middle - c, b - c]])
         across.append([k, (k + 1) % 3])
     return np.array(frames), np.array(across)
-
-
-def _onto(exponents: Array, frame: Array) -> Array:
-    """Onto the coefficients in a part of the domain, (n, n): multiples of a power of 1/2."""
-    degree = int(exponents.max())
-    s, t = exponents.T / degree
-    there = frame[0] + s[:, None] * frame[1] + t[:, None] * frame[2]
-    own = bernstein.polynomials(exponents, s, t)
-    found = np.linalg.solve(own, bernstein.polynomials(exponents, *there.T))
-    unit = 4.0 ** (degree + 2)
-    return np.asarray(np.round(found * unit) / unit)

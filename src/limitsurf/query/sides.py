@@ -209,7 +209,11 @@ def around_vertex(index: SurfaceIndex, around: Shared, points: Array) -> Array:
 
 
 def sides(
-    surface: LimitSurface, points: Array, face: Array, u: Array, v: Array, foot: Array, normal: Array
+    surface: LimitSurface,
+    points: Array,
+    places: tuple[Array, Array, Array],
+    foot: Array,
+    normal: Array,
 ) -> Array:
     """1 outside and -1 inside for points (Q, 3) with these feet.
 
@@ -219,7 +223,7 @@ def sides(
     nothing, by the solid angle that the surface covers.
     """
     direction = np.nan_to_num(normal)
-    around = shared(surface, face, u, v)
+    around = shared(surface, *places)
     if len(around.owner):
         direction[around.owner] = 0
         edge = ~around.corner
