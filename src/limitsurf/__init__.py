@@ -12,15 +12,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from limitsurf.bezier import (
-        BezierPatches as BezierPatches,
-    )
-    from limitsurf.bezier import (
-        BezierRest as BezierRest,
-    )
-    from limitsurf.bezier import (
-        bezier_patches as bezier_patches,
-    )
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
@@ -38,6 +29,32 @@ if TYPE_CHECKING:
     )
     from limitsurf.query import (
         validate as validate,
+    )
+    from limitsurf.query.bezier import (
+        BezierPatches as BezierPatches,
+    )
+    from limitsurf.query.bezier import (
+        BezierRest as BezierRest,
+    )
+    from limitsurf.query.bezier import (
+        bezier_patches as bezier_patches,
+    )
+    from limitsurf.query.bounds import Bounds as Bounds
+    from limitsurf.query.bounds import bounds as bounds
+    from limitsurf.query.closest import (
+        ClosestPoints as ClosestPoints,
+    )
+    from limitsurf.query.closest import (
+        FeetOfPoints as FeetOfPoints,
+    )
+    from limitsurf.query.closest import (
+        closest_point as closest_point,
+    )
+    from limitsurf.query.closest import (
+        feet as feet,
+    )
+    from limitsurf.query.index import (
+        SurfaceIndex as SurfaceIndex,
     )
     from limitsurf.refine import (
         ExactOperator as ExactOperator,
@@ -96,22 +113,29 @@ __version__ = "0.2.0"
 
 # what is public, and the module that defines it; imported on first use
 _HOME = {
-    "BezierPatches": "bezier",
-    "BezierRest": "bezier",
+    "BezierPatches": "query.bezier",
+    "Bounds": "query.bounds",
+    "BezierRest": "query.bezier",
+    "ClosestPoints": "query.closest",
     "Curvature": "surface",
     "Eigenbasis": "spectra",
     "ExactOperator": "refine",
     "Faces": "cage.faces",
+    "FeetOfPoints": "query.closest",
     "LimitSurface": "surface",
     "Mesh": "cage.mesh",
     "MeshError": "cage.checks",
     "Picture": "shell.plot.plots",
     "RefinedMesh": "refine",
     "Scheme": "scheme.scheme",
+    "SurfaceIndex": "query.index",
     "Tessellation": "query",
     "agrees": "query",
-    "bezier_patches": "bezier",
+    "bezier_patches": "query.bezier",
+    "bounds": "query.bounds",
+    "closest_point": "query.closest",
     "eigenbasis": "spectra",
+    "feet": "query.closest",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",
     "merged": "shell.io.merge",

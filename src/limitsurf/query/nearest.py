@@ -1,0 +1,481 @@
+"""The search for what is nearest: cells are halved until each has one foot, or none that counts.
+
+Of a point and a cell, ``D = |x - q|^2`` is a polynomial. Its Bernstein coefficients bound it from
+below, so that cells that are too far fall out; where they say that D falls towards a side, its foot
+is on that side; where they say that D is convex, Newton's method finds its foot. Cells are taken
+relative to one of their own points: what is far away does not swamp what differs in a cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf.query.index import SurfaceIndex
+from limitsurf.query.polynomials import Form, line_values, lines, products
+
+Array = NDArray[Any]
+
+_EPS = 2.0**-52
+# what sums of products of coefficients lose, of the largest: some 40 terms
+_LOST = 64 * _EPS
+# distances that are told apart, of the largest coordinate
+SAME = 2.0**-49
+# parts of the surface that are places: a foot there is known to this
+POINT = 2.0**-46
+_BATCH = 1 << 13  # pairs that are in memory at once
+_STEPS = 24  # of Newton's method, at most
+_DEEPEST = 160  # rings, where nothing bounds what remains
+
+
+@dataclass(slots=True)
+class Feet:
+    """Places that may be the nearest ones, (n,): of a query, on a limit face, how far.
+
+    `off` is by how much a foot would move if it could leave its cell, or is not one at all.
+    """
+
+    query: Array
+    face: Array
+    u: Array
+    v: Array
+    distance: Array
+    off: Array
+
+    @classmethod
+    def joined(cls, parts: list[Self]) -> Self:
+        """All of them."""
+        names = [field.name for field in fields(cls)]
+        if not parts:
+            none = np.zeros(0)
+            return cls(none.astype(np.int64), none.astype(np.int64), none, none, none, none)
+        return cls(*(np.concatenate([getattr(x, name) for x in parts]) for name in names))
+
+    def __getitem__(self, which: Array) -> Self:
+        return type(self)(*(getattr(self, field.name)[which] for field in fields(self)))
+
+
+@dataclass(slots=True)
+class _Pairs:
+    """Queries and cells, or curves: points (n, 3) relative to one that is `base` from the query.
+
+    ``(u, v) = frame[0] + s frame[1] + t frame[2]``; of curves ``frame[0] + s frame[1]``.
+    """
+
+    query: Array  # (P,)
+    face: Array
+    base: Array  # (P, 3)
+    points: Array  # (P, n, 3)
+    frame: Array  # (P, 3, 2) or (P, 2, 2)
+
+    def __len__(self) -> int:
+        return len(self.query)
+
+    def __getitem__(self, which: Any) -> _Pairs:
+        return _Pairs(*(getattr(self, x)[which] for x in self.__slots__))
+
+    def halved(self, halves: Array, frames: Array) -> _Pairs:
+        """Both halves (., 2, n, n) of all, relative to their own first point."""
+        count, n = len(self), self.points.shape[1]
+        points = np.matmul(halves, self.points[:, None]).reshape(2 * count, n, 3)
+        frame = np.matmul(frames, self.frame[:, None, 1:])  # (P, 2, k, 2)
+        frame[:, :, 0] += self.frame[:, None, 0]
+        first = points[:, :1].copy()
+        return _Pairs(
+            np.repeat(self.query, 2),
+            np.repeat(self.face, 2),
+            np.repeat(self.base, 2, axis=0) + first[:, 0],
+            points - first,
+            frame.reshape(2 * count, -1, 2),
+        )
+
+
+class Search:
+    """A search for what is nearest to points (Q, 3), at most `within` (Q,) away.
+
+    With `every` all feet within these distances are sought, not the nearest ones.
+    """
+
+    def __init__(self, index: SurfaceIndex, points: Array, within: Array, every: bool) -> None:
+        self._index, self._points, self._every = index, points, every
+        self._form = index.form
+        self._lattice = index.lattice
+        self.best = within.copy()
+        self._found: list[Feet] = []
+        self._stack: list[Any] = []
+
+    def run(self) -> Feet:
+        """All places that may be the nearest ones, or are as near up to rounding."""
+        index = self._index
+        if not self._every:
+            self._seed()
+        query, leaf = index.near(self._points, self._reach(self.best))
+        corner = leaf >= len(index.points)
+        self._push_cells(query[~corner], leaf[~corner])
+        if corner.any():
+            which = leaf[corner] - len(index.points)
+            self._stack.append((query[corner], which, np.zeros(len(which), dtype=np.int64)))
+        while self._stack:
+            job = self._stack.pop()
+            if isinstance(job, tuple):
+                self._corners(*job)
+            elif job.frame.shape[1] == 3:
+                self._cells(job)
+            else:
+                self._curves(job)
+        return Feet.joined(self._found)
+
+    def _reach(self, best: Array) -> Array:
+        """Distances up to which places count: what rounding may have done is added."""
+        return best + SAME * (1 + best)
+
+    def _seed(self) -> None:
+        """Distances to some points of the surface, from the nearest of many samples on."""
+        tree, cells, s, t = self._index.samples
+        if tree is None:
+            return
+        _, near = tree.query(self._points)
+        cell, s, t = cells[near], s[near], t[near]
+        for _ in range(3):
+            w = self._form.values(s, t)
+            x = np.matmul(w, self._index.points[cell])
+            gap = x[:, 0] - self._points
+            np.minimum(self.best, np.sqrt((gap**2).sum(axis=1)), out=self.best)
+            step = _newton(gap, x)
+            s, t = self._inside(s + step[0], t + step[1])
+        x = np.matmul(self._form.values(s, t, 0), self._index.points[cell])[:, 0]
+        np.minimum(self.best, np.sqrt(((x - self._points) ** 2).sum(axis=1)), out=self.best)
+
+    def _inside(self, s: Array, t: Array) -> tuple[Array, Array]:
+        """Places put into the domain."""
+        s, t = np.clip(np.nan_to_num(s, nan=0.5), 0, 1), np.clip(np.nan_to_num(t, nan=0.5), 0, 1)
+        if self._lattice.sloped:
+            over = np.maximum(s + t - 1, 0) / 2
+            s, t = np.clip(s - over, 0, 1), np.clip(t - over, 0, 1)
+            t = np.minimum(t, 1 - s)
+        return s, t
+
+    def _push_cells(self, query: Array, cell: Array) -> None:
+        index = self._index
+        for start in range(0, len(query), _BATCH):
+            part = slice(start, start + _BATCH)
+            q, c = query[part], cell[part]
+            points = index.points[c]
+            first = points[:, :1].copy()
+            frame = np.zeros((len(c), 3, 2))
+            frame[:, 0] = index.origin[c]
+            frame[:, 1, 0], frame[:, 2, 1] = index.size[c].T
+            base = first[:, 0] - self._points[q]
+            self._stack.append(_Pairs(q, index.face[c], base, points - first, frame))
+
+    def _push(self, pairs: _Pairs) -> None:
+        for start in range(0, len(pairs), _BATCH):
+            self._stack.append(pairs[start : start + _BATCH])
+
+    def _add(self, pairs: _Pairs, which: Array, places: Array, gap: Array, off: Array) -> None:
+        """Places (n, 2) of pairs as feet; `gap` (n, 3) is from the query to them."""
+        distance = np.sqrt((gap**2).sum(axis=1))
+        query = pairs.query[which]
+        if not self._every:
+            np.minimum.at(self.best, query, distance)
+        near = distance <= self._reach(self.best[query])
+        k = np.flatnonzero(near)
+        u, v = places[k].T
+        self._found.append(Feet(query[k], pairs.face[which][k], u, v, distance[k], off[k]))
+
+    # ------------------------------------------------------------------ special corners
+
+    def _corners(self, query: Array, which: Array, ring: Array) -> None:
+        """What remains at special corners: a ring of cells more, or the corner itself."""
+        if len(query) > _BATCH:
+            half = len(query) // 2
+            self._stack.append((query[half:], which[half:], ring[half:]))
+            self._stack.append((query[:half], which[:half], ring[:half]))
+            return
+        beyond, index = self._index.beyond, self._index
+        base = beyond.limits[which] - self._points[query]
+        square = (base**2).sum(axis=1)
+        far, along = beyond.reach(which, ring, base)
+        if not self._every:
+            np.minimum.at(self.best, query, np.sqrt(square))
+        least = np.maximum(
+            np.maximum(square - 2 * along, np.maximum(np.sqrt(square) - far, 0) ** 2), 0
+        )
+        keep = np.flatnonzero(least <= self._reach(self.best[query]) ** 2)
+        query, which, ring, base, far = (x[keep] for x in (query, which, ring, base, far))
+        leaf = which + len(index.points)
+        done = (far <= POINT / 2) | (ring >= _DEEPEST)
+        if done.any():
+            some = np.flatnonzero(done)
+            ends = self._form.ends[beyond.corner(which[some])]
+            places = index.origin[leaf[some]] + index.size[leaf[some]] * ends
+            off = self._tangential(which[some], base[some])
+            frame = np.zeros((len(some), 3, 2))
+            none = np.zeros((len(some), 1, 3))
+            at = _Pairs(query[some], index.face[leaf[some]], base[some], none, frame)
+            self._add(at, np.arange(len(some)), places, base[some], off)
+        query, which, ring, base, leaf = (x[~done] for x in (query, which, ring, base, leaf))
+        if not len(query):
+            return
+        self._stack.append((query, which, ring + 1))
+        found = beyond.cells(which, ring)
+        pieces = found.points.shape[1]
+        frame = np.zeros((len(query), pieces, 3, 2))
+        scale = index.size[leaf][:, None]
+        frame[:, :, 0] = index.origin[leaf][:, None] + scale * found.origin
+        frame[:, :, [1, 2], [0, 1]] = scale * found.size
+        n = self._form.size
+        pairs = _Pairs(
+            np.repeat(query, pieces),
+            np.repeat(index.face[leaf], pieces),
+            np.repeat(base, pieces, axis=0),
+            found.points.reshape(-1, n, 3),
+            frame.reshape(-1, 3, 2),
+        )
+        # those that are farther than the corner itself say so best relative to it
+        if not self._every:
+            low, _, lost = self._differences(pairs)
+            pairs = pairs[low <= lost]
+        first = pairs.points[:, :1].copy()
+        pairs.base, pairs.points = pairs.base + first[:, 0], pairs.points - first
+        self._push(pairs)
+
+    def _tangential(self, which: Array, base: Array) -> Array:
+        """How far the feet of queries are from corners, in their tangent planes, about."""
+        a, b = self._index.beyond.tangents(which)
+        off = np.where(self._index.beyond.is_smooth[which], in_plane(base, a, b), 0)
+        return np.asarray(off)
+
+    # ------------------------------------------------------------------ cells and curves
+
+    def _differences(self, pairs: _Pairs) -> tuple[Array, Array, Array]:
+        """Bounds (P,) from below of D - |base|^2, its coefficients (P, m), what rounding took."""
+        x, w = pairs.points, pairs.base
+        n = x.shape[1]
+        if pairs.frame.shape[1] == 3:
+            means = products(self._lattice, self._form.degree)
+        else:
+            means = lines(self._form.degree)[2]
+        gram = np.matmul(x, (x + 2 * w[:, None]).swapaxes(1, 2)).reshape(len(x), n * n)
+        found = gram @ means
+        size = np.sqrt((x**2).sum(axis=2).max(axis=1))
+        lost = _LOST * size * (size + 2 * np.sqrt((w**2).sum(axis=1)))
+        return found.min(axis=1), found, lost
+
+    def _alive(self, pairs: _Pairs, low: Array, lost: Array) -> Array:
+        """Which of them may yet be as near as what is known."""
+        base = (pairs.base**2).sum(axis=1)
+        least = np.sqrt(np.maximum(base * (1 - 4 * _EPS) + low - lost, 0))
+        return np.flatnonzero(least <= self._reach(self.best[pairs.query]))
+
+    def _ends(self, pairs: _Pairs, corners: Array) -> None:
+        """Points at corners may be nearer than what is known."""
+        if self._every:
+            return
+        gap = pairs.points[:, corners] + pairs.base[:, None]
+        nearest = np.sqrt((gap**2).sum(axis=2).min(axis=1))
+        np.minimum.at(self.best, pairs.query, nearest)
+
+    def _cells(self, pairs: _Pairs) -> None:
+        form = self._form
+        self._ends(pairs, form.corners)
+        low, d, lost = self._differences(pairs)
+        keep = self._alive(pairs, low, lost)
+        pairs, low, d, lost = pairs[keep], low[keep], d[keep], lost[keep]
+        twice = Form.of(self._lattice, 2 * form.degree)
+        pairs, d, lost = self._at_corner(pairs, d, lost, low, twice.corners, form)
+        if not len(pairs):
+            return
+        m = twice.size
+        every = (d @ twice.derivatives[1:].transpose(2, 0, 1).reshape(m, -1)).reshape(-1, 5, m)
+        scale = lost[:, None] * twice.degree
+        rest = np.ones(len(pairs), dtype=bool)
+        # falling towards a side: its foot is there
+        for k, (a, b) in enumerate(form.inward.tolist()):
+            slope = (a * every[:, 0] + b * every[:, 1]).min(axis=1)
+            side = np.flatnonzero(rest & (slope >= -scale[:, 0]))
+            if len(side):
+                rest[side] = False
+                self._push(self._side(pairs, side, k))
+        bent = every[:, [2, 4]].min(axis=2)
+        mixed = np.abs(every[:, 3]).max(axis=1)
+        more = lost * twice.degree**2
+        convex = (bent > more[:, None]).all(axis=1)
+        convex &= np.prod(np.maximum(bent - more[:, None], 0), axis=1) > (mixed + more) ** 2
+        convex &= rest
+        self._newton(pairs, np.flatnonzero(convex))
+        self._halve(pairs[rest & ~convex])
+
+    def _at_corner(
+        self, pairs: _Pairs, d: Array, lost: Array, low: Array, corners: Array, form: Form
+    ) -> tuple[_Pairs, Array, Array]:
+        """Take out those whose foot is a corner, or that are as small as a point, or constant."""
+        at = d[:, corners]
+        k = at.argmin(axis=1)
+        every = np.arange(len(pairs))
+        small = (pairs.points**2).sum(axis=2).max(axis=1) <= POINT**2
+        done = (at[every, k] - low <= lost) | small
+        which = np.flatnonzero(done)
+        if len(which):
+            near = k[which]
+            gap = pairs.base[which] + pairs.points[which, form.corners[near]]
+            ends = form.ends[near]
+            frame = pairs.frame[which]
+            places = frame[:, 0] + np.matmul(ends[:, None], frame[:, 1:])[:, 0]
+            off = self._off(pairs, which, ends[:, 0], ends[:, 1])
+            self._add(pairs, which, places, gap, off)
+        keep = np.flatnonzero(~done)
+        return pairs[keep], d[keep], lost[keep]
+
+    def _off(self, pairs: _Pairs, which: Array, s: Array, t: Array) -> Array:
+        """How far feet would move in the tangent planes at places of cells, (n,)."""
+        x = np.matmul(self._form.values(s, t)[:, :3], pairs.points[which])
+        return in_plane(x[:, 0] + pairs.base[which], x[:, 1], x[:, 2])
+
+    def _side(self, pairs: _Pairs, which: Array, k: int) -> _Pairs:
+        """Sides of cells as curves."""
+        form = self._form
+        start, end = form.ends[k], form.ends[(k + 1) % len(form.ends)]
+        points = pairs.points[which][:, form.edges[k]]
+        first = points[:, :1].copy()
+        frame = pairs.frame[which]
+        ends = frame[:, :1] + np.matmul(np.stack([start, end]), frame[:, 1:])
+        ends[:, 1] -= ends[:, 0]
+        base = pairs.base[which] + first[:, 0]
+        return _Pairs(pairs.query[which], pairs.face[which], base, points - first, ends)
+
+    def _newton(self, pairs: _Pairs, which: Array) -> None:
+        """Feet of convex cells: inside, or on their sides."""
+        if not len(which):
+            return
+        form, some = self._form, pairs[which]
+        middle = form.ends.mean(axis=0)
+        s, t = (np.full(len(which), x) for x in middle)
+        last = np.full(len(which), np.inf)
+        active = np.arange(len(which))
+        for _ in range(_STEPS):
+            x = np.matmul(form.values(s[active], t[active]), some.points[active])
+            ds, dt = _newton(x[:, 0] + some.base[active], x)
+            s[active] = np.clip(s[active] + ds, -0.5, 1.5)
+            t[active] = np.clip(t[active] + dt, -0.5, 1.5)
+            size = np.maximum(np.abs(ds), np.abs(dt))
+            settled = (size <= 4 * _EPS) | ((size <= 1e-10) & (size >= 0.5 * last[active]))
+            last[active] = size
+            active = active[~settled]
+            if not len(active):
+                break
+        settled = last <= 1e-9
+        places = np.stack([np.ones(len(s)), s, t])
+        sides = np.array([[a, b, c] for a, b, c in self._lattice.edges], dtype=float)
+        inside = settled & (sides @ places >= -1e-13).all(axis=0)
+        outside = settled & (sides @ places < -1e-13).any(axis=0)
+        s, t = self._inside(s, t)
+        here = np.flatnonzero(inside)
+        if len(here):
+            x = np.matmul(form.values(s[here], t[here])[:, :3], some.points[here])
+            gap = x[:, 0] + some.base[here]
+            st = np.stack([s[here], t[here]], axis=1)
+            frame = some.frame[here]
+            uv = frame[:, 0] + np.matmul(st[:, None], frame[:, 1:])[:, 0]
+            self._add(some, here, uv, gap, in_plane(gap, x[:, 1], x[:, 2]))
+        there = np.flatnonzero(outside)
+        for k in range(len(form.ends) if len(there) else 0):
+            self._push(self._side(some, there, k))
+        self._halve(some[~settled])
+
+    def _halve(self, pairs: _Pairs) -> None:
+        """Halves of cells, across their longer side."""
+        if not len(pairs):
+            return
+        form = self._form
+        ends = pairs.points[:, form.corners]
+        if len(form.ends) == 3:
+            a, b = form.across.T
+            span = ((ends[:, a] - ends[:, b]) ** 2).sum(axis=2)
+        else:
+            n = form.degree + 1
+            net = pairs.points.reshape(len(pairs), n, n, 3)
+            span = np.stack(
+                [
+                    (np.diff(net, axis=1 + axis) ** 2).sum(axis=3).max(axis=(1, 2))
+                    for axis in (0, 1)
+                ],
+                axis=1,
+            )
+        way = span.argmax(axis=1)
+        self._push(pairs.halved(form.halves[way], form.frames[way]))
+
+    def _curves(self, pairs: _Pairs) -> None:
+        degree = self._form.degree
+        derivatives, halves, _, twice = lines(degree)
+        ends = np.array([0, degree])
+        self._ends(pairs, ends)
+        low, d, lost = self._differences(pairs)
+        keep = self._alive(pairs, low, lost)
+        pairs, low, d, lost = pairs[keep], low[keep], d[keep], lost[keep]
+        if not len(pairs):
+            return
+        at = d[:, [0, -1]]
+        k = at.argmin(axis=1)
+        small = (pairs.points**2).sum(axis=2).max(axis=1) <= POINT**2
+        done = (at[np.arange(len(k)), k] - low <= lost) | small
+        which = np.flatnonzero(done)
+        self._on_curve(pairs, which, k[which].astype(float))
+        bent = (d @ twice[2].T).min(axis=1)
+        convex = ~done & (bent > lost * (2 * degree) ** 2)
+        which = np.flatnonzero(convex)
+        if len(which):
+            some, x = pairs[which], np.full(len(which), 0.5)
+            for _ in range(_STEPS):
+                weights = np.stack([line_values(degree, x) @ m for m in derivatives], axis=1)
+                c = np.matmul(weights, some.points)
+                gap = c[:, 0] + some.base
+                slope = (gap * c[:, 1]).sum(axis=1)
+                step = -slope / ((c[:, 1] ** 2).sum(axis=1) + (gap * c[:, 2]).sum(axis=1))
+                before, x = x, np.clip(x + np.nan_to_num(step), 0, 1)
+                if (np.abs(x - before) <= 4 * _EPS).all():
+                    break
+            settled = np.abs(x - before) <= 1e-9
+            self._on_curve(pairs, which[settled], x[settled])
+            convex[which[~settled]] = False
+        rest = pairs[~done & ~convex]
+        if len(rest):
+            frames = np.array([[[0.0], [0.5]], [[0.5], [0.5]]])
+            self._push(rest.halved(halves[None], frames[None]))
+
+    def _on_curve(self, pairs: _Pairs, which: Array, x: Array) -> None:
+        """Feet on the sides of cells."""
+        if not len(which):
+            return
+        values = line_values(self._form.degree, x)
+        gap = np.matmul(values[:, None], pairs.points[which])[:, 0] + pairs.base[which]
+        frame = pairs.frame[which]
+        places = frame[:, 0] + x[:, None] * frame[:, 1]
+        self._add(pairs, which, places, gap, np.full(len(which), np.nan))
+
+
+def _newton(gap: Array, x: Array) -> tuple[Array, Array]:
+    """Steps (ds, dt) of Newton's method for D, of Gauss's where that is not convex."""
+    g1, g2 = ((gap * x[:, k]).sum(axis=1) for k in (1, 2))
+    a, b, c = ((x[:, i] * x[:, j]).sum(axis=1) for i, j in ((1, 1), (1, 2), (2, 2)))
+    e, f, h = ((gap * x[:, k]).sum(axis=1) for k in (3, 4, 5))
+    full = (a + e > 0) & ((a + e) * (c + h) > (b + f) ** 2)
+    a, b, c = (np.where(full, m + n, m) for m, n in ((a, e), (b, f), (c, h)))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        det = a * c - b * b
+        ds, dt = (b * g2 - c * g1) / det, (b * g1 - a * g2) / det
+    bad = ~(np.isfinite(ds) & np.isfinite(dt))
+    return np.where(bad, 0, ds), np.where(bad, 0, dt)
+
+
+def in_plane(gap: Array, a: Array, b: Array) -> Array:
+    """Lengths of the parts of vectors (n, 3) in the planes of two others; along one if parallel."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a = a / np.sqrt((a**2).sum(axis=1, keepdims=True))
+        a = np.nan_to_num(a)
+        b = b - (a * b).sum(axis=1, keepdims=True) * a
+        b = np.nan_to_num(b / np.sqrt((b**2).sum(axis=1, keepdims=True)))
+    return np.hypot((gap * a).sum(axis=1), (gap * b).sum(axis=1))
