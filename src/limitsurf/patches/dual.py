@@ -1,0 +1,241 @@
+"""Patches of dual schemes: squares that have a point each, amid others.
+
+The first step makes a square of each corner of a face; what lies beyond boundaries are squares,
+too, whose points are reflections. From there on all is smooth. A square is one patch when at most
+one of its corners is not amid four squares; otherwise it is split into its children. Only corners
+at vertices and in the middle of faces of the cage are such corners, and they are opposite: after
+one split no square has two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf.cage.connectivity import Fans
+from limitsurf.cage.mesh import Mesh
+from limitsurf.numbers import NumberType
+from limitsurf.patches.points import Rows
+from limitsurf.patches.quads import Rim, Squares, first_squares
+from limitsurf.patches.table import NO_LIMIT, REGULAR, PatchTable
+from limitsurf.rules import Rules
+from limitsurf.topology import vertex_numbers
+
+if TYPE_CHECKING:
+    from limitsurf.scheme.dual import DualScheme
+
+Array = NDArray[Any]
+
+
+def patch_table(mesh: Mesh, rules: Rules, number: NumberType) -> PatchTable:
+    """The patches of a cage, whichever kind of scheme there is."""
+    kind = DualPatchTable if rules.scheme.lattice.dual else PatchTable
+    return kind(mesh, rules, number)
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """Squares of a level, those that are to be covered by patches, and the points of all."""
+
+    squares: Squares
+    numbers: Array  # (n,) their control points, -1 where there are none
+    which: Array  # (m,) squares to be covered
+    slot: Array  # (m,) their places in the codes
+    turn: Array  # (m,) at which corner of the domain their corner 0 lies
+
+
+class DualPatchTable(PatchTable):
+    """Patches of all limit faces of a dual scheme; see `PatchTable`."""
+
+    def _build(self, cage: Mesh, rules: Rules, limit_faces: Array) -> None:
+        level = self._first(cage, rules, limit_faces)
+        for _ in range(2):
+            level = self._covered(level)
+            if not len(level.which):
+                return
+            level = self._children(level)
+        level = self._covered(level)
+        assert not len(level.which)
+
+    def typed(self, cage: Mesh, rules: Rules, number: NumberType) -> PatchTable:
+        """The table of the same cage for numbers of another type."""
+        return DualPatchTable(cage, rules, number)
+
+    def _first(self, cage: Mesh, rules: Rules, limit_faces: Array) -> _Level:
+        """The squares at the corners of the faces of a cage."""
+        fans = Fans.of(cage.connectivity, cage.twin)
+        rim = None if rules.boundary == "none" else Rim.of(cage, fans)
+        # the points around boundary vertices of one face that follow the curve are in one plane:
+        # there a spline has normals that are limits, which an eigenbasis knows
+        lone = rules.boundary == "edge_only"
+        squares = first_squares(cage, rim, lone, self.lattice.valence)
+        points = self._extend(*corner_rows(cage, rules, self._number))
+        if rim is not None and len(rim.vertex):
+            beyond = np.full(len(squares) - cage.n_corners, -1, dtype=np.int32)
+            for place, rows in rim_rows(cage, rim, rules, points, self._number):
+                beyond[place - cage.n_corners] = self._extend(*rows)
+            points = np.concatenate([points, beyond])
+        # quads are split first, others are so many limit faces
+        size, count = self.lattice.face_size, len(self.lattice.children)
+        corner = np.arange(cage.n_corners) - cage.offsets[cage.corner_face]
+        quad = cage.sizes == size
+        splits = np.cumsum(quad) - 1
+        n_codes = len(self.codes)
+        limit = np.ones(cage.n_faces, dtype=bool)
+        limit[cage.holes] = False
+        more = np.full(count * int(quad.sum()), NO_LIMIT, dtype=np.int32)
+        self.codes = np.append(self.codes, more)
+        self.codes[limit_faces[:-1][quad & limit]] = -2 - splits[quad & limit]
+        whole = quad[cage.corner_face]
+        part = np.array(self.lattice.parts)[corner % size]
+        slot = limit_faces[cage.corner_face] + corner
+        slot[whole] = n_codes + count * splits[cage.corner_face[whole]] + part[whole]
+        turn = np.where(whole, corner, 0)
+        with_limit = limit[cage.corner_face] & (squares.around[4 * np.arange(cage.n_corners)] > 0)
+        which = np.flatnonzero(with_limit)
+        return _Level(squares, points, which, slot[which], turn[which])
+
+    def _covered(self, level: _Level) -> _Level:
+        """Add the patches of squares; what is left of the level."""
+        squares, which, numbers_ = level.squares, level.which, level.numbers
+        corners = 4 * which[:, None] + np.arange(4)
+        regular = self.lattice.valence
+        odd = squares.special[corners]
+        count = odd.sum(axis=1)
+        special = odd.argmax(axis=1)
+        plain = np.flatnonzero(count == 0)
+        start = -level.turn[plain] % 4
+        first = 4 * which[plain] + start
+        ring = squares.rings(first, regular) // 4
+        grid = np.empty((len(plain), 9), dtype=np.int32)
+        near = [self.lattice.template.index((1 + i, 1 + j)) for i, j in self.lattice.star]
+        far = [self.lattice.template.index(place) for place in self.lattice.outer]
+        grid[:, near] = numbers_[ring]
+        grid[:, far] = numbers_[squares.beside(first)]
+        self._add(REGULAR, grid, level.slot[plain], np.zeros(len(plain), dtype=np.int8))
+        single = np.flatnonzero(count == 1)
+        first = 4 * which[single] + special[single]
+        for n, here in squares.by_size(first):
+            kind = self._kind(self._scheme.sector("interior", n))
+            corner, own = first[here], single[here]
+            ids = np.concatenate([squares.rings(corner, n) // 4, squares.beside(corner)], axis=1)
+            turn = (level.turn[own] + special[own]) % 4
+            self._add(kind, numbers_[ids], level.slot[own], turn.astype(np.int8))
+        rest = count > 1
+        return _Level(squares, numbers_, which[rest], level.slot[rest], level.turn[rest])
+
+    def _children(self, level: _Level) -> _Level:
+        """The children of the squares that are to be covered, and of those around them."""
+        squares, count = level.squares, len(self.lattice.children)
+        corners = (4 * level.which[:, None] + np.arange(4)).ravel()
+        touched = np.zeros(len(squares.twin), dtype=bool)
+        for n, here in squares.by_size(corners):
+            touched[squares.rings(corners[here], n)] = True
+        near, _ = squares.part(touched.reshape(-1, 4).any(axis=1))
+        kept = np.flatnonzero(touched.reshape(-1, 4).any(axis=1))
+        own = np.full(4 * len(kept), -1, dtype=np.int32)
+        known = touched.reshape(-1, 4)[kept].ravel()
+        points = level.numbers[kept]
+        made = np.flatnonzero(known)
+        for n, here in near.by_size(made):
+            ring = near.rings(made[here], n) // 4
+            mask = masks(self._scheme, n, self._number, "a vertex or a face")
+            counts = np.full(len(here), n)
+            rows: Rows = (counts, points[ring].ravel(), np.tile(mask, len(here)))
+            own[made[here]] = self._extend(*rows)
+        n_codes, splits = len(self.codes), np.arange(len(level.which))
+        split = (n_codes - self.n_limit_faces) // count + splits
+        self.codes[level.slot] = -2 - split
+        more = np.full(count * len(splits), NO_LIMIT, dtype=np.int32)
+        self.codes = np.append(self.codes, more)
+        corner = np.tile(np.arange(4), len(splits))
+        turn = (np.repeat(level.turn, 4) + corner) % 4
+        slot = n_codes + np.repeat(count * splits, count) + np.array(self.lattice.parts)[turn]
+        which = (4 * np.searchsorted(kept, level.which)[:, None] + np.arange(4)).ravel()
+        return _Level(near.split(), own, which, slot, turn)
+
+
+def masks(scheme: Any, n: int, number: NumberType, where: str) -> Array:
+    """The mask of n corners; a TypeError where it is irrational, but numbers exact."""
+    if number.exact and not scheme.is_rational(n):
+        raise TypeError(
+            f"{where} has {n} corners, where the masks of scheme {scheme.name!r} are irrational: "
+            "there are no exact points; take float64, as in "
+            "mesh.with_points(mesh.points.astype(float))"
+        )
+    return number.array(list(scheme.mask(n)))
+
+
+def corner_rows(mesh: Mesh, rules: Rules, number: NumberType) -> Rows:
+    """The points at the corners of faces, as rows over those of the vertices."""
+    scheme: Any = rules.scheme
+    counts = mesh.sizes[mesh.corner_face]
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    columns = np.empty(starts[-1], dtype=np.int32)
+    values = np.empty(starts[-1], dtype=number.dtype)
+    for n in np.unique(mesh.sizes).tolist():
+        faces = np.flatnonzero(mesh.sizes == n)
+        mask = masks(scheme, n, number, f"face {faces[0]}")
+        corners = mesh.offsets[faces][:, None] + np.arange(n)
+        turns = (np.arange(n)[:, None] + np.arange(n)) % n  # of a corner, from it on
+        place = starts[corners][..., None] + np.arange(n)
+        columns[place] = mesh.indices[corners][:, turns]
+        values[place] = mask
+    return counts, columns, values
+
+
+def rim_rows(
+    mesh: Mesh, rim: Rim, rules: Rules, points: Array, number: NumberType
+) -> list[tuple[Array, Rows]]:
+    """The points of squares beyond a boundary: which, and their rows over points.
+
+    `points` (n_corners,) are those at the corners of faces.
+    """
+    scheme: Any = rules.scheme
+    found = []
+    for k in np.unique(rim.faces).tolist():
+        here = np.flatnonzero(rim.faces == k)
+        ratios = scheme.rim(k)
+        if number.exact and not all(isinstance(r, Fraction) for r in ratios):
+            name = vertex_numbers(mesh)[rim.vertex[here[0]]]
+            raise TypeError(
+                f"vertex {name} is on the boundary and has {k} faces, where the points beyond it "
+                f"are irrational under scheme {scheme.name!r}: there are no exact points; take "
+                "float64, as in mesh.with_points(mesh.points.astype(float))"
+            )
+        r = number.array(list(ratios))
+        one, last = number.one, len(r) - 1
+        # c + d + r (c - d) - w, with c and d as Chaikin has them
+        ends, vertex = rim.ends[here], rim.vertex[here]
+        for j in range(last + 1):
+            own = points[rim.corners(here, min(j, k - 1))]
+            columns = np.stack([vertex, ends[:, 0], ends[:, 1], own], axis=1)
+            near, far = (one + r[j]) / 4, (one - r[j]) / 4
+            weights = number.array([6 * one / 4, near, far, -one])
+            place = rim.start[here] + (last - j if k > 1 else (2, 0)[j])
+            counts = np.full(len(here), 4)
+            found.append((place, (counts, columns.ravel(), np.tile(weights, len(here)))))
+        if k == 1:
+            found.append(_opposite(rim, here, rules, points, number))
+    return found
+
+
+def _opposite(
+    rim: Rim, here: Array, rules: Rules, points: Array, number: NumberType
+) -> tuple[Array, Rows]:
+    """The point opposite to the only face of a vertex: that of the face, or what holds the vertex.
+
+    ``x = 4 v - w - g_0 - g_1``, where g_0 + g_1 are ``3 v + (a + b) / 2 - 2 w``.
+    """
+    one, own = number.one, points[rim.corners(here, 0)]
+    if rules.boundary == "edge_and_corner":
+        columns = np.stack([rim.vertex[here], rim.ends[here, 0], rim.ends[here, 1], own], axis=1)
+        weights = number.array([one, -one / 2, -one / 2, one])
+    else:
+        columns, weights = own[:, None], number.array([one])
+    counts = np.full(len(here), columns.shape[1])
+    return rim.start[here] + 1, (counts, columns.ravel(), np.tile(weights, len(here)))
