@@ -10,8 +10,7 @@ one split no square has two.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +19,10 @@ from limitsurf.cage.connectivity import Fans
 from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
 from limitsurf.patches.points import Rows
-from limitsurf.patches.quads import Rim, Squares, first_squares
+from limitsurf.patches.quads import Squares, first_squares
 from limitsurf.patches.table import NO_LIMIT, REGULAR, PatchTable
+from limitsurf.refine.dual import Rim, corner_rows, masks, rim_rows
 from limitsurf.rules import Rules
-from limitsurf.topology import vertex_numbers
-
-if TYPE_CHECKING:
-    from limitsurf.scheme.dual import DualScheme
 
 Array = NDArray[Any]
 
@@ -157,85 +153,3 @@ class DualPatchTable(PatchTable):
         slot = n_codes + np.repeat(count * splits, count) + np.array(self.lattice.parts)[turn]
         which = (4 * np.searchsorted(kept, level.which)[:, None] + np.arange(4)).ravel()
         return _Level(near.split(), own, which, slot, turn)
-
-
-def masks(scheme: Any, n: int, number: NumberType, where: str) -> Array:
-    """The mask of n corners; a TypeError where it is irrational, but numbers exact."""
-    if number.exact and not scheme.is_rational(n):
-        raise TypeError(
-            f"{where} has {n} corners, where the masks of scheme {scheme.name!r} are irrational: "
-            "there are no exact points; take float64, as in "
-            "mesh.with_points(mesh.points.astype(float))"
-        )
-    return number.array(list(scheme.mask(n)))
-
-
-def corner_rows(mesh: Mesh, rules: Rules, number: NumberType) -> Rows:
-    """The points at the corners of faces, as rows over those of the vertices."""
-    scheme: Any = rules.scheme
-    counts = mesh.sizes[mesh.corner_face]
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    columns = np.empty(starts[-1], dtype=np.int32)
-    values = np.empty(starts[-1], dtype=number.dtype)
-    for n in np.unique(mesh.sizes).tolist():
-        faces = np.flatnonzero(mesh.sizes == n)
-        mask = masks(scheme, n, number, f"face {faces[0]}")
-        corners = mesh.offsets[faces][:, None] + np.arange(n)
-        turns = (np.arange(n)[:, None] + np.arange(n)) % n  # of a corner, from it on
-        place = starts[corners][..., None] + np.arange(n)
-        columns[place] = mesh.indices[corners][:, turns]
-        values[place] = mask
-    return counts, columns, values
-
-
-def rim_rows(
-    mesh: Mesh, rim: Rim, rules: Rules, points: Array, number: NumberType
-) -> list[tuple[Array, Rows]]:
-    """The points of squares beyond a boundary: which, and their rows over points.
-
-    `points` (n_corners,) are those at the corners of faces.
-    """
-    scheme: Any = rules.scheme
-    found = []
-    for k in np.unique(rim.faces).tolist():
-        here = np.flatnonzero(rim.faces == k)
-        ratios = scheme.rim(k)
-        if number.exact and not all(isinstance(r, Fraction) for r in ratios):
-            name = vertex_numbers(mesh)[rim.vertex[here[0]]]
-            raise TypeError(
-                f"vertex {name} is on the boundary and has {k} faces, where the points beyond it "
-                f"are irrational under scheme {scheme.name!r}: there are no exact points; take "
-                "float64, as in mesh.with_points(mesh.points.astype(float))"
-            )
-        r = number.array(list(ratios))
-        one, last = number.one, len(r) - 1
-        # c + d + r (c - d) - w, with c and d as Chaikin has them
-        ends, vertex = rim.ends[here], rim.vertex[here]
-        for j in range(last + 1):
-            own = points[rim.corners(here, min(j, k - 1))]
-            columns = np.stack([vertex, ends[:, 0], ends[:, 1], own], axis=1)
-            near, far = (one + r[j]) / 4, (one - r[j]) / 4
-            weights = number.array([6 * one / 4, near, far, -one])
-            place = rim.start[here] + (last - j if k > 1 else (2, 0)[j])
-            counts = np.full(len(here), 4)
-            found.append((place, (counts, columns.ravel(), np.tile(weights, len(here)))))
-        if k == 1:
-            found.append(_opposite(rim, here, rules, points, number))
-    return found
-
-
-def _opposite(
-    rim: Rim, here: Array, rules: Rules, points: Array, number: NumberType
-) -> tuple[Array, Rows]:
-    """The point opposite to the only face of a vertex: that of the face, or what holds the vertex.
-
-    ``x = 4 v - w - g_0 - g_1``, where g_0 + g_1 are ``3 v + (a + b) / 2 - 2 w``.
-    """
-    one, own = number.one, points[rim.corners(here, 0)]
-    if rules.boundary == "edge_and_corner":
-        columns = np.stack([rim.vertex[here], rim.ends[here, 0], rim.ends[here, 1], own], axis=1)
-        weights = number.array([one, -one / 2, -one / 2, one])
-    else:
-        columns, weights = own[:, None], number.array([one])
-    counts = np.full(len(here), columns.shape[1])
-    return rim.start[here] + 1, (counts, columns.ravel(), np.tile(weights, len(here)))

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.cage.connectivity import Fans
 from limitsurf.cage.mesh import Mesh
+from limitsurf.refine.dual import Rim
 
 Array = NDArray[Any]
 
@@ -95,59 +96,6 @@ class Squares:
         joined = np.where(twin < 0, -1, number[twin // 4])
         twin = np.where(joined < 0, -1, 4 * joined + twin % 4)
         return Squares(twin, self.around[corners], self.special[corners]), number
-
-
-@dataclass(frozen=True, eq=False)
-class Rim:
-    """The boundary vertices of a cage, as its faces see them: one for each open fan of k faces.
-
-    Squares beyond the boundary make the ring around each whole: k of them, or 3 where there is one
-    face, from the last face of the fan on.
-
-    Attributes
-    ----------
-    vertex : (m,) int
-    ends : (m, 2) int
-        The vertices next to it along the boundary, of the first and of the last face.
-    faces : (m,) int
-        Their number k.
-    corners : (m,) int
-        The first corner of the fan.
-    start : (m + 1,) int
-        Numbers of the first squares beyond, counted from those of the cage.
-    fans : Fans
-    which : (m,) int
-        The fans they are.
-    """
-
-    vertex: Array
-    ends: Array
-    faces: Array
-    start: Array
-    fans: Fans
-    which: Array
-
-    @classmethod
-    def of(cls, mesh: Mesh, fans: Fans) -> Self:
-        """Those of all open fans."""
-        which = np.flatnonzero(~fans.closed)
-        first = fans.corners[fans.offsets[which]]
-        last = fans.corners[fans.offsets[which + 1] - 1]
-        ends = mesh.indices[np.stack([mesh.next_corner[first], mesh.previous_corner[last]], axis=1)]
-        faces = fans.sizes[which]
-        start = mesh.n_corners + np.concatenate([[0], np.cumsum(np.where(faces == 1, 3, faces))])
-        return cls(fans.vertex[which], ends, faces, start, fans, which)
-
-    @property
-    def counts(self) -> Array:
-        """Squares beyond each, (m,)."""
-        return np.diff(self.start)
-
-    def corners(self, which: Array, position: int) -> Array:
-        """The corner of the cage that some have at a place in their fans; -1 is the last."""
-        offsets = self.fans.offsets
-        begin = offsets[self.which[which]] if position >= 0 else offsets[self.which[which] + 1]
-        return np.asarray(self.fans.corners[begin + position])
 
 
 def first_squares(mesh: Mesh, rim: Rim | None, lone: bool, regular: int) -> Squares:
