@@ -249,7 +249,10 @@ class DooSabinSurface:
         self.fan = {corner: k for k, fan in enumerate(self.fans) for corner in fan.corners}
         self.limit_faces = []
         for f, face in enumerate(self.faces):
-            self.limit_faces += [(f, None)] if len(face) == 4 else [(f, k) for k in range(len(face))]
+            whole = len(face) == 4
+            self.limit_faces += [
+                (f, None if whole else k) for k in range(1 if whole else len(face))
+            ]
 
     def star(self, f, k):
         """That of a point of the first step."""

@@ -17,10 +17,11 @@ from limitsurf.caching import cached_property
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.faces import Faces
 from limitsurf.cage.mesh import Mesh, Up
-from limitsurf.patches import NO_LIMIT, neighbourhood
-from limitsurf.refine import RefinedMesh, refined, refuse_levels
+from limitsurf.patches import neighbourhood, squares
+from limitsurf.refine import RefinedMesh, dual, refined, refuse_levels
 from limitsurf.scheme.net import Net
 from limitsurf.surface import LimitSurface
+from limitsurf.topology import first_limit_face
 
 Array: TypeAlias = NDArray[Any]
 
@@ -153,6 +154,8 @@ def on_refined(
     """
     mesh, limit_faces, lattice = surface.mesh, surface.limit_faces, surface.patches.lattice
     parent, corner = limit_faces.face[face], limit_faces.corner[face]
+    if lattice.dual:
+        return _on_dual(surface, mesh.offsets[parent], corner, u, v)
     flipped = np.zeros(len(face), dtype=bool) if lattice.flips else None
     part, s, t, _ = neighbourhood.child_at(lattice, u, v, flipped)
     child = np.argsort(lattice.parts)[part]
@@ -165,6 +168,42 @@ def on_refined(
         np.where(whole, np.choose(turn, sides), u),
         np.where(whole, np.choose(turn, sides[1:] + sides[:1]), v),
     )
+
+
+def _on_dual(
+    surface: LimitSurface, first: Array, corner: Array, u: Array, v: Array
+) -> tuple[Array, Array, Array]:
+    """`on_refined` under a dual scheme: `first` are first corners of the faces of the cage.
+
+    The square of a refined vertex is in four parts, one in each of the refined faces around it.
+    """
+    topology = surface.topology
+    step = dual.Step.of(surface.mesh, topology.rules)
+    sides, size = topology.lattice.sides, topology.lattice.face_size
+    # of quads the quarters are squares, turned so that their corner 0 is at that of the quad
+    part, s, t = squares.child_at(u, v)
+    turn = np.where(corner < 0, np.array([0, 1, 3, 2])[part], 0)
+    seen = kernels.coordinates(s, t, sides)
+    x = np.where(corner < 0, np.choose(turn, seen), u)
+    y = np.where(corner < 0, np.choose(turn, seen[1:] + seen[:1]), v)
+    part, s, t = squares.child_at(x, y)
+    role = np.array([0, 1, 3, 2])[part]
+    vertex = first + np.where(corner < 0, turn, corner)
+    there = step.corner_at[vertex, role]
+    nowhere, there = there < 0, np.maximum(there, 0)  # around what has no limit
+    # its corner 0 is in the middle of the square
+    turned, seen = (role + 2) % size, kernels.coordinates(s, t, sides)
+    s, t = np.choose(turned, seen), np.choose(turned, seen[1:] + seen[:1])
+    fine = step.child(np.zeros(step.n_points))
+    own, whole = fine.corner_face[there], fine.sizes[fine.corner_face[there]] == size
+    place = there - fine.offsets[own]
+    # in quads it is the quarter at that corner
+    seen = kernels.coordinates(s / 2, t / 2, sides)
+    back = -place % size
+    x, y = np.choose(back, seen), np.choose(back, seen[1:] + seen[:1])
+    limit = first_limit_face(fine, topology.lattice)[own] + np.where(whole, 0, place)
+    x, s = (np.where(nowhere, np.nan, found) for found in (x, s))
+    return limit, np.where(whole, x, s), np.where(whole, y, t)
 
 
 _PORTION = 1 << 16  # queries that are in memory at once, with all that is compared
@@ -530,7 +569,7 @@ class _Sites:
     def __init__(self, surface: LimitSurface, n: int) -> None:
         mesh, limit_faces = surface.mesh, surface.limit_faces
         self.net = Net(surface.patches.lattice, n)
-        self.face = np.flatnonzero(surface.patches.codes[: len(limit_faces)] != NO_LIMIT)
+        self.face = np.flatnonzero(surface.patches.with_limit)
         corner = limit_faces.corner[self.face]
         self.whole = corner < 0
         self.corner = mesh.offsets[limit_faces.face[self.face]] + np.maximum(corner, 0)

@@ -61,6 +61,16 @@ class DualPatchTable(PatchTable):
         """The table of the same cage for numbers of another type."""
         return DualPatchTable(cage, rules, number)
 
+    @property
+    def with_limit(self) -> Array:
+        """Limit faces that have a limit all over, (n_limit_faces,) bool."""
+        code, count = self.codes[: self.n_limit_faces], len(self.lattice.children)
+        found, split = code != NO_LIMIT, np.flatnonzero(code <= -2)
+        first = self.n_limit_faces + count * (-2 - code[split].astype(np.int64))
+        parts = self.codes[first[:, None] + np.arange(count)]
+        found[split] = (parts != NO_LIMIT).all(axis=1)
+        return np.asarray(found)
+
     def _first(self, cage: Mesh, rules: Rules, limit_faces: Array) -> _Level:
         """The squares at the corners of the faces of a cage."""
         fans = Fans.of(cage.connectivity, cage.twin)
@@ -131,8 +141,8 @@ class DualPatchTable(PatchTable):
         touched = np.zeros(len(squares.twin), dtype=bool)
         for n, here in squares.by_size(corners):
             touched[squares.rings(corners[here], n)] = True
-        near, _ = squares.part(touched.reshape(-1, 4).any(axis=1))
         kept = np.flatnonzero(touched.reshape(-1, 4).any(axis=1))
+        near = squares.part(kept)
         own = np.full(4 * len(kept), -1, dtype=np.int32)
         known = touched.reshape(-1, 4)[kept].ravel()
         points = level.numbers[kept]

@@ -45,7 +45,7 @@ class Squares:
 
     def left(self, corners: Array) -> Array:
         """The corners of the next squares around the vertices of some, counter-clockwise."""
-        return self.twin[corners + _BEFORE[corners % 4]]
+        return np.asarray(self.twin[corners + _BEFORE[corners % 4]])
 
     def rings(self, corners: Array, n: int) -> Array:
         """The corners around the vertices of some corners, from these on, (., n)."""
@@ -88,22 +88,23 @@ class Squares:
         special[:, 0] = self.special
         return Squares(*split, special.ravel())
 
-    def part(self, which: Array) -> tuple[Squares, Array]:
-        """Some of the squares (bool), and their new numbers; -1 for the others."""
-        number = np.where(which, np.cumsum(which) - 1, -1)
-        corners = (4 * np.flatnonzero(which)[:, None] + np.arange(4)).ravel()
+    def part(self, which: Array) -> Squares:
+        """Some of the squares, by number."""
+        number = np.full(len(self), -1)
+        number[which] = np.arange(len(which))
+        corners = (4 * which[:, None] + np.arange(4)).ravel()
         twin = self.twin[corners]
         joined = np.where(twin < 0, -1, number[twin // 4])
         twin = np.where(joined < 0, -1, 4 * joined + twin % 4)
-        return Squares(twin, self.around[corners], self.special[corners]), number
+        return Squares(twin, self.around[corners], self.special[corners])
 
 
 def first_squares(mesh: Mesh, rim: Rim | None, lone: bool, regular: int) -> Squares:
     """The squares at the corners of a cage, and those beyond its boundary, if there are to be any.
 
     Special is what is not amid a `regular` number of squares, and, if so are `lone` ones, boundary
-    vertices of one face. Corner 0 of a square is at the vertex, then come the edge to the next, the face, and the edge to
-    the one before.
+    vertices of one face. Corner 0 of a square is at the vertex, then come the edge to the next, the
+    face, and the edge to the one before.
     """
     fans = Fans.of(mesh.connectivity, mesh.twin) if rim is None else rim.fans
     around = np.where(fans.closed, fans.sizes, 0)[fans.fan]

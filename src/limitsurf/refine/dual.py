@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from limitsurf import numbers
 from limitsurf._kernels import reference as kernels
+from limitsurf.caching import cached_property
 from limitsurf.cage.checks import MeshError
 from limitsurf.cage.connectivity import Connectivity, Fans
 from limitsurf.cage.mesh import Mesh, valid_mesh
@@ -85,6 +86,7 @@ class Rim:
         begin = offsets[self.which[which]] if position >= 0 else offsets[self.which[which] + 1]
         return np.asarray(self.fans.corners[begin + position])
 
+
 @dataclass(frozen=True, eq=False)
 class Step:
     """What one step makes of a mesh.
@@ -128,6 +130,7 @@ class Step:
         own = sparse_operator(every, every, number.full(V, number.one), (V, V))
         return stacked([inner, more @ stacked([own, inner])])
 
+    @cached_property
     def faces(self) -> tuple[Array, Array, Array]:
         """Sizes and vertices of the refined faces, and at which corner of a square each of these.
 
@@ -162,9 +165,17 @@ class Step:
         roles = [np.full(len(corners), 2), np.tile([1, 3], 2 * len(quads)), np.zeros(len(around))]
         return counts, indices, np.concatenate(roles).astype(np.int8)
 
+    @cached_property
+    def corner_at(self) -> Array:
+        """The corner of the refined mesh that each refined vertex has in each role, (n, 4)."""
+        _, indices, roles = self.faces
+        found = np.full((self.n_points, 4), -1)
+        found[indices, roles] = np.arange(len(indices))
+        return found
+
     def child(self, points: Array) -> Mesh:
         """The refined mesh with given points."""
-        sizes, indices, _ = self.faces()
+        sizes, indices, _ = self.faces
         return valid_mesh(Mesh, points, Connectivity(self.n_points, sizes, indices))
 
 
@@ -194,11 +205,9 @@ def parents(lineage: Sequence[Mesh], rules: Rules, lattice: Lattice) -> tuple[Ar
     limit = first_limit_face(cage, lattice)[cage.corner_face] + np.where(quad, 0, corner)
     turn = np.where(quad, corner, 0)
     if len(lineage) == 1:
-        lost = cage.corner_face[::-1]
-        lost = np.isin(lost, cage.holes)
+        hole = np.isin(cage.corner_face, cage.holes)
         # the last to be written stays: the first face that has a limit
-        for corners in (np.flatnonzero(lost), np.flatnonzero(~lost)):
-            corners = cage.n_corners - 1 - corners
+        for corners in (np.flatnonzero(hole)[::-1], np.flatnonzero(~hole)[::-1]):
             face[cage.indices[corners]] = limit[corners]
             uv[cage.indices[corners]] = domain[turn[corners]]
         return face, uv[:, 0], uv[:, 1]
@@ -212,7 +221,7 @@ def parents(lineage: Sequence[Mesh], rules: Rules, lattice: Lattice) -> tuple[Ar
         middle = np.concatenate([middle, np.full((more, 2), np.nan)])
         if k == len(lineage) - 2:
             break
-        _, indices, roles = Step.of(lineage[k], rules if k == 0 else _inner(rules)).faces()
+        _, indices, roles = Step.of(lineage[k], rules if k == 0 else _inner(rules)).faces
         towards = (turn[indices] + roles) % 4
         middle = middle[indices] + (domain[towards] - 0.5) * (size[indices] / 2)[:, None]
         # corner 0 of a square is at the vertex that it is made at, the middle of the one before

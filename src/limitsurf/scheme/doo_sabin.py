@@ -14,6 +14,7 @@ from typing import Any
 
 from limitsurf.scheme.dual import DualScheme, cosine
 
+
 def _corner(n: int) -> tuple[Any, ...]:
     around = [(3 + 2 * cosine(Fraction(j, n))) / (4 * n) for j in range(n)]
     return around[0] + Fraction(1, 4), *around[1:]

@@ -41,8 +41,8 @@ class DualScheme(Scheme):
     name : str
         What the scheme is called in messages, tables and files.
     corner : callable, n -> n numbers
-        Weights of the corners of an n-gon in the new point at one of them, from that one on, counter-
-        clockwise: rationals, or algebraic numbers of sympy; the same clockwise.
+        Weights of the corners of an n-gon in the new point at one of them, from that one on,
+        counter-clockwise: rationals, or algebraic numbers of sympy; the same clockwise.
     paper : str
         Where the masks are published.
     lattice, spline : optional
@@ -136,7 +136,7 @@ def _checked(name: str, corner: Callable[[int], Weights], n: int) -> Weights:
     total = sum(weights) if rational else sum(_number(w) for w in weights)
     if len(weights) != n or not abs(total - 1) * 10 ** (_DIGITS - 5) < 1:
         raise ValueError(
-            f"scheme {name!r}: corner({n}) must be {n} exact numbers whose sum is 1, got {weights!r}"
+            f"scheme {name!r}: corner({n}) must be {n} exact numbers of sum 1, got {weights!r}"
         )
     if weights[1:] != weights[:0:-1]:
         raise ValueError(f"scheme {name!r}: corner({n}) is not symmetric: {weights!r}")
