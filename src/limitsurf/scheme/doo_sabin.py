@@ -16,8 +16,8 @@ from limitsurf.scheme.dual import DualScheme, cosine
 
 
 def _corner(n: int) -> tuple[Any, ...]:
-    around = [(3 + 2 * cosine(Fraction(j, n))) / (4 * n) for j in range(n)]
-    return around[0] + Fraction(1, 4), *around[1:]
+    half = [(3 + 2 * cosine(Fraction(j, n))) / (4 * n) for j in range(n // 2 + 1)]
+    return half[0] + Fraction(1, 4), *half[1:], *half[(n - 1) // 2 : 0 : -1]
 
 
 DOO_SABIN = DualScheme(

@@ -114,8 +114,9 @@ class DualScheme(Scheme):
 
     def key(self, valence: int | None) -> dict[str, Any]:
         """All that a subdivision matrix depends on."""
-        masks = {f"corner({n})": self.mask(n) for n in (4, valence) if n is not None}
-        return {"scheme": self.name, "masks": {k: [str(w) for w in v] for k, v in masks.items()}}
+        sizes = (4, valence) if valence is not None else (4,)
+        masks = {f"corner({n})": list(_texts(self.mask(n))) for n in sizes}
+        return {"scheme": self.name, "masks": masks}
 
 
 def cosine(turns: Fraction) -> Weight:
@@ -141,6 +142,13 @@ def _checked(name: str, corner: Callable[[int], Weights], n: int) -> Weights:
     if weights[1:] != weights[:0:-1]:
         raise ValueError(f"scheme {name!r}: corner({n}) is not symmetric: {weights!r}")
     return tuple(Fraction(w) if isinstance(w, int) else w for w in weights)
+
+
+@lru_cache(maxsize=256)
+def _texts(mask: Weights) -> tuple[str, ...]:
+    """A mask in words; half of it says all."""
+    half = [str(w) for w in mask[: len(mask) // 2 + 1]]
+    return *half, *half[(len(mask) - 1) // 2 : 0 : -1]
 
 
 def _number(weight: Any) -> Any:
