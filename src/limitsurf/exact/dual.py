@@ -72,7 +72,7 @@ def wave_columns(n: int, waves: Sequence[tuple[int, int]], at: Precision) -> Fix
 
 
 def norm_of(n: int, frequency: int) -> int:
-    """n over the square of the length of such a wave."""
+    """N over the square of the length of such a wave."""
     return 1 if 2 * frequency in (0, n) else 2
 
 
@@ -84,7 +84,10 @@ def ring_waves(n: int) -> list[tuple[int, int]]:
 def dual_ring(
     matrix: SubdivisionMatrix, outer: tuple[list[Any], list[list[Any]]], at: Precision = STANDARD
 ) -> DualModes:
-    """The ring of a matrix of a dual scheme; `outer` has eigenvalues and left vectors of the rest."""
+    """The ring of a matrix of a dual scheme.
+
+    `outer` are the eigenvalues and the left eigenvectors of the outer block.
+    """
     n, size = matrix.sector.faces, matrix.size
     waves = ring_waves(n)
     right, labels = wave_columns(n, waves, at), list(waves)
@@ -106,7 +109,7 @@ def dual_ring(
                 if abs(x - near) < at.equal and waves[k][1] == parity
             ]
             part = coupled[np.ix_(of, same)]
-            if len(same) < 2 or at.is_noise(max(abs(x) for x in part.flat)):
+            if len(same) < 2 or at.is_noise(max(abs(int(x)) for x in part.flat)):
                 continue
             # of one parity all couplings are multiples of one
             row = max(part, key=lambda row: max(abs(x) for x in row))

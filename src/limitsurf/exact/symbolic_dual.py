@@ -225,7 +225,7 @@ class DualBasis:
 
     @cached_property
     def tangent_masks(self) -> tuple[tuple[Any, ...], ...]:
-        """Weights of two vectors whose cross product is along the limit normal, (2, K) or (0, K)."""
+        """Weights of two vectors with a cross product along the limit normal, (2, K) or (0, K)."""
         order, more = self._numeric.order, self.sector.size - self.sector.ring
         rows = (self._rows[order[k]] for k in self._numeric.normal)
         return tuple((*row, *[sympy.S.Zero] * more) for row in rows)
