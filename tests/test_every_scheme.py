@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import oracles
 import oracles_creases
+import oracles_doo_sabin
 import oracles_loop
 import pytest
 import zoo
@@ -20,7 +21,8 @@ from oracles_creases import Cage
 
 import limitsurf as ls
 from limitsurf.scheme import SCHEMES
-from limitsurf.scheme.lattice import QUADS, TRIANGLES
+from limitsurf.scheme.doo_sabin import DOO_SABIN
+from limitsurf.scheme.lattice import DUAL_QUADS, QUADS, TRIANGLES
 from limitsurf.scheme.loop import LOOP
 from limitsurf.scheme.spline import QUARTIC
 
@@ -58,6 +60,23 @@ def of_zoo(module, names):
     return {name: (module.ZOO if name in module.ZOO else module.TAGGED)[name] for name in names}
 
 
+def bounded(name, boundary):
+    """A cage of the zoo with that rule at its boundary."""
+    points, faces = zoo.ZOO[name]()
+    return points, faces, {"boundary": boundary}
+
+
+DUAL_CAGES = {
+    **of_zoo(
+        zoo,
+        ["cube", "tetrahedron", "prism_7", "bipyramid_9", "carved_cube_1", "torus_3x3", "grid_3x3",
+         "heptagon", "corner_of_three"],
+    ),
+    **{f"half_disk_{n}": functools.partial(bounded, f"half_disk_{n}", "edge_only")
+       for n in (2, 5)},
+    "grid_edge_only": functools.partial(bounded, "grid_3x3", "edge_only"),
+    "disk_none": functools.partial(bounded, "disk_7", "none"),
+}  # fmt: skip
 QUAD_CAGES = of_zoo(
     zoo, ["cube", "tetrahedron", "prism_7", "carved_cube_1", "torus_3x3", "grid_3x3"]
 )
@@ -80,10 +99,21 @@ def always(faces):
     return True
 
 
+def dual_rational(faces, *tags):
+    """Faces, and vertices, of 3, 4 and 6 corners, and of 1 to 3 faces on boundaries."""
+    fans = oracles_doo_sabin.fans_of([list(map(int, face)) for face in faces])
+    sizes = {len(face) for face in faces} | {len(x.corners) for x in fans if x.closed}
+    return sizes <= {2, 3, 4, 6} and all(x.closed or len(x.corners) <= 3 for x in fans)
+
+
 KINDS = {
     "catmull-clark": Kind(
         SCHEMES["catmull-clark"],
         oracles_creases.TaggedSurface, oracles_creases.refine, QUAD_CAGES, always,
+    ),
+    "doo-sabin": Kind(
+        DOO_SABIN,
+        oracles_doo_sabin.DooSabinSurface, oracles_doo_sabin.refine, DUAL_CAGES, dual_rational,
     ),
     "loop": Kind(
         LOOP, oracles_loop.LoopSurface, oracles_loop.refine, TRIANGLE_CAGES,
@@ -105,7 +135,7 @@ ENGINES = pytest.mark.parametrize("engine", ["reference", "compiled"])
 
 def test_every_registered_scheme_is_here():
     assert SCHEMES.keys() <= KINDS.keys()
-    assert {scheme.lattice for scheme in SCHEMES.values()} <= {QUADS, TRIANGLES}
+    assert {scheme.lattice for scheme in SCHEMES.values()} <= {QUADS, DUAL_QUADS, TRIANGLES}
 
 
 @functools.cache
@@ -279,7 +309,7 @@ def test_refined_vertices_are_where_they_say(kind, name):
     size = np.ptp(given(kind, name)[0].points)
     # on holes vertices have limits, but faces have none
     known = ~np.isnan(found[:, 0])
-    assert known.all() or len(fine.holes)
+    assert known.all() or len(fine.holes) or given(kind, name)[0].boundary == "none"
     np.testing.assert_allclose(
         found[known], fine.limit_points[used][known], rtol=0, atol=2e-14 * size
     )
@@ -330,7 +360,12 @@ def test_continuity_across_edges(kind, name):
 @pytest.mark.parametrize("kind", KINDS)
 def test_eigenbases_hold(kind):
     scheme = KINDS[kind].scheme
-    for what in ({"valence": 5}, {"kind": "crease", "faces": 2}, {"kind": "corner", "faces": 2}):
+    sectors = {"valence": 5}, {"kind": "crease", "faces": 2}, {"kind": "corner", "faces": 2}
+    for what in sectors:
+        if what.get("kind", "interior") not in scheme.kinds:
+            with pytest.raises(ValueError, match="no rule for sharp edges"):
+                ls.eigenbasis(scheme, **what)
+            continue
         table = ls.eigenbasis(scheme, **what).float64
         assert np.abs(table.residual).max() < 1e-12
         assert table.eigenvalues.shape == (len(table.V),)

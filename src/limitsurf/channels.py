@@ -27,6 +27,10 @@ from limitsurf.topology import MeshPart, child_mesh, child_vertices, without_poi
 
 Array = NDArray[Any]
 
+# rules of boundaries by which a dual scheme continues values beyond seams, by how a channel is
+# interpolated; others hold values where it has no rule for them
+_DUAL_BOUNDARY = {"none": "edge_only", "corners_only": "edge_and_corner"}
+
 
 class ChannelMesh(RuledMesh):
     """The values of a channel as a mesh with sharpness of its own.
@@ -58,6 +62,12 @@ class ChannelMesh(RuledMesh):
             listed = ", ".join(map(repr, mesh.channels)) or "none"
             raise ValueError(f"the mesh has no channel {name!r}; it has {listed}")
         rows, corner_rows, mode = mesh.channels[name]
+        dual = rules.scheme.lattice.dual
+        if dual and mode not in _DUAL_BOUNDARY:
+            raise ValueError(
+                f"scheme {rules.scheme.name!r} has no rule for channel {name!r}, which is "
+                f"interpolated as {mode!r}: it knows {' and '.join(map(repr, _DUAL_BOUNDARY))}"
+            )
         if mesh.connectivity.compiled:
             from limitsurf._kernels import connectivity
 
@@ -71,6 +81,13 @@ class ChannelMesh(RuledMesh):
         result = valid_mesh(cls, rows[row], faces, holes=holes)
         # what boundary="none" leaves without a limit are holes here: seams leave nothing
         result.base, result.rules = rules, replace(rules, boundary="edge_only")
+        if dual:  # seams are boundaries, as there are any
+            result.rules = replace(rules, boundary=_DUAL_BOUNDARY[mode])
+            result.origin = (
+                Sharpness.of(without_points(result), result.rules, numbers.FLOAT64),
+                False,
+            )
+            return result
         geometry = Sharpness.of(mesh, rules, numbers.FLOAT64, exact=True)
         # meshes that nothing else holds on to
         geometry = replace(geometry, mesh=without_points(mesh))

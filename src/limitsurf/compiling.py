@@ -69,7 +69,7 @@ def compile_kinds(kinds: tuple[str, ...]) -> None:
     for kind in kinds:
         for scheme in SCHEMES.values():
             shape = _kernels.shape(scheme.spline.directions)
-            if kind == _kernels.MESHES:
+            if kind == _kernels.MESHES and not scheme.lattice.dual:  # they need no others
                 _use_meshes(scheme)
             elif shape and kind.startswith(shape):
                 _evaluate(scheme, kind.removeprefix(shape))

@@ -54,6 +54,8 @@ class Rules:
         named = scheme if scheme is not None else mesh.scheme
         rules = cls(tables.find_scheme("catmull-clark" if named is None else named), **chosen)
         _check_faces(mesh, rules.scheme)
+        if rules.scheme.lattice.dual:
+            _check_smooth(mesh, rules)
         if rules.triangles == "smooth" and rules.scheme.smooth_triangle is None:
             raise ValueError(f'scheme {rules.scheme.name!r} has no triangle rule "smooth"')
         return rules
@@ -72,7 +74,7 @@ class Rules:
         """Faces that are holes, tagged or by boundary "none", (n_faces,) bool."""
         result = np.zeros(mesh.n_faces, dtype=bool)
         result[mesh.holes] = True
-        if self.boundary == "none":
+        if self.boundary == "none" and not self.scheme.lattice.dual:  # there it is but parts
             result[mesh.corner_face[self.loose_vertices(mesh)[mesh.indices]]] = True
         return result
 
@@ -88,3 +90,27 @@ def _check_faces(mesh: Mesh, scheme: Scheme) -> None:
         return f"{corners}, need {size}; cut it into {name}, or take another scheme", ("face", face)
 
     checks.check(mesh.sizes != size, wrong)
+
+
+def _check_smooth(mesh: Mesh, rules: Rules) -> None:
+    """Refuse what is sharp under a scheme that has no rule for it."""
+    name = rules.scheme.name
+    advice = 'leave the tags out, or take another scheme, such as "catmull-clark"'
+    if rules.creasing != "uniform":
+        raise ValueError(
+            f"scheme {name!r} has no creases: leave out creasing={rules.creasing!r}, or take "
+            'another scheme, such as "catmull-clark"'
+        )
+    (edges, creases), (vertices, corners) = mesh.creases, mesh.corners
+
+    def sharp_edge(row: int) -> tuple[Any, ...]:
+        a, b = edges[row].tolist()
+        text = f"scheme {name!r} has no rule for creases: edge ({a}, {b}) has sharpness"
+        return f"{text} {creases[row]}; {advice}", ("crease", (a, b))
+
+    def sharp_vertex(row: int) -> tuple[Any, ...]:
+        text = f"scheme {name!r} has no rule for corners: vertex {vertices[row]} has sharpness"
+        return f"{text} {corners[row]}; {advice}", ("corner", int(vertices[row]))
+
+    checks.check(np.asarray(creases > 0, dtype=bool), sharp_edge)
+    checks.check(np.asarray(corners > 0, dtype=bool), sharp_vertex)

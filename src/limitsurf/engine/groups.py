@@ -84,6 +84,11 @@ class Groups:
         finite &= patches.codes[face] != -1
         defined, undefined = finite.nonzero()[0], (~finite).nonzero()[0]
         patch, s, t, depth, flipped = patches.locate(face[defined], u[defined], v[defined])
+        if patch.min(initial=0) < 0:  # parts of limit faces without a limit
+            lost = patch < 0
+            undefined, defined = np.append(undefined, defined[lost]), defined[~lost]
+            patch, s, t, depth = patch[~lost], s[~lost], t[~lost], depth[~lost]
+            flipped = None if flipped is None else flipped[~lost]
         kinds, groups = patches.kind[patch], []
         for which in np.unique(kinds).tolist():
             here = (kinds == which).nonzero()[0]

@@ -41,7 +41,7 @@ class Limits:
         of sides that are points.
         """
         lost = np.isnan(normals[:, 0])
-        if not lost.any():
+        if not lost.any() or self._topology.lattice.dual:
             return
         some, topology = request.flat(lost), self._topology
         face, u, v = some.face, some.u, some.v

@@ -15,7 +15,7 @@ from limitsurf.caching import cached_property
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.groups import Groups
 from limitsurf.engine.packing import Packing
-from limitsurf.patches import PatchTable
+from limitsurf.patches import PatchTable, patch_table
 from limitsurf.rules import Rules, Sharpness
 from limitsurf.topology import LimitFaces
 
@@ -52,7 +52,7 @@ class Topology:
         self.limit_faces = LimitFaces.of(mesh, self.lattice)
         if patches is None:
             with _kernels.chosen(choice):
-                patches = PatchTable(mesh, rules, numbers.FLOAT64)
+                patches = patch_table(mesh, rules, numbers.FLOAT64)
         self.patches = patches
         self.mesh = mesh.with_points(np.zeros((mesh.n_vertices, 0)))
         self.groups = Groups(self.patches, rules.scheme, numbers.FLOAT64)

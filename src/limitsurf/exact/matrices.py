@@ -21,6 +21,15 @@ and in triangles::
                     :   \   |   \   |
                     :.... e_p-1 --(3,0)
 
+Of a dual scheme each of the faces drawn has a point, those around the vertex from number p on::
+
+            |       |       |
+    j=2   (0,2)---(1,2)---(2,2)
+            |       |       |
+    j=1    w_1 --- w_0 ---(2,1)
+            :       |       |
+    j=0     : ... w_-1 ---(2,0)
+
 Where the edge along u (or v) is sharp, what lies beyond it has no influence, and the points with
 j = 0 (i = 0) are left out. One step of refinement gives the same configuration at half the size,
 and more points beyond it (`Sector.beyond`), from which the regular pieces of the face take their
@@ -34,6 +43,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
+from limitsurf.scheme.dual import DualScheme
 from limitsurf.scheme.lattice import Place
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
@@ -70,11 +80,11 @@ class SubdivisionMatrix:
 def grid_index(sector: Sector) -> dict[Place, int]:
     """Map places to control points, those beyond included; the ring's on three faces at most."""
     lattice, (along_u, along_v) = sector.lattice, sector.sharp_sides
-    stride, at = len(lattice.orbits), {(1, 1): 0}
+    stride, at, first = len(lattice.orbits), {(1, 1): 0}, int(not lattice.dual)
     for step, place in lattice.ring:
         if (step >= 0 or not along_u) and (step <= stride or not along_v):
             turn = stride * sector.position + step
-            at[place] = 1 + (turn if sector.open else turn % (stride * sector.faces))
+            at[place] = first + (turn if sector.open else turn % (stride * sector.faces))
     places = sector.outer + sector.beyond
     return at | {place: sector.ring + k for k, place in enumerate(places)}
 
@@ -90,6 +100,8 @@ def subdivision_matrix(scheme: Scheme, sector: Sector, number: Any = Fraction) -
             f"scheme {scheme.name!r} is of {scheme.lattice.name}, not of {sector.lattice.name}"
         )
     # a scheme's masks are code: what is cached depends on their values
+    if isinstance(scheme, DualScheme):
+        return _dual(scheme, sector, number, scheme.mask(sector.faces))
     regular, smooth = scheme.lattice.valence, sector.takes_vertex_mask
     masks = {
         "face": scheme.face_mask(scheme.lattice.face_size),
@@ -103,6 +115,24 @@ def subdivision_matrix(scheme: Scheme, sector: Sector, number: Any = Fraction) -
     exact = number is Fraction
     values = tuple(tuple(w if exact else number(w) for w in mask) for mask in masks.values())
     return _built(sector, number, values)
+
+
+@lru_cache(maxsize=256)
+def _dual(
+    scheme: DualScheme, sector: Sector, number: Any, mask: tuple[Any, ...]
+) -> SubdivisionMatrix:
+    """Points of faces: the ring by the mask of its vertex, all others by that of the spline."""
+    lattice, at, n = sector.lattice, grid_index(sector), sector.faces
+    weights = [w if number is Fraction else number(w) for w in mask]
+    rows: list[Row] = [
+        {j: weights[(j - k) % n] for j in range(n) if weights[(j - k) % n]} for k in range(n)
+    ]
+    for i, j in sector.outer + sector.beyond:
+        near = scheme.spline.stencil((i - 1, j - 1))
+        row = {at[1 + x, 1 + y]: w for (x, y), w in near.items()}
+        rows.append({k: w if number is Fraction else number(w) for k, w in sorted(row.items())})
+    taken = [[piece.place(near) for near in lattice.template] for piece in lattice.pieces]
+    return SubdivisionMatrix(sector, tuple(rows), tuple(tuple(at[p] for p in x) for x in taken))
 
 
 @lru_cache(maxsize=256)

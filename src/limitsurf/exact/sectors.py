@@ -205,7 +205,9 @@ def curve_mode(matrix: SubdivisionMatrix) -> tuple[Fraction, Fraction, Fraction]
 def limit_weights(scheme: Scheme, sector: Sector) -> list[Fraction]:
     """Exact weights of the points of a ring in the limit of its vertex, (ring,)."""
     weights = [Fraction(0)] * sector.ring
-    if sector.kind in ("corner", "cone"):
+    if sector.lattice.dual:  # a circulant
+        weights = [Fraction(1, sector.faces)] * sector.faces
+    elif sector.kind in ("corner", "cone"):
         weights[0] = Fraction(1)
     elif sector.kind == "crease":
         weights[0], weights[1] = boundary_limit_mask(scheme)

@@ -26,6 +26,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from limitsurf.exact.analysis import check_convergence, leading_pair, orientation
+from limitsurf.exact.dual import DualModes, dual_ring
 from limitsurf.exact.fixed import (
     BITS,
     STANDARD,
@@ -43,7 +44,7 @@ from limitsurf.exact.sectors import DenseModes, carried_ring, dart_ring, open_ri
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 
-Ring: TypeAlias = FourierModes | DenseModes
+Ring: TypeAlias = FourierModes | DenseModes | DualModes
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,7 @@ class Spectrum:
     Attributes
     ----------
     matrix : SubdivisionMatrix
-    ring : FourierModes or DenseModes
+    ring : FourierModes, DenseModes or DualModes
         The eigenvectors of the ring; after them come the outer ones.
     G : (outer, ring)
     W, Winv : (outer, outer)
@@ -149,8 +150,16 @@ def _dense_ring(scheme: Scheme, kind: str, faces: int, at: Precision) -> DenseMo
     return dart_ring(scheme, matrix, at) if kind == "dart" else open_ring(scheme, matrix, at)
 
 
+@lru_cache(maxsize=8)
+def _dual_ring(matrix: SubdivisionMatrix, at: Precision) -> DualModes:
+    values, _, left = outer_modes(matrix)
+    return dual_ring(matrix, (values, left), at)
+
+
 def ring_basis(scheme: Scheme, sector: Sector, at: Precision = STANDARD) -> Ring:
     """Eigenbasis of the ring of a sector."""
+    if sector.lattice.dual:
+        return _dual_ring(subdivision_matrix(scheme, sector), at)
     if sector.kind in ("interior", "cone"):
         return fourier_ring(subdivision_matrix(scheme, sector), at)
     return _dense_ring(scheme, sector.kind, sector.faces, at)

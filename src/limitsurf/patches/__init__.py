@@ -1,5 +1,6 @@
 """Patches of limit faces, as integers: which patch covers what, and its control points."""
 
+from limitsurf.patches.dual import patch_table as patch_table
 from limitsurf.patches.table import NO_LIMIT as NO_LIMIT
 from limitsurf.patches.table import OUTER as OUTER
 from limitsurf.patches.table import REGULAR as REGULAR

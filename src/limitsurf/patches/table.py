@@ -377,6 +377,11 @@ class PatchTable:
         code = self.codes[level.slot]
         return np.asarray((code < 0) | (code >= n))
 
+    @property
+    def with_limit(self) -> Array:
+        """Limit faces that have a limit all over, (n_limit_faces,) bool."""
+        return np.asarray(self.codes[: self.n_limit_faces] != NO_LIMIT)
+
     def locate(
         self, face: Array, u: Array, v: Array
     ) -> tuple[Array, Array, Array, Array, Array | None]:

@@ -16,7 +16,6 @@ from limitsurf.caching import cached_property
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.faces import Faces
 from limitsurf.cage.mesh import Mesh, Up
-from limitsurf.patches import NO_LIMIT
 from limitsurf.scheme.net import Net
 from limitsurf.surface import LimitSurface
 
@@ -317,7 +316,7 @@ class _Sites:
     def __init__(self, surface: LimitSurface, n: int) -> None:
         mesh, limit_faces = surface.mesh, surface.limit_faces
         self.net = Net(surface.patches.lattice, n)
-        self.face = np.flatnonzero(surface.patches.codes[: len(limit_faces)] != NO_LIMIT)
+        self.face = np.flatnonzero(surface.patches.with_limit)
         corner = limit_faces.corner[self.face]
         self.whole = corner < 0
         self.corner = mesh.offsets[limit_faces.face[self.face]] + np.maximum(corner, 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 from limitsurf import numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.cage.checks import checked_integer
-from limitsurf.patches import neighbourhood
-from limitsurf.refine import RefinedMesh, refined, refuse_levels
+from limitsurf.patches import neighbourhood, squares
+from limitsurf.refine import RefinedMesh, dual, refined, refuse_levels
 from limitsurf.surface import LimitSurface
+from limitsurf.topology import first_limit_face
+
+Array: TypeAlias = NDArray[Any]
 
 
 def validate(
@@ -141,6 +144,8 @@ def on_refined(
     """
     mesh, limit_faces, lattice = surface.mesh, surface.limit_faces, surface.patches.lattice
     parent, corner = limit_faces.face[face], limit_faces.corner[face]
+    if lattice.dual:
+        return _on_dual(surface, mesh.offsets[parent], corner, u, v)
     flipped = np.zeros(len(face), dtype=bool) if lattice.flips else None
     part, s, t, _ = neighbourhood.child_at(lattice, u, v, flipped)
     child = np.argsort(lattice.parts)[part]
@@ -153,6 +158,42 @@ def on_refined(
         np.where(whole, np.choose(turn, sides), u),
         np.where(whole, np.choose(turn, sides[1:] + sides[:1]), v),
     )
+
+
+def _on_dual(
+    surface: LimitSurface, first: Array, corner: Array, u: Array, v: Array
+) -> tuple[Array, Array, Array]:
+    """`on_refined` under a dual scheme: `first` are first corners of the faces of the cage.
+
+    The square of a refined vertex is in four parts, one in each of the refined faces around it.
+    """
+    topology = surface.topology
+    step = dual.Step.of(surface.mesh, topology.rules)
+    sides, size = topology.lattice.sides, topology.lattice.face_size
+    # of quads the quarters are squares, turned so that their corner 0 is at that of the quad
+    part, s, t = squares.child_at(u, v)
+    turn = np.where(corner < 0, np.array([0, 1, 3, 2])[part], 0)
+    seen = kernels.coordinates(s, t, sides)
+    x = np.where(corner < 0, np.choose(turn, seen), u)
+    y = np.where(corner < 0, np.choose(turn, seen[1:] + seen[:1]), v)
+    part, s, t = squares.child_at(x, y)
+    role = np.array([0, 1, 3, 2])[part]
+    vertex = first + np.where(corner < 0, turn, corner)
+    there = step.corner_at[vertex, role]
+    nowhere, there = there < 0, np.maximum(there, 0)  # around what has no limit
+    # its corner 0 is in the middle of the square
+    turned, seen = (role + 2) % size, kernels.coordinates(s, t, sides)
+    s, t = np.choose(turned, seen), np.choose(turned, seen[1:] + seen[:1])
+    fine = step.child(np.zeros(step.n_points))
+    own, whole = fine.corner_face[there], fine.sizes[fine.corner_face[there]] == size
+    place = there - fine.offsets[own]
+    # in quads it is the quarter at that corner
+    seen = kernels.coordinates(s / 2, t / 2, sides)
+    back = -place % size
+    x, y = np.choose(back, seen), np.choose(back, seen[1:] + seen[:1])
+    limit = first_limit_face(fine, topology.lattice)[own] + np.where(whole, 0, place)
+    x, s = (np.where(nowhere, np.nan, found) for found in (x, s))
+    return limit, np.where(whole, x, s), np.where(whole, y, t)
 
 
 _PORTION = 1 << 16  # queries that are in memory at once, with all that is compared

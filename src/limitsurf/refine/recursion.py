@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import warnings
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, overload
 
 import numpy as np
@@ -11,11 +13,12 @@ from numpy.typing import NDArray
 from limitsurf import _kernels, memory, numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
-from limitsurf.cage.checks import checked_integer
+from limitsurf.cage.checks import checked_integer, users_level
 from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.faces import IntArray
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, valid_mesh
 from limitsurf.channels import ChannelMesh
+from limitsurf.refine import dual
 from limitsurf.refine.limits import limit_normals, limit_points, normal_weights, ring_weights
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
 from limitsurf.refine.stages import channel_groups, refined_values, refinement_stages
@@ -62,12 +65,15 @@ class RefinedMesh(RuledMesh):
     """
 
     _lineage: tuple[Mesh, ...]  # from the cage to this mesh, without points
+    _cage_rules: Rules  # of a dual scheme, by which the cage was refined
     rounded: bool  # whether the points come from refinement, and not from outside
 
     @cached_property
     def _parents(self) -> tuple[IntArray, Floats, Floats]:
         """Parent face and parameters, taken in a vertex's first face, one with a limit if any."""
         lattice = self.rules.scheme.lattice
+        if lattice.dual:
+            return read_only(dual.parents(self._lineage, self._cage_rules, lattice))
         limit_face, uv = _cage_parameters(self._lineage[0], lattice)
         for mesh in self._lineage[:-1]:
             limit_face, uv = _child_parameters(mesh, limit_face, uv, lattice)
@@ -107,6 +113,8 @@ class RefinedMesh(RuledMesh):
         Exact rationals if the points are. NaN at vertices without a limit: unused ones, and those
         on untagged boundaries under boundary="none".
         """
+        if self.rules.scheme.lattice.dual:
+            return self._dual_limits()
         if self._wants_finer:
             finer = refined(self, **vars(self.rules))
             limits = finer._limits()  # noqa: SLF001  (one of these, too)
@@ -118,6 +126,13 @@ class RefinedMesh(RuledMesh):
         """Whether limit masks hold after one more step only: amid regular faces and vertices."""
         scheme = self.rules.scheme
         return callable(scheme.edge) or not all_regular(self, scheme.lattice)
+
+    def _dual_limits(self) -> Array:
+        """Limit positions under a dual scheme."""
+        points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
+        result = dual.limits(self, self.rules, points)
+        result = np.ldexp(result, -balance) if balance else result
+        return np.asarray(result.reshape(self.points.shape))
 
     def _limits(self) -> Array:
         """Limit positions by the limit masks of what is at each vertex."""
@@ -168,6 +183,9 @@ class RefinedMesh(RuledMesh):
                 "limit normals need points of shape (n, 3) in numbers that have square roots, "
                 f"float64: got {self.points.dtype} {self.points.shape}"
             )
+        if self.rules.scheme.lattice.dual:
+            points = np.ldexp(self.points, kernels.balance(self.points))
+            return np.asarray(dual.limit_normals(self, self.rules, points, self.rounded))
         if self._wants_finer:
             finer = refined(self, **vars(self.rules))
             halves = child_halves(self.connectivity, None, self.rules.scheme.lattice)
@@ -306,6 +324,8 @@ def refined(
     levels = checked_integer("levels", levels, 0)
     refuse_levels(mesh, levels, operator)
     rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
+    if rules.scheme.lattice.dual:
+        return _dual_refined(mesh, levels, operator, rules, scheme)
     number = numbers.type_of(mesh.points)
     points, balance = _balanced(mesh.points.reshape(mesh.n_vertices, -1))
     total = identity(mesh.n_vertices, number) if operator else None
@@ -358,6 +378,50 @@ def refined(
         rules=rules,
         origin=(sharpness, False),
         channel_meshes=channels,
+        _lineage=(*lineage, without_points(coarse)),
+        rounded=levels > 0 or (isinstance(mesh, RefinedMesh) and mesh.rounded),
+    )
+    return (fine, total) if operator else fine
+
+
+def _dual_refined(
+    mesh: Mesh, levels: int, operator: bool, rules: Rules, scheme: Any
+) -> RefinedMesh | tuple[RefinedMesh, Any]:
+    """What `refined` returns under a dual scheme."""
+    number = numbers.type_of(mesh.points)
+    points, balance = _balanced(mesh.points.reshape(mesh.n_vertices, -1))
+    total = identity(mesh.n_vertices, number) if operator else None
+    if levels and mesh.channels:
+        names = ", ".join(map(repr, mesh.channels))
+        warnings.warn(
+            f"channels are left out ({names}): scheme {rules.scheme.name!r} makes faces of edges "
+            "and vertices, which channels do not go around as the mesh does",
+            UserWarning,
+            stacklevel=users_level(),
+        )
+    coarse, lineage, own = mesh, [], rules
+    for _ in range(levels):
+        step = dual.Step.of(coarse, own)
+        matrix = step.operator(own, number)
+        points, total = matrix @ points, None if total is None else matrix @ total
+        lineage.append(without_points(coarse))
+        # what lies beyond a boundary has no limit of its own
+        coarse, own = step.child(points), replace(own, boundary="none")
+    points = np.ldexp(points, -balance) if balance else points
+    fine = valid_mesh(
+        RefinedMesh,
+        points.reshape(len(points), *mesh.points.shape[1:]),
+        coarse.connectivity,
+        scheme=scheme if scheme is not None else mesh.scheme,
+        boundary=own.boundary if levels else mesh.boundary,
+        holes=mesh.holes,
+        channels=None if levels else mesh.channels,
+        units=mesh.units,
+        up=mesh.up,
+    )
+    vars(fine).update(
+        rules=own,
+        _cage_rules=rules,
         _lineage=(*lineage, without_points(coarse)),
         rounded=levels > 0 or (isinstance(mesh, RefinedMesh) and mesh.rounded),
     )

@@ -6,10 +6,11 @@ A scheme is registered here and nowhere else.
 from __future__ import annotations
 
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.doo_sabin import DOO_SABIN
 from limitsurf.scheme.loop import LOOP
 from limitsurf.scheme.scheme import Scheme
 
-SCHEMES = {scheme.name: scheme for scheme in (CATMULL_CLARK, LOOP)}
+SCHEMES = {scheme.name: scheme for scheme in (CATMULL_CLARK, LOOP, DOO_SABIN)}
 # what else files call a scheme, and what that means
 _OTHERS = {
     "none": "the cage is a mere mesh of polygons, which is not to be subdivided",

@@ -75,7 +75,9 @@ class Lattice:
         The point beyond a smooth edge along u as a sum of points on and inside it: what continues
         the spline there. Places are relative to the point's own.
     dual : bool
-        Whether points of a step belong to the corners of faces, not to vertices, edges and faces.
+        Whether points belong to faces, not to vertices: each face has one, which is at its place,
+        and a step makes one for each of its children, at the corners of the face. The `star` are
+        then the faces around a vertex, from the face itself on.
     ratio : int
         How many times smaller a step makes edges.
     """
@@ -190,6 +192,8 @@ class Lattice:
     @cached_property
     def template(self) -> tuple[Place, ...]:
         """Places of all points of the faces that touch the face, by j, then i."""
+        if self.dual:
+            return tuple((i, j) for j in range(3) for i in range(3))
         face = {(i + 1, j + 1) for i, j in self.corners}
         touching = (
             translated
@@ -220,6 +224,7 @@ class Lattice:
     def outer(self) -> tuple[Place, ...]:
         """Places of the template beyond the ring of corner 0, counter-clockwise."""
         near = {(1, 1), *((1 + i, 1 + j) for i, j in self.star)}
+        # (of a dual lattice, (1, 1) is the first of the star)
         return tuple(sorted(set(self.template) - near, key=_clockwise, reverse=True))
 
     @cached_property
@@ -276,6 +281,19 @@ QUADS = Lattice(
     children=tuple(Child(corner) for corner in _SQUARE),
     face_points=True,
     reflection=((2, (0, 1)), (-1, (0, 2))),
+)
+
+# the squares that a step makes of any polygons, with points in the middle of squares
+DUAL_QUADS = Lattice(
+    name="dual_quads",
+    corners=_SQUARE,
+    cells=(_SQUARE,),
+    star=((0, 0), (-1, 0), (-1, -1), (0, -1)),
+    orbits=(0,),
+    children=QUADS.children,
+    face_points=True,
+    reflection=(),
+    dual=True,
 )
 
 _TRIANGLE = ((0, 0), (1, 0), (0, 1))

@@ -27,7 +27,7 @@ from functools import partial
 from typing import Any, TypeAlias
 
 from limitsurf.scheme.lattice import QUADS, Lattice
-from limitsurf.scheme.sector import Sector
+from limitsurf.scheme.sector import KINDS, Sector
 from limitsurf.scheme.spline import BICUBIC, Spline
 
 # a Fraction, or an algebraic number of sympy
@@ -195,6 +195,11 @@ class Scheme:
         counts = 1, *(valence for _ in self.lattice.orbits)
         return self._check(f"vertex({valence})", self.vertex(valence), counts, algebraic=True)
 
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of special corners that there are rules for."""
+        return KINDS
+
     def sector(self, kind: str, faces: int, position: int = 0) -> Sector:
         """A special corner of this scheme's lattice."""
         return Sector(kind, faces, position, self.lattice)
@@ -236,7 +241,7 @@ class Scheme:
         total: Any = sum((w * c for w, c in zip(weights, counts, strict=True)), Fraction(0))
         if total != 1 and not (_is_algebraic(total) and (total - 1).expand() == 0):
             raise ValueError(f"scheme {self.name!r}: {mask} sums to {total}, not to 1")
-        return tuple(map(_exact, weights))
+        return tuple(map(exact_weight, weights))
 
 
 def _is_algebraic(weight: Any) -> bool:
@@ -244,7 +249,7 @@ def _is_algebraic(weight: Any) -> bool:
     return bool(getattr(weight, "is_algebraic", False)) and weight.is_real is not False
 
 
-def _exact(weight: Any) -> Weight:
+def exact_weight(weight: Any) -> Weight:
     """A Fraction if it is rational."""
     if not _is_algebraic(weight):
         return Fraction(weight)

@@ -7,6 +7,9 @@ that determine the limit on one of its faces (Stam 1998, section 3; Stam 1999) a
   quads, the opposite corner ``f_j``; in open sectors then ``e_k``, and where the vertex is carried
   by a crease beside the sector last ``m``, halfway between its neighbours on that crease: the ring;
 * then the outer points at the places `Sector.outer` of the lattice.
+
+In a dual lattice the ring has no point for the vertex, but one for each face around it, from the
+face that is looked at on.
 """
 
 from __future__ import annotations
@@ -99,7 +102,13 @@ class Sector:
     @property
     def ring(self) -> int:
         """Number of points of the ring."""
-        return len(self.lattice.orbits) * self.faces + 1 + self.open + self.carried
+        own = not self.lattice.dual
+        return len(self.lattice.orbits) * self.faces + own + self.open + self.carried
+
+    @property
+    def fourier(self) -> bool:
+        """Whether the ring has an eigenbasis of cosines and sines, as is."""
+        return self.kind in ("interior", "cone") and not self.lattice.dual
 
     def _kept(self, places: tuple[Place, ...]) -> tuple[Place, ...]:
         along_u, along_v = self.sharp_sides

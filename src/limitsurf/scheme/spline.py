@@ -3,7 +3,8 @@
 The schemes that are here make box splines (de Boor, Hoellig and Riemenschneider, "Box splines",
 Springer 1993). A box spline is given by its directions alone: those of the bicubic B-spline are the
 two of the square lattice, four times each; those of the quartic one of Loop the three edges of the
-triangular lattice, twice each. All else follows:
+triangular lattice, twice each. That of Doo and Sabin, the biquadratic B-spline, has the control
+point of a place in the middle of the face there. All else follows:
 
 * pieces, by the recurrence of de Boor and Hoellig (1982): for n directions X, and with t_r such
   that ``x = sum t_r r`` over them, ``(n - 2) B_X(x) = sum t_r B_(X - r)(x) + (1 - t_r)
@@ -190,6 +191,7 @@ def _area(r: Vector, s: Vector) -> int:
 
 
 BICUBIC = Spline("bicubic B-spline", ((1, 0),) * 4 + ((0, 1),) * 4, (1 / 2, 1 / 2))
+BIQUADRATIC = Spline("biquadratic B-spline", ((1, 0),) * 3 + ((0, 1),) * 3, (1 / 2, 1 / 2))
 QUARTIC = Spline(
     "quartic box spline", ((1, 0),) * 2 + ((0, 1),) * 2 + ((-1, 1),) * 2, (1 / 3, 1 / 3)
 )

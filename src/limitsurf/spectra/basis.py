@@ -15,6 +15,7 @@ from limitsurf.tables import EigenNumbers, FourierRing, eigen_numbers, eigen_tab
 
 if TYPE_CHECKING:
     from limitsurf.exact.symbolic import SymbolicBasis
+    from limitsurf.exact.symbolic_dual import DualBasis
     from limitsurf.exact.symbolic_sectors import SectorBasis
 
 
@@ -74,8 +75,12 @@ class Eigenbasis:
         return self.sector.faces
 
     @cached_property
-    def exact(self) -> SymbolicBasis | SectorBasis:
+    def exact(self) -> SymbolicBasis | SectorBasis | DualBasis:
         """The eigenbasis as sympy expressions."""
+        if self.sector.lattice.dual:
+            from limitsurf.exact.symbolic_dual import DualBasis
+
+            return DualBasis(self.scheme, self.sector)
         if self.sector.kind == "interior":
             from limitsurf.exact.symbolic import SymbolicBasis
 
@@ -164,6 +169,10 @@ class Eigenbasis:
         mode = int(table.order[k])
         if mode >= sector.ring:
             return "outer points"
+        if sector.lattice.dual:
+            from limitsurf.exact.dual import ring_waves
+
+            return f"frequency {ring_waves(sector.faces)[mode][0]}"
         if isinstance(table.ring, FourierRing):
             return f"frequency {table.ring.frequency[mode]}"
         if sector.carried and mode == sector.ring - 1:

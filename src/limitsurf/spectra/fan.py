@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from limitsurf.cage.mesh import Mesh
 from limitsurf.scheme.net import Net
-from limitsurf.spectra.basis import eigenbasis
+from limitsurf.spectra.basis import Eigenbasis, eigenbasis
 from limitsurf.surface import LimitSurface
 from limitsurf.tables import EigenTable, FourierRing, grid_index
 
@@ -286,6 +286,9 @@ def order_at(scheme: str | Scheme, kind: str, faces: int) -> float:
     for position in range(1 if alike else faces):
         basis = eigenbasis(scheme, kind=kind, faces=faces, position=position)
         table, lattice, at = basis.float64, basis.scheme.lattice, grid_index(basis.sector)
+        if lattice.dual:
+            slowest = max(slowest, _slowest_dual(basis))
+            continue
         points = table.right_rows([at[1 + i, 1 + j] for i, j in lattice.corners])
         limits, bound = np.zeros_like(points), np.abs(points)
         limits[0, 0] = 1  # the constant alone does not vanish at the vertex
@@ -299,6 +302,18 @@ def order_at(scheme: str | Scheme, kind: str, faces: int) -> float:
         moves = (np.abs(points - limits) > rounding * bound).any(axis=0)
         slowest = max(slowest, float(np.abs(table.rates[0, moves]).max(initial=0.0)))
     return -math.log2(slowest)
+
+
+def _slowest_dual(basis: Eigenbasis) -> float:
+    """The largest eigenvalue of a vector whose value in a square is not that in its middle."""
+    table, scheme = basis.float64, basis.scheme
+    (value,) = table.right_rows([grid_index(basis.sector)[1, 1]])
+    piece = [child.origin for child in scheme.lattice.pieces].index((1, 1))
+    limit = table.pieces[piece, scheme.spline.exponents.index((0, 0))]
+    rounding = 16 * np.finfo(float).eps
+    moves = np.abs(value - limit) > rounding * (np.abs(value) + np.abs(limit))
+    moves[0] = False
+    return float(np.abs(table.rates[0, moves]).max(initial=0.0))
 
 
 def predicted_order(surface: LimitSurface) -> float:

@@ -58,7 +58,6 @@ SHIPPED_SECTORS = (
         for p in range(n)
     ),
 )
-_FOURIER = ("interior", "cone")  # kinds whose ring is that of all its rotations
 
 
 _memory: dict[str, Any] = {}
@@ -74,7 +73,7 @@ def eigen_table(scheme: Scheme, sector: Sector) -> EigenTable:
         made, cached = _assembled(scheme, sector)
         if cached and not _holds(made):
             made, _ = _assembled(scheme, sector, derived=True)
-        if sector.kind not in _FOURIER:
+        if not sector.fourier:
             _memory.setdefault(_ring_text(scheme, sector), made.ring)
         _memory.setdefault(text, made)
         if not made.normal.size:
@@ -110,7 +109,7 @@ def _assembled(scheme: Scheme, sector: Sector, derived: bool = False) -> tuple[E
     key, formats = _key(scheme, sector), _table_formats(scheme, sector)
     arrays, cached = _stored(key, formats, lambda: _derive(scheme, sector), derived)
     ring: FourierRing | DenseRing | None
-    if sector.kind in _FOURIER:
+    if sector.fourier:
         ring = FourierRing(**{name: arrays.pop(name) for name in _ring_formats(sector)})
     else:  # all positions of a sector share it
         ring = _memory.get(_ring_text(scheme, sector))
@@ -164,9 +163,11 @@ def write_shipped(directory: Path) -> list[Path]:
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
     for scheme, like in product(SCHEMES.values(), SHIPPED_SECTORS):
+        if like.kind not in scheme.kinds:
+            continue
         sector = scheme.sector(like.kind, like.faces, like.position)
         tables = [(_key(scheme, sector), _table_formats(scheme, sector), _derive)]
-        if sector.kind not in _FOURIER and sector.position == 0:
+        if not sector.fourier and sector.position == 0:
             key = {**tables[0][0], "position": "all"}
             tables.append((key, _ring_formats(sector), _derive_ring))
         for key, formats, derive in tables:
@@ -239,13 +240,13 @@ def _table_formats(scheme: Scheme, sector: Sector) -> Formats:
         "outer": ("<f8", (outer, outer), None),
         "order": ("<i8", (size,), range(size)),
     }
-    return formats | (_ring_formats(sector) if sector.kind in _FOURIER else {})
+    return formats | (_ring_formats(sector) if sector.fourier else {})
 
 
 def _ring_formats(sector: Sector) -> Formats:
     """The arrays of a ring."""
     ring = sector.ring
-    if sector.kind not in _FOURIER:
+    if not sector.fourier:
         return {"left": ("<f8", (ring, ring), None)}
     return {
         "frequency": ("<i8", (ring,), range(sector.faces // 2 + 1)),

@@ -165,7 +165,9 @@ def collapsed_masks(scheme: Scheme, kind: str, faces: int) -> Array:
 
 def is_shared(sector: Sector) -> bool:
     """Whether the patches around a special corner share its ring, for which there is no table."""
-    return sector.faces > MOST_FACES and not sector.carried and sector.lattice.face_points
+    lattice = sector.lattice
+    many = sector.faces > MOST_FACES and not sector.carried
+    return many and lattice.face_points and not lattice.dual
 
 
 @lru_cache(maxsize=16)

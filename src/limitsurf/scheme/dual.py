@@ -1,0 +1,157 @@
+"""Dual schemes: their points belong to faces, of which each step cuts the corners.
+
+A dual scheme refines a mesh as a primal one of quads does, into one square for each corner of each
+face; but what it moves about are points of the faces: that of a child takes ``mask(n)`` of the n
+faces around the corner where it is, from its own parent on, counter-clockwise. The cage itself has
+points at vertices: the first step takes, for the child at a corner of an n-gon, ``mask(n)`` of the
+n corners, from that one on. So the faces of one level are the vertices of the next: it cuts the
+corners of the n-gons that the points form, around faces, edges and vertices of the cage alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
+
+from limitsurf.scheme.lattice import DUAL_QUADS, Lattice
+from limitsurf.scheme.scheme import Scheme, Weight, Weights, exact_weight
+from limitsurf.scheme.sector import Sector
+from limitsurf.scheme.spline import BIQUADRATIC, Spline
+
+# cosines of multiples of 1/2, 1/3, 1/4 and 1/6 of a turn: all that are rational
+_COSINES = {
+    Fraction(0): Fraction(1),
+    Fraction(1, 6): Fraction(1, 2),
+    Fraction(1, 4): Fraction(0),
+    Fraction(1, 3): Fraction(-1, 2),
+    Fraction(1, 2): Fraction(-1),
+}
+_DIGITS = 60  # to which irrational weights are looked at
+
+
+@dataclass(frozen=True, kw_only=True)
+class DualScheme(Scheme):
+    """Masks of a dual subdivision scheme, that of Doo and Sabin or one like it.
+
+    Parameters
+    ----------
+    name : str
+        What the scheme is called in messages, tables and files.
+    corner : callable, n -> n numbers
+        Weights of the corners of an n-gon in the new point at one of them, from that one on,
+        counter-clockwise: rationals, or algebraic numbers of sympy; the same clockwise.
+    paper : str
+        Where the masks are published.
+    lattice, spline : optional
+        What its refined faces are, and what it makes of a regular lattice of them.
+    """
+
+    corner: Callable[[int], Weights]
+    face: None = field(default=None, init=False)
+    edge: tuple[Fraction, Fraction] = field(default=(Fraction(0), Fraction(0)), init=False)
+    vertex: Any = field(default=None, init=False)
+    boundary_edge: Fraction = field(default=Fraction(0), init=False)
+    boundary_vertex: tuple[Fraction, Fraction] = field(
+        default=(Fraction(0), Fraction(0)), init=False
+    )
+    smooth_triangle: None = field(default=None, init=False)
+    lattice: Lattice = DUAL_QUADS
+    spline: Spline = BIQUADRATIC
+
+    def __post_init__(self) -> None:
+        got, near = self.mask(4), self.spline.stencil((0, 0))
+        needed = tuple(near[place] for place in self.lattice.star)
+        if got != needed:
+            raise ValueError(
+                f"scheme {self.name!r}: corner(4) is ({', '.join(map(str, got))}), "
+                f"but the {self.spline.name} needs ({', '.join(map(str, needed))})"
+            )
+
+    def mask(self, n: int) -> Weights:
+        """Weights of the corners of an n-gon in the new point at one of them, from that one on."""
+        return _checked(self.name, self.corner, n)
+
+    def rim(self, k: int) -> Weights:
+        """Ratios r_j, from 1 to -1, that tell where a boundary vertex of k faces has its mirrors.
+
+        With c and d the points of the boundary curve before and after the vertex, what is beyond
+        the boundary is the j-th of its faces' points mirrored at ``(c + d + r_j (c - d)) / 2``.
+        Every step keeps these reflections if cosines once around the vertex have the eigenvalue
+        1/2 (``derivations/doo_sabin.py``).
+        """
+        if k == 1:
+            return Fraction(1), Fraction(-1)
+        edge = cosine(Fraction(1, 4 * k))
+        ratios = (cosine(Fraction(2 * j + 1, 4 * k)) / edge for j in range(k))
+        return tuple(map(exact_weight, ratios))
+
+    def is_rational(self, n: int) -> bool:
+        """Whether that mask is."""
+        return all(isinstance(w, Fraction) for w in self.mask(n))
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of special corners that there are rules for: smooth ones."""
+        return ("interior",)
+
+    def sector(self, kind: str, faces: int, position: int = 0) -> Sector:
+        """A special corner of this scheme's lattice: it has no others than smooth ones."""
+        if kind != "interior":
+            raise ValueError(
+                f"scheme {self.name!r} has no rule for sharp edges and vertices: what is around a "
+                f"vertex is of kind 'interior', got {kind!r}"
+            )
+        return Sector(kind, faces, position, self.lattice)
+
+    def check_spokes(self, valence: int) -> None:
+        """No edge has a mask of its own."""
+
+    def __hash__(self) -> int:
+        return hash(self.name)
+
+    def key(self, valence: int | None) -> dict[str, Any]:
+        """All that a subdivision matrix depends on."""
+        sizes = (4, valence) if valence is not None else (4,)
+        masks = {f"corner({n})": list(_texts(self.mask(n))) for n in sizes}
+        return {"scheme": self.name, "masks": masks}
+
+
+def cosine(turns: Fraction) -> Weight:
+    """The cosine of so many turns: a Fraction where it is rational, else as sympy has it."""
+    turns = min(turns % 1, -turns % 1)
+    if turns in _COSINES:
+        return _COSINES[turns]
+    import sympy
+
+    return sympy.cos(2 * sympy.pi * sympy.Rational(turns.numerator, turns.denominator))
+
+
+@lru_cache(maxsize=1024)
+def _checked(name: str, corner: Callable[[int], Weights], n: int) -> Weights:
+    """A mask, which must be n exact numbers whose sum is one, the same in both directions."""
+    weights = tuple(corner(n))
+    rational = all(isinstance(w, (Fraction, int)) for w in weights)
+    total = sum(weights) if rational else sum(_number(w) for w in weights)
+    if len(weights) != n or not abs(total - 1) * 10 ** (_DIGITS - 5) < 1:
+        raise ValueError(
+            f"scheme {name!r}: corner({n}) must be {n} exact numbers of sum 1, got {weights!r}"
+        )
+    if weights[1:] != weights[:0:-1]:
+        raise ValueError(f"scheme {name!r}: corner({n}) is not symmetric: {weights!r}")
+    return tuple(Fraction(w) if isinstance(w, int) else w for w in weights)
+
+
+@lru_cache(maxsize=256)
+def _texts(mask: Weights) -> tuple[str, ...]:
+    """A mask in words; half of it says all."""
+    half = [str(w) for w in mask[: len(mask) // 2 + 1]]
+    return *half, *half[(len(mask) - 1) // 2 : 0 : -1]
+
+
+def _number(weight: Any) -> Any:
+    import sympy
+
+    return sympy.sympify(weight).evalf(_DIGITS)
