@@ -392,3 +392,38 @@ def test_faces_that_are_left_out_take_their_data_along():
     mesh = ls.Mesh(points, [[1, 2, 3], [0, 1, 2], [0, 3, 4]], face_data={"n": [7, 8, 9]})
     with pytest.warns(UserWarning, match="less than 3 corners"):
         assert ls.merged(mesh).face_data["n"].tolist() == [8, 9]
+
+
+# ---------------------------------------------------------------- creases
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1.0, 1e150])
+def test_creases_by_angle(scale):
+    """A roof of 60 degrees on a box, at any size: counted by hand."""
+    high = 0.5 * 3**0.5
+    points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0, high], [0.5, 1, high]]
+    faces = [[3, 2, 1, 0], [0, 1, 4], [2, 3, 5], [1, 2, 5, 4], [3, 0, 4, 5]]
+    roof = ls.Mesh(np.array(points) * scale, faces)
+    assert len(ls.creases_by_angle(roof, 89)[0]) == 9
+    assert len(ls.creases_by_angle(roof, 91)[0]) == 3  # all but the edges of the gables
+    assert not len(ls.creases_by_angle(roof, 121)[0])
+    flat = roof.with_points(roof.points * [1, 1, 0])
+    assert ls.creases_by_angle(flat, 170, sharpness=2)[1].tolist() == [2.0, 2.0]
+
+
+def test_flat_grids_and_boundaries_have_no_creases():
+    grid = ls.Mesh([[x, y] for y in range(3) for x in range(3)], [[0, 1, 4, 3], [1, 2, 5, 4]])
+    assert ls.creases_by_angle(grid, 0)[0].tolist() == []
+    with pytest.raises(ValueError, match=r"degrees must be in \[0, 180\]"):
+        ls.creases_by_angle(grid, float("nan"))
+
+
+def test_other_tags_leave_the_rest():
+    mesh = painted().with_tags(creases={(0, 1): 2.0}, scheme="catmull-clark")
+    assert mesh.face_data["number"].tolist() == list(range(6))
+    assert mesh.connectivity is mesh.with_tags(corners={1: 1}).connectivity
+    assert mesh.with_tags(creases=None) == painted().with_tags(scheme="catmull-clark")
+    with pytest.raises(TypeError, match="got 'crease', need one of creases"):
+        mesh.with_tags(crease={(0, 1): 2.0})
+    with pytest.raises(ls.MeshError, match="no such edge"):
+        mesh.with_tags(creases={(0, 7): 2.0})

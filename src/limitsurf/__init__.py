@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from limitsurf.query.closest import (
         feet as feet,
     )
+    from limitsurf.query.creases import creases_by_angle as creases_by_angle
     from limitsurf.query.index import (
         SurfaceIndex as SurfaceIndex,
     )
@@ -134,6 +135,7 @@ _HOME = {
     "bezier_patches": "query.bezier",
     "bounds": "query.bounds",
     "closest_point": "query.closest",
+    "creases_by_angle": "query.creases",
     "eigenbasis": "spectra",
     "feet": "query.closest",
     "from_pyvista": "shell.io.vtk",

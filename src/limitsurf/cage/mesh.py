@@ -28,6 +28,7 @@ CREASING: tuple[Creasing | None, ...] = (None, *get_args(Creasing))
 TRIANGLES: tuple[Triangles | None, ...] = (None, *get_args(Triangles))
 UP: tuple[Up | None, ...] = (None, *get_args(Up))
 # what a mesh has besides points, faces, tags and channels, as it is given
+_TAGS = ("creases", "corners", "holes", "channels", "face_data")
 CHOICES = ("scheme", "boundary", "creasing", "triangles", "units", "up")
 
 
@@ -201,6 +202,36 @@ class Mesh:
             )
         mesh = object.__new__(type(self))
         mesh.__dict__.update(self.__dict__, points=read_only(new_points))
+        return mesh
+
+    def with_tags(self, **tags: Any) -> Mesh:
+        """A copy with other tags; points, faces, connectivity and all other tags are shared.
+
+        Parameters
+        ----------
+        **tags
+            All that ``Mesh`` takes besides points and faces: creases, corners, holes, scheme,
+            channels, face_data and so on. None takes away what there is.
+
+        Raises
+        ------
+        MeshError, TypeError, ValueError
+            As for ``Mesh``.
+
+        Examples
+        --------
+        >>> import limitsurf as ls
+        >>> square = ls.Mesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2, 3]], corners={0: 2})
+        >>> square.with_tags(boundary="edge_only").corners[0].tolist()
+        [0]
+        """
+        known = {name: getattr(self, name) for name in (*_TAGS, *CHOICES)}
+        wrong = sorted(set(tags) - set(known))
+        if wrong:
+            raise TypeError(f"got {wrong[0]!r}, need one of {', '.join(known)}")
+        mesh = object.__new__(Mesh)
+        mesh.points, mesh.connectivity, mesh._kept = self.points, self.connectivity, {}
+        vars(mesh).update(_checked(self.connectivity, **{**known, **tags}))
         return mesh
 
     @property
