@@ -221,16 +221,16 @@ for n, blocks in ((3, 0), (4, 0), (6, 2)):
 # and the vertex has the $2 k$-gon $w_0 \dots w_{k - 1}, g_{k - 1} \dots g_0$. Its points are at the
 # angles $\theta_0, \theta_1, \dots, \theta_{2 k - 1}$, and $w_j$ and $g_j$ at opposite ones. So
 # what is even about $\theta = 0$ in the polygon, $(w_j + g_j) / 2$, is a wave of frequency 0 and
-# one of frequency 1, and nothing else. One step multiplies them by 1 and by $\frac12$, and what is odd
-# stays odd: the new points are reflections again, at
+# one of frequency 1, and nothing else. One step multiplies them by 1 and by $\frac12$, and what is
+# odd stays odd: the new points are reflections again, at
 #
 # $$
 # m_j' = \frac{c + d}{2} + \frac{c - d}{4} \frac{\cos \theta_j}{\cos \theta_0} ,
 # $$
 #
 # which is made of $c' = \frac34 c + \frac14 d$ and $d' = \frac14 c + \frac34 d$: Chaikin's points
-# of the next step. ($m_0 = c$ and $m_{k - 1} = d$.) In the limit what is odd vanishes on the boundary,
-# and the curve is Chaikin's, the quadratic B-spline of the boundary polygon, whatever the faces.
+# of the next step. ($m_0 = c$ and $m_{k - 1} = d$.) In the limit what is odd vanishes on the
+# boundary, and the curve is Chaikin's, the quadratic B-spline of the boundary polygon, whatever the faces.
 
 # %%
 C, D = symbols("c d")
