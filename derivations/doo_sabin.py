@@ -230,7 +230,8 @@ for n, blocks in ((3, 0), (4, 0), (6, 2)):
 #
 # which is made of $c' = \frac34 c + \frac14 d$ and $d' = \frac14 c + \frac34 d$: Chaikin's points
 # of the next step. ($m_0 = c$ and $m_{k - 1} = d$.) In the limit what is odd vanishes on the
-# boundary, and the curve is Chaikin's, the quadratic B-spline of the boundary polygon, whatever the faces.
+# boundary, and the curve is Chaikin's, the quadratic B-spline of the boundary polygon, whatever the
+# faces.
 
 # %%
 C, D = symbols("c d")

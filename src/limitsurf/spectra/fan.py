@@ -78,8 +78,8 @@ class Fan:
         sector = self.basis.sector
         if sector.lattice.dual:
             raise ValueError(
-                f"scheme {self.basis.scheme.name!r} has points in the middle of faces: there are no "
-                "pictures of eigenfunctions; `eigenbasis` has them on a face, as "
+                f"scheme {self.basis.scheme.name!r} has points in the middle of faces: there are "
+                "no pictures of eigenfunctions; `eigenbasis` has them on a face, as "
                 "`.float64.pieces`"
             )
         self.place = sector.place
