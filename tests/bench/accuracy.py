@@ -38,7 +38,6 @@ import zoo_triangles
 from oracles_creases import Cage
 
 BITS = 2000  # at 2^-300 from a vertex derivatives take some 900 of them, roots 660
-oracles_doo_sabin.BITS = BITS
 ORDERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]
 NAMES = ["position", "first derivative", "second derivative", "normal", "curvature"]
 mpmath.mp.dps = 200  # of nearly tangential derivatives more than 100 digits cancel
