@@ -22,12 +22,13 @@ the points of every step.
 """
 
 import functools
+import itertools
 from fractions import Fraction
 from typing import NamedTuple
 
 import mpmath
 
-BITS = 500
+BITS = 1000
 CUBE_VOLUME = Fraction(6241, 9920)  # inside the limit of the unit cube
 SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
 DEEPEST = 1200
@@ -52,11 +53,20 @@ def mask(n):
 
 
 def combined(weights, points):
-    found = [sum(w * p[x] for w, p in zip(weights, points, strict=True))
-             for x in range(len(points[0]))]  # fmt: skip
-    if any(x.denominator.bit_length() > 2 * BITS for x in found if isinstance(x, Fraction)):
-        found = [Fraction(round(x * 2 ** (2 * BITS)), 2 ** (2 * BITS)) for x in found]
-    return tuple(found)
+    """A sum of points; rounded to `BITS` binary digits where there are more."""
+    columns = list(zip(*points, strict=True))
+    values = [*weights, *itertools.chain(*columns)]
+    if all(isinstance(x, int) or x.denominator.bit_length() <= BITS // 2 for x in values):
+        return tuple(sum(w * x for w, x in zip(weights, column, strict=True)) for column in columns)
+    scaled = [whole(w) for w in weights]
+    sums = (sum(w * whole(x) for w, x in zip(scaled, c, strict=True)) for c in columns)
+    return tuple(Fraction(x >> BITS, 2**BITS) for x in sums)
+
+
+def whole(x):
+    """A number in units of 2^-BITS."""
+    x = Fraction(x)
+    return (x.numerator << BITS) // x.denominator
 
 
 def corner_point(face, i):
@@ -246,6 +256,7 @@ class DooSabinSurface:
         self.faces = [list(map(int, face)) for face in cage.faces]
         self.cage, self.fans, self.half = cage, fans_of(self.faces), directed(self.faces)
         self.inner, self.beyond = first_step(cage)
+        self.walked = {}  # stars that were met, by the one that they are of and where they are
         self.fan = {corner: k for k, fan in enumerate(self.fans) for corner in fan.corners}
         self.limit_faces = []
         for f, face in enumerate(self.faces):
@@ -290,7 +301,7 @@ class DooSabinSurface:
             x, y = size * right, size * up
         if self.cage.boundary == "none" and not self.fans[self.fan[f, k]].closed:
             return nothing
-        star = Star(list(self.star(f, k)), turn, x, y, size)
+        star = self.walked.setdefault((f, k, turn), Star(list(self.star(f, k)), turn, x, y, size))
         for _ in range(DEEPEST):
             if all(len(face) == 4 for face in star.faces):
                 return self._regular(star, u, v, nu)
@@ -300,7 +311,11 @@ class DooSabinSurface:
                 if len(face) != 4:
                     mean = combined([Fraction(1, len(face))] * len(face), face)
                     return nothing if any(nu) else mean
-            star = child(star, u, v)
+            place = f, k, star.x, star.y, star.size, u > star.x + star.size / 2
+            place = *place, v > star.y + star.size / 2
+            if place not in self.walked:
+                self.walked[place] = child(star, u, v)
+            star = self.walked[place]
         raise ValueError("too near a vertex")
 
     @staticmethod

@@ -105,7 +105,8 @@ def test_the_volume_of_the_cube_by_its_pieces():
     )
     assert patches.degree == 2
     by_size = {}
-    for size, points in zip(patches.size[:, 0].tolist(), patches.points, strict=True):
+    own = (patches.origin < 0.5).all(axis=1)  # of the 24 corners of faces, all of which are alike
+    for size, points in zip(patches.size[own, 0].tolist(), patches.points[own], strict=True):
 
         def volume(s, t, points=points):
             one, two = [(1 - s) ** 2, 2 * s * (1 - s), s * s], [2 * (s - 1), 2 - 4 * s, 2 * s]
@@ -131,7 +132,7 @@ def test_the_volume_of_the_cube_by_its_pieces():
         for j in range(len(rates)):
             if j != k:
                 rows[j] = [x - rows[j][k] * y for x, y in zip(rows[j], rows[k], strict=True)]
-    total = 6 * sum(row[-1] / (1 - r) for row, r in zip(rows, rates, strict=True))
+    total = 24 * sum(row[-1] / (1 - r) for row, r in zip(rows, rates, strict=True))
     assert abs(total) == oracles_doo_sabin.CUBE_VOLUME == F(6241, 9920)
 
 

@@ -712,9 +712,7 @@ def regular_weights(spline: Spline, number: NumberType) -> WeightsOf:
 
 
 def _product_weights(spline: Spline, number: NumberType, s: Array, t: Array, nu: Order) -> Array:
-    along, across = (
-        _curve_weights(spline, number, x, order) for x, order in zip((s, t), nu, strict=True)
-    )
+    along, across = (_curve_weights(spline, number, x, k) for x, k in ((s, nu[0]), (t, nu[1])))
     return np.asarray((across[:, :, None] * along[:, None, :]).reshape(len(s), -1))
 
 

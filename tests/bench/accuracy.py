@@ -5,11 +5,12 @@
 
 Around a vertex of each valence, in a cage of random points in [-1, 1]^3, surfaces of each scheme
 are evaluated at random (u, v) whose distance from the vertex is 1 to 1/2 of a given power of two
-(the larger of u and v, or in triangles their sum), and compared with ``tests/oracles.py`` and
-``tests/oracles_loop.py``: naive refinement in Fractions, then roots in 200 digits. Where Loop's
-weights are irrational, these and the points have 2000 binary digits after the point. Largest
-errors: of positions relative to the extent of the cage; of derivatives relative to the largest one
-of their order; of unit normals as lengths; of curvatures relative to the larger principal one.
+(the larger of u and v, or in triangles their sum), and compared with ``tests/oracles.py``,
+``tests/oracles_loop.py`` and ``tests/oracles_doo_sabin.py``: naive refinement in Fractions, then
+roots in 200 digits. Where weights are irrational, these and the points have 2000 binary digits
+after the point. Largest errors: of positions relative to the extent of the cage; of derivatives
+relative to the largest one of their order; of unit normals as lengths; of curvatures relative to
+the larger principal one.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ import limitsurf as ls
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import oracles
+import oracles_doo_sabin
 import oracles_loop
 import zoo
 import zoo_triangles
@@ -62,10 +64,22 @@ def by_loop(points: Any, faces: list[list[int]]) -> oracles_loop.LoopSurface:
     return oracles_loop.LoopSurface(Cage(exact, faces), bits=BITS)
 
 
+def by_doo_sabin(points: Any, faces: list[list[int]]) -> oracles_doo_sabin.DooSabinSurface:
+    """Doo and Sabin's surface by naive refinement."""
+    exact = [tuple(map(Fraction, point)) for point in points.tolist()]
+    return oracles_doo_sabin.DooSabinSurface(Cage(exact, faces))
+
+
 KINDS = {
     "catmull-clark": Kind(
         lambda valence: zoo.local_cage(valence, seed=valence),
         oracles.ExactSurface,
+        4,
+        lambda far, near: (far, near),
+    ),
+    "doo-sabin": Kind(
+        lambda valence: zoo.local_cage(valence, seed=valence),
+        by_doo_sabin,
         4,
         lambda far, near: (far, near),
     ),

@@ -288,9 +288,11 @@ def refined(
         0, 1, 2 of a triangle has that corner, the midpoint of the edge to the next one and of that
         to the one before, and child 3 is in the middle, from the midpoint opposite to corner 0 on:
         inner edges of two triangles on the same three vertices join the same midpoints, and
-        ``edges`` has them both. Children of holes are holes, and so are those
-        of boundary faces under boundary="none". Creases and corners carry their sharpness on, and
-        channels are refined with their seams.
+        ``edges`` has them both. Dual schemes make a vertex of each corner of a face, and faces of
+        faces, edges and vertices, in this order; the first step also makes points beyond
+        boundaries, and the boundary of the refined mesh has no limit.
+        Children of holes are holes, and so are those of boundary faces under boundary="none".
+        Creases and corners carry their sharpness on, and channels are refined with their seams.
         It also has `parent_face`, `parent_u`, `parent_v`, `limit_points` and `limit_normals`.
 
     Raises

@@ -76,6 +76,12 @@ class Fan:
         self.scheme, self.kind, self.faces = scheme, kind, faces
         self.basis = eigenbasis(scheme, kind=kind, faces=faces)  # checks all three
         sector = self.basis.sector
+        if sector.lattice.dual:
+            raise ValueError(
+                f"scheme {self.basis.scheme.name!r} has points in the middle of faces: there are "
+                "no pictures of eigenfunctions; `eigenbasis` has them on a face, as "
+                "`.float64.pieces`"
+            )
         self.place = sector.place
         self.lattice = sector.lattice
         self.corners = self.lattice.corners

@@ -73,6 +73,8 @@ def _number(value: Any, digits: int, latex: bool) -> Facts:
 
 def _points(basis: Eigenbasis) -> list[str]:
     """The points of the ring by name."""
+    if basis.sector.lattice.dual:
+        return [f"w{k}" for k in range(basis.sector.ring)]
     carried, orbits = basis.sector.carried, len(basis.sector.lattice.orbits)
     around = range(basis.sector.ring - carried - 1)
     names = (f"{'ef'[k % orbits]}{k // orbits}" for k in around)

@@ -1,0 +1,295 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: py:percent
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% tags=["remove-cell"]
+"""Doo and Sabin's scheme: masks, the matrix around any polygon, and what lies beyond boundaries.
+
+After Doo and Sabin (1978).
+
+Run this file: it says nothing unless an assertion fails.
+"""
+
+# %% [markdown]
+# # The scheme of Doo and Sabin
+#
+# The masks on a regular mesh are knot insertion for biquadratic B-splines; their eigenvalues around
+# an $n$-gon, for symbolic $n$; the $n + 5$ control points of a face, and the two Jordan blocks that
+# there are from $n = 5$ on; and that the points beyond a boundary stay reflections at its curve.
+#
+# - D. Doo, M. Sabin, "Behaviour of recursive division surfaces near extraordinary points",
+#   Computer-Aided Design 10 (1978): the weights.
+# - G. Chaikin, "An algorithm for high speed curve generation", 1974: the curve.
+
+# %%
+from itertools import product
+
+from sympy import Matrix, Rational, Symbol, cos, expand, factor, pi, simplify, symbols
+
+HALF, QUARTER = Rational(1, 2), Rational(1, 4)
+
+# %% [markdown]
+# ## 1. Masks
+#
+# The quadratic B-spline of three knot intervals is $\frac14 (1, 3, 3, 1)$ of those of half the
+# size: $(1 + z)^3 = 1 + 3 z + 3 z^2 + z^3$. So a new point has $\frac34$ of the nearer and
+# $\frac14$ of the farther of two old ones, on curves (Chaikin), and in both directions of a square
+#
+# $$
+# \frac1{16} (9, 3, 1, 3)
+# $$
+#
+# of its corners, from the nearest one around. The mask of an $n$-gon,
+#
+# $$
+# \alpha_j = \frac{\delta_j}{4} + \frac{3 + 2 \cos (2 \pi j / n)}{4 n} ,
+# $$
+#
+# is that at $n = 4$; and rational for $n = 2, 3, 4, 6$ alone.
+
+
+# %%
+def alpha(j, n):
+    own = QUARTER if j % n == 0 else 0
+    return own + (3 + 2 * cos(2 * pi * Rational(j, n))) / (4 * n)
+
+
+z = Symbol("z")
+assert expand((1 + z) ** 3 / 4 - (1 + 3 * z + 3 * z**2 + z**3) / 4) == 0
+along = {0: 3 * QUARTER, 1: QUARTER}
+square = [(0, 0), (1, 0), (1, 1), (0, 1)]
+assert [alpha(j, 4) for j in range(4)] == [along[x] * along[y] for x, y in square]
+assert [alpha(j, 3) for j in range(3)] == [Rational(2, 3), Rational(1, 6), Rational(1, 6)]
+assert all(simplify(sum(alpha(j, n) for j in range(n))) == 1 for n in (2, 3, 4, 5, 6, 8))
+
+# %% [markdown]
+# ## 2. The ring
+#
+# The points of an $n$-gon are mapped by a circulant. With $\zeta = e^{2 \pi i / n}$, the wave
+# $x_j = \zeta^{f j}$ is multiplied by
+#
+# $$
+# \sum_j \alpha_j \zeta^{f j} = \frac14 + \frac1{4 n} \sum_j
+# \left( 3 \, \zeta^{f j} + \zeta^{(f + 1) j} + \zeta^{(f - 1) j} \right) ,
+# $$
+#
+# where $\sum_j \zeta^{m j}$ is $n$ if $n$ divides $m$, and else $(\zeta^{m n} - 1) / (\zeta^m - 1)
+# = 0$. So for every $n \ge 3$ the eigenvalues are
+#
+# $$
+# 1 \ (f = 0), \qquad \frac12 \ (f = 1, n - 1), \qquad \frac14 \ \text{for all others} :
+# $$
+#
+# $\lambda = \frac12$ does not depend on $n$. At $n = 2$, where $f = 1$ is $f = -1$, the second is
+# $\frac34$: a position, but one wave and no tangent plane. The matrix is symmetric: the limit of
+# the polygon is the mean of its points, and its tangents are $\sum_j \cos (2 \pi j / n) \, x_j$ and
+# $\sum_j \sin (2 \pi j / n) \, x_j$.
+
+
+# %%
+def whole(m, n):
+    """The sum of all powers of zeta to the m."""
+    return n if m % n == 0 else 0
+
+
+def eigenvalue(f, n):
+    return QUARTER + Rational(3 * whole(f, n) + whole(f + 1, n) + whole(f - 1, n), 4 * n)
+
+
+w = Symbol("w")
+for n in range(2, 9):
+    assert expand(sum(w**j for j in range(n)) * (w - 1) - (w**n - 1)) == 0
+for n in range(3, 40):
+    found = [eigenvalue(f, n) for f in range(n)]
+    assert found == [1, HALF, *[QUARTER] * (n - 3), HALF]
+assert [eigenvalue(f, 2) for f in range(2)] == [1, 3 * QUARTER]
+for n, f in product((3, 4, 5, 6, 8), range(3)):
+    summed = sum(alpha(j, n) * cos(2 * pi * Rational(f * j, n)) for j in range(n))
+    assert abs((summed - eigenvalue(f, n)).evalf(40)) < 1e-35
+
+# %% [markdown]
+# ## 3. The points of a face
+#
+# Points lie in the middle of squares. The limit on a square with the $n$-gon $w_0 \dots w_{n - 1}$
+# around its corner, itself $w_0$, and regular corners else depends on that ring and on five more:
+#
+# ```
+#     (0,2) --- (1,2) --- (2,2)
+#       |         |         |
+#      w_1  ---  w_0  --- (2,1)
+#       :         |         |
+#       : ...   w_(n-1) - (2,0)
+# ```
+#
+# One step makes the same of half the size. The outer block is regular; of its eigenvalues
+# $\frac14, \frac14, \frac18, \frac18, \frac1{16}$, the products of those $1, \frac12, \frac14$ of
+# curves that have at least one $\frac14$, none has a Jordan block.
+
+# %%
+RING = {(1, 1): 0, (0, 1): 1, (1, 0): -1}  # of the ring those that count, by steps around
+OUTER = [(2, 0), (2, 1), (2, 2), (1, 2), (0, 2)]
+
+
+def regular(place):
+    """{old place: weight} of a new point; place (1, 1) holds the child at the corner."""
+    each = []
+    for x in place:
+        near = (x + 1) // 2
+        far = near + (1 if (x + 1) % 2 else -1)
+        each.append({near: 3 * QUARTER, far: QUARTER})
+    return {(a, b): p * q for a, p in each[0].items() for b, q in each[1].items()}
+
+
+outer = Matrix(5, 5, lambda i, j: regular(OUTER[i]).get(OUTER[j], 0))
+assert outer.eigenvals() == {QUARTER: 2, Rational(1, 8): 2, Rational(1, 16): 1}
+assert outer.is_diagonalizable()
+coupling = Matrix(5, 3, lambda i, j: regular(OUTER[i]).get(list(RING)[j], 0))
+assert all(set(regular(place)) <= {*RING, *OUTER} for place in OUTER)
+Matrix.hstack(coupling, outer) * 16
+
+# %% [markdown]
+# ## 4. Two Jordan blocks
+#
+# A vector $R$ of the ring of value $\frac14$ goes on to the outer points where $(A_{oo} - \frac14)
+# \, x = - A_{or} R$ has a solution: where the two left eigenvectors of $A_{oo}$ for $\frac14$
+# vanish on $A_{or} R$. With $w_0 = 1$ and $w_{\pm 1} = c$ for a cosine, $w_0 = 0$ and
+# $w_{\pm 1} = \pm s$ for a sine they are one number each, the same up to a sign: multiples of
+
+# %%
+c, s = symbols("c s")
+left = (outer.T - QUARTER * Matrix.eye(5)).nullspace()
+even = [factor((row.T * coupling * Matrix([1, c, c]))[0]) for row in left]
+odd = [factor((row.T * coupling * Matrix([0, s, -s]))[0]) for row in left]
+assert len(left) == 2
+assert all(simplify(x / (1 + c)).is_number and x != 0 for x in even)
+assert all(simplify(x / s).is_number and x != 0 for x in odd)
+even, odd
+
+# %% [markdown]
+# $1 + c$ and $s$. Of the frequencies $f = 2, \dots$ only $f = n / 2$, which has no sine, makes them
+# vanish. So at $n = 3$, without such a frequency, and at $n = 4$, where $f = 2$ is $n / 2$, the
+# matrix has a basis of eigenvectors; from $n = 5$ on there are two Jordan blocks of two, an even
+# and an odd one: all other vectors of value $\frac14$ can be had from differences in which $1 + c$,
+# or $s$, cancels. Ranks, in exact numbers at $n = 3, 4, 6$, say the same.
+
+
+# %%
+def extended(n):
+    A = Matrix.zeros(n + 5, n + 5)
+    for i, j in product(range(n), repeat=2):
+        A[i, j] = alpha((j - i) % n, n)
+    column = {place: step % n for place, step in RING.items()}
+    column |= {place: n + k for k, place in enumerate(OUTER)}
+    for k, place in enumerate(OUTER):
+        for old, weight in regular(place).items():
+            A[n + k, column[old]] += weight
+    return A
+
+
+for n, blocks in ((3, 0), (4, 0), (6, 2)):
+    shifted = extended(n) - QUARTER * Matrix.eye(n + 5)
+    assert (n + 5) - shifted.rank() == n - 3 + 2 - blocks
+    assert shifted.rank() - (shifted * shifted).rank() == blocks
+    assert (shifted * shifted).rank() == (shifted**3).rank()
+
+# %% [markdown]
+# First derivatives scale with $(2 \lambda)^m = 1$ on the way to the corner: they stay bounded, but
+# for $n \ne 4$ have no limit. Curvature scales with $\frac14 / \lambda^2 = 1$: bounded at
+# $n = 3, 4$; from $n = 5$ on, with the Jordan blocks, it grows like the number $m$ of halvings,
+# that is like $\log (1 / r)$.
+#
+# ## 5. Boundaries
+#
+# Let $w_0, \dots, w_{k - 1}$ be the points of a boundary vertex in its $k$ faces after one step,
+# and $c$, $d$ Chaikin's points on its two boundary edges, beside the first and the last face. The
+# points beyond are
+#
+# $$
+# g_j = 2 m_j - w_j, \qquad m_j = \frac{c + d}{2} + \frac{c - d}{2} \,
+# \frac{\cos \theta_j}{\cos \theta_0}, \qquad \theta_j = \frac{(2 j + 1) \pi}{2 k} ,
+# $$
+#
+# and the vertex has the $2 k$-gon $w_0 \dots w_{k - 1}, g_{k - 1} \dots g_0$. Its points are at the
+# angles $\theta_0, \theta_1, \dots, \theta_{2 k - 1}$, and $w_j$ and $g_j$ at opposite ones. So
+# what is even about $\theta = 0$ in the polygon, $(w_j + g_j) / 2$, is a wave of frequency 0 and
+# one of frequency 1, and nothing else. One step multiplies them by 1 and by $\frac12$, and what is
+# odd stays odd: the new points are reflections again, at
+#
+# $$
+# m_j' = \frac{c + d}{2} + \frac{c - d}{4} \frac{\cos \theta_j}{\cos \theta_0} ,
+# $$
+#
+# which is made of $c' = \frac34 c + \frac14 d$ and $d' = \frac14 c + \frac34 d$: Chaikin's points
+# of the next step. ($m_0 = c$ and $m_{k - 1} = d$.) In the limit what is odd vanishes on the
+# boundary, and the curve is Chaikin's, the quadratic B-spline of the boundary polygon, whatever the
+# faces.
+
+# %%
+C, D = symbols("c d")
+for k in range(2, 6):
+    theta = [(2 * j + 1) * pi / (2 * k) for j in range(2 * k)]
+    ws = symbols(f"w0:{k}")
+    ratio = [cos(t) / cos(theta[0]) for t in theta]
+    middle = [(C + D) / 2 + (C - D) / 2 * r for r in ratio]
+    polygon = [*ws, *(2 * middle[j] - ws[j] for j in range(k - 1, -1, -1))]
+    new = [sum(alpha((j - i) % (2 * k), 2 * k) * polygon[j] for j in range(2 * k))
+           for i in range(2 * k)]  # fmt: skip
+    turned = {C: 3 * C / 4 + D / 4, D: C / 4 + 3 * D / 4}
+    assert simplify(middle[0] - C) == simplify(middle[k - 1] - D) == 0
+    for j in range(k):
+        gap = expand(new[j] + new[2 * k - 1 - j] - 2 * middle[j].subs(turned, simultaneous=True))
+        assert all(abs(gap.coeff(x).evalf(40)) < 1e-35 for x in (C, D, *ws))
+
+# %% [markdown]
+# The quad of a boundary edge, between two vertices with Chaikin's points $c$ and $e$ on it, is
+# closed by the reflections of its ends: $w, w^*, 2 e - w^*, 2 c - w$. New pairs are reflections at
+# $\frac34 c + \frac14 e$, Chaikin's again.
+#
+# Amid *one* face $\cos \theta_0 = 0$. The vertex has the quad $w, g_1, x, g_0$ with $g_0 = 2 c - w$
+# and $g_1 = 2 d - w$. With $x = w$ new pairs are reflections at $\frac34 c + \frac14 d$, as before.
+# With $x = 4 v - w - g_0 - g_1$, so that the limit, the mean of the four, is $v$, they are
+# reflections at $(c + v) / 2$: the curve ends in $v$.
+
+# %%
+W, Wstar, E, V = symbols("w wstar e v")
+
+
+def step(quad):
+    return [expand(sum(alpha((j - i) % 4, 4) * quad[j] for j in range(4))) for i in range(4)]
+
+
+new = step([W, Wstar, 2 * E - Wstar, 2 * C - W])
+assert expand(new[0] + new[3] - 2 * (3 * C / 4 + E / 4)) == 0
+assert expand(new[1] + new[2] - 2 * (3 * E / 4 + C / 4)) == 0
+
+first, last = 2 * C - W, 2 * D - W
+new = step([W, last, W, first])
+assert expand(new[0] + new[3] - 2 * (3 * C / 4 + D / 4)) == 0
+assert expand(new[0] + new[1] - 2 * (C / 4 + 3 * D / 4)) == 0
+assert expand(new[0] - new[2]) == 0
+quad = [W, last, 4 * V - W - first - last, first]
+new = step(quad)
+assert expand(sum(quad) - 4 * V) == expand(sum(new) - 4 * V) == 0
+assert expand(new[0] + new[3] - 2 * (C + V) / 2) == 0
+assert expand(new[0] + new[1] - 2 * (D + V) / 2) == 0
+
+# %% [markdown]
+# On a grid the points beyond are what the first step makes of vertices $2 p - q$ beyond a boundary
+# vertex $p$, with $q$ inside it: both continue the spline by reflection.
+
+# %%
+a, b, p, q, r, t = symbols("a b p q r t")  # three boundary vertices a, p, b, and inside q, r, t
+inside = [Rational(9, 16) * p + Rational(3, 16) * (x + q) + Rational(1, 16) * y
+          for x, y in ((a, t), (b, r))]  # fmt: skip
+beyond = [x.subs({q: 2 * p - q, t: 2 * a - t, r: 2 * b - r}, simultaneous=True) for x in inside]
+for x, y, end in zip(inside, beyond, (a, b), strict=True):
+    assert expand(x + y - 2 * (3 * p / 4 + end / 4)) == 0
