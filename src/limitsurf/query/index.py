@@ -24,7 +24,7 @@ _RINGS = 4  # of cells around special corners; those beyond are made when they a
 _WIDTH = 4  # children of a box
 _MARGIN = 2.0**-49  # by which boxes are larger, of the largest coordinate: rounding of coefficients
 
-_known: WeakKeyDictionary[LimitSurface, SurfaceIndex] = WeakKeyDictionary()
+_known: WeakKeyDictionary[LimitSurface, Cells] = WeakKeyDictionary()
 _orders: WeakKeyDictionary[Topology, Array] = WeakKeyDictionary()
 
 
@@ -70,16 +70,44 @@ class SurfaceIndex:
     """
 
     def __init__(self, surface: LimitSurface, *, workers: int = 1) -> None:
-        checked_surface(surface)
-        self._workers = workers
         self.surface = surface
-        topology = surface.topology
+        self.cells = Cells.of(surface, workers)
+
+    def __reduce__(self) -> Any:
+        return SurfaceIndex, (self.surface,)
+
+    def __repr__(self) -> str:
+        cells, rest = len(self.cells.points), len(self.cells.beyond)
+        return f"SurfaceIndex({cells} cells, {rest} special corners)"
+
+
+class Cells:
+    """The cells of a surface and their boxes; the surface itself is not kept.
+
+    Attributes
+    ----------
+    lattice : Lattice
+    form : Form
+    power : int
+        Points of the cage are multiplied by 2 to this power, so that the largest coordinate is
+        about 1: the unit of all that follows, and of searches.
+    face : (C + R,) int64
+        Limit faces of C cells, then of R special corners.
+    origin, size : (C + R, 2)
+        As in `BezierPatches` and `BezierRest`.
+    points : (C, n, 3)
+    beyond : Beyond
+    lower, upper : (C + R, 3)
+    order : (C + R,) int
+        Leaves of the hierarchy.
+    """
+
+    def __init__(self, surface: LimitSurface, workers: int) -> None:
+        topology, points = surface.topology, surface.points
         self.lattice = topology.lattice
-        points = surface.points
         largest = np.abs(points).max(initial=0)
         if not np.isfinite(largest):
             raise ValueError("the points of the cage must be finite")
-        #: points are multiplied by a power of two so that the largest coordinate is about 1
         self.power = -int(np.frexp(largest)[1]) if largest else 0
         faces = np.arange(len(surface.limit_faces))
         depth = _RINGS - (surface.limit_faces.corner >= 0)
@@ -90,7 +118,6 @@ class SurfaceIndex:
 
         cells = cut(topology.patches, scheme, scaled, faces, depth, False, divided)
         self.form = Form.of(self.lattice, cells.degree)
-        #: limit faces of cells, then of special corners
         self.face = np.concatenate([cells.face, cells.rest.face])
         self.origin = np.concatenate([cells.origin, cells.rest.origin])
         self.size = np.concatenate([cells.size, cells.rest.size])
@@ -103,22 +130,15 @@ class SurfaceIndex:
         if topology not in _orders:
             with np.errstate(invalid="ignore"):
                 _orders[topology] = _morton(self.lower, self.upper)
-        #: leaves of the hierarchy: cells, and special corners behind them
         self.order = _orders[topology]
-        _known[surface] = self
 
     @classmethod
-    def of(cls, surface: LimitSurface, workers: int = 1) -> SurfaceIndex:
-        """The index of a surface, made when first asked for."""
+    def of(cls, surface: LimitSurface, workers: int = 1) -> Cells:
+        """Those of a surface, made when first asked for."""
         found = _known.get(checked_surface(surface))
-        return cls(surface, workers=workers) if found is None else found
-
-    def __reduce__(self) -> Any:
-        return SurfaceIndex, (self.surface,)
-
-    def __repr__(self) -> str:
-        rest = len(self.beyond)
-        return f"SurfaceIndex({len(self.points)} cells, {rest} special corners)"
+        if found is None:
+            found = _known[surface] = cls(surface, workers)
+        return found
 
     @cached_property
     def levels(self) -> list[tuple[Array, Array]]:

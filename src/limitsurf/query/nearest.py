@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.query.index import SurfaceIndex
+from limitsurf.query.index import Cells
 from limitsurf.query.polynomials import Form, line_values, lines, products
 
 Array = NDArray[Any]
@@ -27,6 +27,7 @@ SAME = 2.0**-49
 # parts of the surface that are places: a foot there is known to this
 POINT = 2.0**-46
 _BATCH = 1 << 13  # pairs that are in memory at once
+_AHEAD = 8  # rings that are made at once, at most
 _STEPS = 24  # of Newton's method, at most
 _DEEPEST = 160  # rings, where nothing bounds what remains
 
@@ -99,7 +100,7 @@ class Search:
     With `every` all feet within these distances are sought, not the nearest ones.
     """
 
-    def __init__(self, index: SurfaceIndex, points: Array, within: Array, every: bool) -> None:
+    def __init__(self, index: Cells, points: Array, within: Array, every: bool) -> None:
         self._index, self._points, self._every = index, points, every
         self._form = index.form
         self._lattice = index.lattice
@@ -190,7 +191,7 @@ class Search:
 
     def _corners(self, query: Array, which: Array, ring: Array) -> None:
         """What remains at special corners: a ring of cells more, or the corner itself."""
-        if len(query) > _BATCH:
+        if len(query) > _BATCH // 16:
             half = len(query) // 2
             self._stack.append((query[half:], which[half:], ring[half:]))
             self._stack.append((query[:half], which[:half], ring[:half]))
@@ -220,7 +221,12 @@ class Search:
         query, which, ring, base, leaf = (x[~done] for x in (query, which, ring, base, leaf))
         if not len(query):
             return
-        self._stack.append((query, which, ring + 1))
+        # more and more rings at a time
+        more = np.minimum(ring + 1, _AHEAD)
+        self._stack.append((query, which, ring + more))
+        step = np.arange(int(more.sum())) - np.repeat(np.cumsum(more) - more, more)
+        query, which, base, leaf = (np.repeat(x, more, axis=0) for x in (query, which, base, leaf))
+        ring = np.repeat(ring, more) + step
         found = beyond.cells(which, ring)
         pieces = found.points.shape[1]
         frame = np.zeros((len(query), pieces, 3, 2))
@@ -478,4 +484,4 @@ def in_plane(gap: Array, a: Array, b: Array) -> Array:
         a = np.nan_to_num(a)
         b = b - (a * b).sum(axis=1, keepdims=True) * a
         b = np.nan_to_num(b / np.sqrt((b**2).sum(axis=1, keepdims=True)))
-    return np.hypot((gap * a).sum(axis=1), (gap * b).sum(axis=1))
+    return np.asarray(np.hypot((gap * a).sum(axis=1), (gap * b).sum(axis=1)))

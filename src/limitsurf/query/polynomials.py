@@ -212,10 +212,9 @@ def _halvings(lattice: Lattice) -> tuple[Array, Array]:
             frames[axis, 1, 0, axis] = 0.5
         return frames, np.array([[0, 1], [0, 3]])
     corners = np.array(lattice.corners, dtype=float)
-    frames, across = [], []
+    found = []
     for k in range(3):
         a, b, c = corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]
         middle = (a + b) / 2
-        frames.append([[c, a - c, middle - c], [c, middle - c, b - c]])
-        across.append([k, (k + 1) % 3])
-    return np.array(frames), np.array(across)
+        found.append([[c, a - c, middle - c], [c, middle - c, b - c]])
+    return np.array(found), np.array([[0, 1], [1, 2], [2, 0]])
