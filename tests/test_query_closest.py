@@ -346,8 +346,6 @@ def test_bad_input():
     assert nothing.face == -1
     assert nothing.distance == np.inf
     assert np.isnan(nothing.normal).all()
-    empty = ls.LimitSurface(ls.Mesh(np.zeros((1, 3)), np.zeros((0, 4), dtype=int)))
-    assert ls.closest_point(empty, [[0.0, 0, 0]]).distance.tolist() == [np.inf]
 
 
 def test_signs_need_a_closed_surface():

@@ -33,7 +33,8 @@ class Shared:
 
     def some(self, which: Array) -> Shared:
         """Some of them."""
-        return Shared(**{name: x[which] for name, x in vars(self).items()})
+        parts = (self.owner, self.face, self.u, self.v, self.corner)
+        return Shared(*(x[which] for x in parts))
 
 
 def refuse_open(surface: LimitSurface) -> None:
@@ -153,7 +154,8 @@ def _placed(surface: LimitSurface, owner: Array, half: Array, x: Array, corner: 
     part_face = first + np.where(late, (k + 1) % mesh.sizes[cage], k)
     face = np.where(whole, first, part_face)
     known = surface.patches.codes[face] != NO_LIMIT
-    return Shared(owner[known], face[known], *place[known].T, corner[known])
+    u, v = place[known].T
+    return Shared(owner[known], face[known], u, v, corner[known])
 
 
 def spokes(surface: LimitSurface, around: Shared) -> Array:
