@@ -9,7 +9,7 @@ relative to one of their own points: what is far away does not swamp what differ
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +94,41 @@ class _Pairs:
         )
 
 
+@dataclass(slots=True)
+class _Rests:
+    """Queries and what remains at special corners from a ring on, (R,)."""
+
+    query: Array
+    which: Array
+    ring: Array
+
+    def __len__(self) -> int:
+        return len(self.query)
+
+    def __getitem__(self, which: Any) -> _Rests:
+        return _Rests(*(getattr(self, x)[which] for x in self.__slots__))
+
+
+P = TypeVar("P", "_Pairs", "_Rests")
+
+
+def _taken(stack: list[P], most: int) -> P:
+    """So many of what is pending, the last first, taken from there."""
+    parts, count = [stack.pop()], 0
+    count = len(parts[0])
+    while stack and count < most:
+        parts.append(stack.pop())
+        count += len(parts[-1])
+    kind = type(parts[0])
+    if len(parts) > 1:
+        names = [field.name for field in fields(kind)]
+        parts = [kind(*(np.concatenate([getattr(p, x) for p in parts]) for x in names))]
+    if count > most:
+        stack.append(parts[0][most:])
+        return parts[0][:most]
+    return parts[0]
+
+
 class Search:
     """A search for what is nearest to points (Q, 3), at most `within` (Q,) away.
 
@@ -106,7 +141,8 @@ class Search:
         self._lattice = index.lattice
         self.best = within.copy()
         self._found: list[Feet] = []
-        self._stack: list[Any] = []
+        # what is yet to be looked at: cells, what is beyond them at corners, sides of cells
+        self._pending: tuple[list[_Pairs], list[_Rests], list[_Pairs]] = ([], [], [])
 
     def run(self) -> Feet:
         """All places that may be the nearest ones, or are as near up to rounding."""
@@ -118,15 +154,16 @@ class Search:
         self._push_cells(query[~corner], leaf[~corner])
         if corner.any():
             which = leaf[corner] - len(index.points)
-            self._stack.append((query[corner], which, np.zeros(len(which), dtype=np.int64)))
-        while self._stack:
-            job = self._stack.pop()
-            if isinstance(job, tuple):
-                self._corners(*job)
-            elif job.frame.shape[1] == 3:
-                self._cells(job)
+            rests = _Rests(query[corner], which, np.zeros(len(which), dtype=np.int64))
+            self._pending[1].append(rests)
+        cells, corners, sides = self._pending
+        while cells or corners or sides:
+            if cells:
+                self._cells(_taken(cells, _BATCH))
+            elif corners:
+                self._corners(_taken(corners, _BATCH // 16))
             else:
-                self._curves(job)
+                self._curves(_taken(sides, _BATCH))
         return Feet.joined(self._found)
 
     def _reach(self, best: Array) -> Array:
@@ -170,11 +207,11 @@ class Search:
             frame[:, 0] = index.origin[c]
             frame[:, 1, 0], frame[:, 2, 1] = index.size[c].T
             base = first[:, 0] - self._points[q]
-            self._stack.append(_Pairs(q, index.face[c], base, points - first, frame))
+            self._push(_Pairs(q, index.face[c], base, points - first, frame))
 
     def _push(self, pairs: _Pairs) -> None:
-        for start in range(0, len(pairs), _BATCH):
-            self._stack.append(pairs[start : start + _BATCH])
+        if len(pairs):
+            self._pending[0 if pairs.frame.shape[1] == 3 else 2].append(pairs)
 
     def _add(self, pairs: _Pairs, which: Array, places: Array, gap: Array, off: Array) -> None:
         """Places (n, 2) of pairs as feet; `gap` (n, 3) is from the query to them."""
@@ -189,13 +226,9 @@ class Search:
 
     # ------------------------------------------------------------------ special corners
 
-    def _corners(self, query: Array, which: Array, ring: Array) -> None:
-        """What remains at special corners: a ring of cells more, or the corner itself."""
-        if len(query) > _BATCH // 16:
-            half = len(query) // 2
-            self._stack.append((query[half:], which[half:], ring[half:]))
-            self._stack.append((query[:half], which[:half], ring[:half]))
-            return
+    def _corners(self, rests: _Rests) -> None:
+        """What remains at special corners: more rings of cells, or the corner itself."""
+        query, which, ring = rests.query, rests.which, rests.ring
         beyond, index = self._index.beyond, self._index
         base = beyond.limits[which] - self._points[query]
         square = (base**2).sum(axis=1)
@@ -223,7 +256,7 @@ class Search:
             return
         # more and more rings at a time
         more = np.minimum(ring + 1, _AHEAD)
-        self._stack.append((query, which, ring + more))
+        self._pending[1].append(_Rests(query, which, ring + more))
         step = np.arange(int(more.sum())) - np.repeat(np.cumsum(more) - more, more)
         query, which, base, leaf = (np.repeat(x, more, axis=0) for x in (query, which, base, leaf))
         ring = np.repeat(ring, more) + step
@@ -277,17 +310,26 @@ class Search:
         least = np.sqrt(np.maximum(base * (1 - 4 * _EPS) + low - lost, 0))
         return np.flatnonzero(least <= self._reach(self.best[pairs.query]))
 
-    def _ends(self, pairs: _Pairs, corners: Array) -> None:
-        """Points at corners may be nearer than what is known."""
-        if self._every:
-            return
+    def _ends(self, pairs: _Pairs, corners: Array) -> _Pairs:
+        """Those of which hulls may be near enough; their corners may be nearer than what is known.
+
+        A hull is as far as its points are along a direction: that of the nearest corner here.
+        """
         gap = pairs.points[:, corners] + pairs.base[:, None]
-        nearest = np.sqrt((gap**2).sum(axis=2).min(axis=1))
-        np.minimum.at(self.best, pairs.query, nearest)
+        square = (gap**2).sum(axis=2)
+        k = square.argmin(axis=1)
+        every = np.arange(len(k))
+        nearest, way = np.sqrt(square[every, k]), gap[every, k]
+        if not self._every:
+            np.minimum.at(self.best, pairs.query, nearest)
+        along = np.matmul(pairs.points, way[:, :, None])[:, :, 0].min(axis=1)
+        along += (pairs.base * way).sum(axis=1)
+        lost = _LOST * nearest * (1 + nearest)
+        return pairs[np.flatnonzero(along - lost <= nearest * self._reach(self.best[pairs.query]))]
 
     def _cells(self, pairs: _Pairs) -> None:
         form = self._form
-        self._ends(pairs, form.corners)
+        pairs = self._ends(pairs, form.corners)
         low, d, lost = self._differences(pairs)
         keep = self._alive(pairs, low, lost)
         pairs, low, d, lost = pairs[keep], low[keep], d[keep], lost[keep]
@@ -417,8 +459,7 @@ class Search:
     def _curves(self, pairs: _Pairs) -> None:
         degree = self._form.degree
         derivatives, halves, _, twice = lines(degree)
-        ends = np.array([0, degree])
-        self._ends(pairs, ends)
+        pairs = self._ends(pairs, np.array([0, degree]))
         low, d, lost = self._differences(pairs)
         keep = self._alive(pairs, low, lost)
         pairs, low, d, lost = pairs[keep], low[keep], d[keep], lost[keep]
@@ -434,15 +475,19 @@ class Search:
         convex = ~done & (bent > lost * (2 * degree) ** 2)
         which = np.flatnonzero(convex)
         if len(which):
-            some, x = pairs[which], np.full(len(which), 0.5)
+            some, x, before = pairs[which], np.full(len(which), 0.5), np.zeros(len(which))
+            stacked = derivatives.transpose(1, 0, 2).reshape(degree + 1, -1)
+            active = np.arange(len(which))
             for _ in range(_STEPS):
-                weights = np.stack([line_values(degree, x) @ m for m in derivatives], axis=1)
-                c = np.matmul(weights, some.points)
-                gap = c[:, 0] + some.base
+                weights = (line_values(degree, x[active]) @ stacked).reshape(len(active), 3, -1)
+                c = np.matmul(weights, some.points[active])
+                gap = c[:, 0] + some.base[active]
                 slope = (gap * c[:, 1]).sum(axis=1)
                 step = -slope / ((c[:, 1] ** 2).sum(axis=1) + (gap * c[:, 2]).sum(axis=1))
-                before, x = x, np.clip(x + np.nan_to_num(step), 0, 1)
-                if (np.abs(x - before) <= 4 * _EPS).all():
+                before[active] = x[active]
+                x[active] = np.clip(x[active] + np.nan_to_num(step), 0, 1)
+                active = active[np.abs(x[active] - before[active]) > 4 * _EPS]
+                if not len(active):
                     break
             settled = np.abs(x - before) <= 1e-9
             self._on_curve(pairs, which[settled], x[settled])

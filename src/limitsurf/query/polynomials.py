@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf._kernels import reference as kernels
 from limitsurf.pieces import bernstein
 
 if TYPE_CHECKING:
@@ -155,9 +156,9 @@ def lines(degree: int) -> tuple[Array, Array, Array, Array]:
 
 def line_values(degree: int, x: Array) -> Array:
     """Bernstein polynomials (Q, n) of curves."""
-    k = np.arange(degree + 1)
-    counts = np.array([comb(degree, i) for i in k])
-    return np.asarray(counts * x[:, None] ** k * (1 - x[:, None]) ** (degree - k))
+    counts = np.array([comb(degree, i) for i in range(degree + 1)], dtype=float)
+    along, back = (kernels.monomials(y, degree) for y in (x, 1 - x))
+    return np.asarray(counts * along * back[:, ::-1])
 
 
 def _exponents(lattice: Lattice, degree: int) -> Array:
