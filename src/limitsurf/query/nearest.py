@@ -171,12 +171,12 @@ class Search:
         return best + SAME * (1 + best)
 
     def _seed(self) -> None:
-        """Distances to some points of the surface, from the nearest of many samples on."""
-        tree, cells, s, t = self._index.samples
+        """Distances to some points of the surface, from the nearest middle of a cell on."""
+        tree, middle = self._index.middles
         if tree is None:
             return
-        _, near = tree.query(self._points)
-        cell, s, t = cells[near], s[near], t[near]
+        _, cell = tree.query(self._points)
+        s, t = (np.full(len(cell), x) for x in middle)
         for _ in range(3):
             w = self._form.values(s, t)
             x = np.matmul(w, self._index.points[cell])
@@ -211,7 +211,8 @@ class Search:
 
     def _push(self, pairs: _Pairs) -> None:
         if len(pairs):
-            self._pending[0 if pairs.frame.shape[1] == 3 else 2].append(pairs)
+            cells, _, sides = self._pending
+            (cells if pairs.frame.shape[1] == 3 else sides).append(pairs)
 
     def _add(self, pairs: _Pairs, which: Array, places: Array, gap: Array, off: Array) -> None:
         """Places (n, 2) of pairs as feet; `gap` (n, 3) is from the query to them."""
