@@ -111,7 +111,8 @@ def closest_point(
     costs more.
 
     A sign is that of the side of the foot: of its normal, of the sum of both normals on an edge, of
-    the normals around a vertex by their angles (Baerentzen and Aanaes 2005).
+    the normals around a vertex by their angles (Baerentzen and Aanaes 2005). All this is derived in
+    ``derivations/closest.py``.
 
     Examples
     --------
