@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf.engine.orders import checked_order
-from limitsurf.engine.protocol import Request
-from limitsurf.query.index import Cells
+from limitsurf.engine.protocol import Request, threads
+from limitsurf.query.index import Cells, checked_surface
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -54,6 +54,8 @@ def bounds(
     *,
     nu: tuple[int, int] = (0, 0),
     tolerance: float | None = None,
+    channel: str | None = None,
+    workers: int = 1,
 ) -> Bounds:
     """Boxes along the axes that hold limit faces, or ranges of u and v on them.
 
@@ -74,6 +76,10 @@ def bounds(
     tolerance : float, optional
         By how much a box may be too large on each side, in the units of the points. By default as
         much as it is after little work: for whole faces the hulls of their cells.
+    channel : str, optional
+        A face-varying channel of three columns, to bound instead of the points.
+    workers : int
+        Threads that make the cells, if there are none yet.
 
     Returns
     -------
@@ -96,7 +102,8 @@ def bounds(
     >>> top.lower.round(4).tolist(), top.upper.round(4).tolist()
     ([0.1952, 0.1952, 0.75], [0.8048, 0.8048, 0.9198])
     """
-    index = Cells.of(surface)
+    surface = checked_surface(surface, channel)
+    index = Cells.of(surface, threads(workers))
     order = checked_order(nu)
     if tolerance is not None and not tolerance > 0:
         raise ValueError(f"tolerance must be above 0, got {tolerance}")

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from limitsurf import numbers
 from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
-from limitsurf.query.index import Cells
+from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.nearest import POINT, SAME, Feet, Search, in_plane
 from limitsurf.query.sides import around_vertex, beside_edge, refuse_open, shared, sides
 from limitsurf.surface import LimitSurface
@@ -68,6 +68,7 @@ def closest_point(
     *,
     signed: bool = False,
     max_distance: float = np.inf,
+    channel: str | None = None,
     workers: int = 1,
 ) -> ClosestPoints:
     """The places of a surface that are nearest to points: of all places on it, to float64.
@@ -82,6 +83,8 @@ def closest_point(
         orientation.
     max_distance : float
         Nothing farther away is sought, which is faster.
+    channel : str, optional
+        A face-varying channel of three columns, to search instead of the points.
     workers : int
         Threads, as for `LimitSurface.evaluate`; answers do not depend on it.
 
@@ -122,6 +125,7 @@ def closest_point(
     >>> found.distance.round(12).tolist(), found.u.round(12).tolist()
     ([2.0, 2.0], [0.25, 1.0])
     """
+    surface = checked_surface(surface, channel)
     cells = Cells.of(surface, threads(workers))
     if signed:
         refuse_open(surface)
@@ -201,7 +205,12 @@ class FeetOfPoints:
 
 
 def feet(
-    surface: LimitSurface, points: ArrayLike, *, within: float, workers: int = 1
+    surface: LimitSurface,
+    points: ArrayLike,
+    *,
+    within: float,
+    channel: str | None = None,
+    workers: int = 1,
 ) -> FeetOfPoints:
     """All places within a distance from which a surface goes away from points on all sides.
 
@@ -215,6 +224,8 @@ def feet(
     points : (n, 3) array_like
     within : float
         Feet farther away are left out.
+    channel : str, optional
+        A face-varying channel of three columns, to search instead of the points.
     workers : int
         Threads, as for `LimitSurface.evaluate`; answers do not depend on it.
 
@@ -240,6 +251,7 @@ def feet(
     >>> found.offsets.tolist(), found.face.tolist()
     ([0, 2], [0, 2])
     """
+    surface = checked_surface(surface, channel)
     cells = Cells.of(surface, threads(workers))
     asked, most = _asked(points), _distance("within", within)
     if asked.ndim != 2:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from limitsurf import numbers
 from limitsurf.caching import cached_property
 from limitsurf.engine.packing import over_chunks
+from limitsurf.engine.protocol import threads
 from limitsurf.engine.topology import Topology
 from limitsurf.pieces.beyond import Beyond
 from limitsurf.pieces.cells import cut
@@ -71,7 +72,7 @@ class SurfaceIndex:
 
     def __init__(self, surface: LimitSurface, *, workers: int = 1) -> None:
         self.surface = surface
-        self.cells = Cells.of(surface, workers)
+        self.cells = Cells.of(surface, threads(workers))
 
     def __reduce__(self) -> Any:
         return SurfaceIndex, (self.surface,)
@@ -181,12 +182,14 @@ class Cells:
         return query, self.order[node]
 
 
-def checked_surface(surface: Any) -> LimitSurface:
-    """A surface that can be searched."""
+def checked_surface(surface: Any, channel: str | None = None) -> LimitSurface:
+    """A surface that can be searched, or that of one of its channels."""
     if not isinstance(surface, LimitSurface):
         raise TypeError(f"need a LimitSurface, got {type(surface).__name__}")
+    surface = surface.of_channel(channel)
     if surface.points.shape[1:] != (3,):
-        raise ValueError(f"need points of shape (n_vertices, 3), got {surface.points.shape}")
+        what = "points of shape (n_vertices, 3)" if channel is None else "values of shape (n, 3)"
+        raise ValueError(f"need {what}, got {surface.points.shape}")
     if numbers.type_of(surface.points).exact:
         raise TypeError("distances need square roots: give float64 points")
     return surface
