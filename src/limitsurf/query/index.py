@@ -186,13 +186,13 @@ def checked_surface(surface: Any, channel: str | None = None) -> LimitSurface:
     """A surface that can be searched, or that of one of its channels."""
     if not isinstance(surface, LimitSurface):
         raise TypeError(f"need a LimitSurface, got {type(surface).__name__}")
-    surface = surface.of_channel(channel)
-    if surface.points.shape[1:] != (3,):
+    found = surface.of_channel(channel)
+    if found.points.shape[1:] != (3,):
         what = "points of shape (n_vertices, 3)" if channel is None else "values of shape (n, 3)"
-        raise ValueError(f"need {what}, got {surface.points.shape}")
-    if numbers.type_of(surface.points).exact:
+        raise ValueError(f"need {what}, got {found.points.shape}")
+    if numbers.type_of(found.points).exact:
         raise TypeError("distances need square roots: give float64 points")
-    return surface
+    return found
 
 
 def _morton(lower: Array, upper: Array) -> Array:

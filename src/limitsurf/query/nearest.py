@@ -29,6 +29,7 @@ POINT = 2.0**-46
 _BATCH = 1 << 13  # pairs that are in memory at once
 _AHEAD = 8  # rings that are made at once, at most
 _STEPS = 24  # of Newton's method, at most
+_CROWD, _TINY = 256, 2.0**-8  # cells of a query, and sizes of these, from which on none is halved
 _DEEPEST = 160  # rings, where nothing bounds what remains
 
 
@@ -436,7 +437,12 @@ class Search:
         self._halve(some[~settled])
 
     def _halve(self, pairs: _Pairs) -> None:
-        """Halves of cells, across their longer side."""
+        """Halves of cells, across their longer side; no more of very many small ones."""
+        if len(pairs) > _CROWD:
+            crowd = np.bincount(pairs.query, minlength=len(self.best))[pairs.query] > _CROWD
+            crowd &= np.abs(pairs.frame[:, 1:]).max(axis=(1, 2)) < _TINY
+            self._settle(pairs[crowd])
+            pairs = pairs[~crowd]
         if not len(pairs):
             return
         form = self._form
@@ -456,6 +462,19 @@ class Search:
             )
         way = span.argmax(axis=1)
         self._push(pairs.halved(form.halves[way], form.frames[way]))
+
+    def _settle(self, pairs: _Pairs) -> None:
+        """Feet of cells of a surface that is a mere curve, on all of which a point has feet."""
+        s, t = (np.full(len(pairs), x) for x in self._form.ends.mean(axis=0))
+        for _ in range(_STEPS if len(pairs) else 0):
+            x = np.matmul(self._form.values(s, t), pairs.points)
+            ds, dt = _newton(x[:, 0] + pairs.base, x)
+            s, t = self._inside(s + ds, t + dt)
+        if len(pairs):
+            x = np.matmul(self._form.values(s, t)[:, :3], pairs.points)
+            gap, st = x[:, 0] + pairs.base, np.stack([s, t], axis=1)
+            uv = pairs.frame[:, 0] + np.matmul(st[:, None], pairs.frame[:, 1:])[:, 0]
+            self._add(pairs, np.arange(len(pairs)), uv, gap, in_plane(gap, x[:, 1], x[:, 2]))
 
     def _curves(self, pairs: _Pairs) -> None:
         degree = self._form.degree
@@ -519,6 +538,9 @@ def _newton(gap: Array, x: Array) -> tuple[Array, Array]:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         det = a * c - b * b
         ds, dt = (b * g2 - c * g1) / det, (b * g1 - a * g2) / det
+        # the shortest step where all along a line are as good
+        flat = det <= 1e-12 * a * c
+        ds, dt = (np.where(flat, -g / (a + c), x) for g, x in ((g1, ds), (g2, dt)))
     bad = ~(np.isfinite(ds) & np.isfinite(dt))
     return np.where(bad, 0, ds), np.where(bad, 0, dt)
 
