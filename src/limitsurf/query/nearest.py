@@ -29,7 +29,9 @@ POINT = 2.0**-46
 _BATCH = 1 << 13  # pairs that are in memory at once
 _AHEAD = 8  # rings that are made at once, at most
 _STEPS = 24  # of Newton's method, at most
-_CROWD, _TINY = 256, 2.0**-8  # cells of a query, and sizes of these, from which on none is halved
+# of so many cells of a query none is halved that is smaller, and where the determinant of second
+# derivatives of D is less, of the product of two of them, or one of these less, of the other
+_CROWD, _TINY, _CURVE, _FLAT = 64, 2.0**-8, 0.05, 1e-3
 _DEEPEST = 160  # rings, where nothing bounds what remains
 
 
@@ -441,6 +443,7 @@ class Search:
         if len(pairs) > _CROWD:
             crowd = np.bincount(pairs.query, minlength=len(self.best))[pairs.query] > _CROWD
             crowd &= np.abs(pairs.frame[:, 1:]).max(axis=(1, 2)) < _TINY
+            crowd[crowd] = self._is_curve(pairs[crowd])
             self._settle(pairs[crowd])
             pairs = pairs[~crowd]
         if not len(pairs):
@@ -462,6 +465,20 @@ class Search:
             )
         way = span.argmax(axis=1)
         self._push(pairs.halved(form.halves[way], form.frames[way]))
+
+    def _is_curve(self, pairs: _Pairs) -> Array:
+        """Whether squared distances in cells change along one direction alone, (n,)."""
+        s, t = (np.full(len(pairs), x) for x in self._form.ends.mean(axis=0))
+        x = np.matmul(self._form.values(s, t), pairs.points)
+        gap, du, dv = x[:, 0] + pairs.base, x[:, 1], x[:, 2]
+        first, mixed, second = (
+            (p * q).sum(axis=1) + (gap * x[:, k]).sum(axis=1)
+            for p, q, k in ((du, du, 3), (du, dv, 4), (dv, dv, 5))
+        )
+        both = np.abs(first * second)
+        small, large = np.sort(np.abs([first, second]), axis=0)
+        along = (np.abs(first * second - mixed**2) <= _CURVE * both) | (small <= _FLAT * large)
+        return np.asarray(along)
 
     def _settle(self, pairs: _Pairs) -> None:
         """Feet of cells of a surface that is a mere curve, on all of which a point has feet."""
