@@ -109,9 +109,10 @@ def closest_point(
     Distances are within 1e-13 of the largest coordinate. Limit faces are cut into Bezier cells
     (`SurfaceIndex`), which are the surface exactly; around special corners their rings go as deep
     as it takes. Cells are halved until the Bernstein coefficients of the squared distance say that
-    they are too far, or have one foot, which Newton's method finds; so nothing nearer is missed,
-    whatever the surface is like. A point that is as far from many places, as the centre of a ball,
-    costs more.
+    they are too far, or have one foot, which Newton's method finds; so nothing nearer is missed.
+    (Where faces are squeezed into a curve, along which there are feet without end, small cells are
+    left to Newton's method alone.) A point that is as far from many places, as the centre of a
+    ball, costs more.
 
     A sign is that of the side of the foot: of its normal, of the sum of both normals on an edge, of
     the normals around a vertex by their angles (Baerentzen and Aanaes 2005). All this is derived in
