@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf.engine.orders import checked_order
-from limitsurf.engine.protocol import Request
-from limitsurf.query.index import SurfaceIndex
+from limitsurf.engine.protocol import Request, threads
+from limitsurf.query.index import Cells, checked_surface
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
 
 _SPLITS = 12  # rings around corners that are partly in a range, where no tolerance is asked for
+_SLACK = 2.0**-48  # of a cell: what is so near to a line counts as on both sides of it
 _MOST = 200  # halvings for a tolerance, at most
 _LOST = 2.0**-49  # what rounding takes, of the largest coordinate
 
@@ -53,6 +54,8 @@ def bounds(
     *,
     nu: tuple[int, int] = (0, 0),
     tolerance: float | None = None,
+    channel: str | None = None,
+    workers: int = 1,
 ) -> Bounds:
     """Boxes along the axes that hold limit faces, or ranges of u and v on them.
 
@@ -73,6 +76,10 @@ def bounds(
     tolerance : float, optional
         By how much a box may be too large on each side, in the units of the points. By default as
         much as it is after little work: for whole faces the hulls of their cells.
+    channel : str, optional
+        A face-varying channel of three columns, to bound instead of the points.
+    workers : int
+        Threads that make the cells, if there are none yet.
 
     Returns
     -------
@@ -95,7 +102,8 @@ def bounds(
     >>> top.lower.round(4).tolist(), top.upper.round(4).tolist()
     ([0.1952, 0.1952, 0.75], [0.8048, 0.8048, 0.9198])
     """
-    index = SurfaceIndex.of(surface)
+    surface = checked_surface(surface, channel)
+    index = Cells.of(surface, threads(workers))
     order = checked_order(nu)
     if tolerance is not None and not tolerance > 0:
         raise ValueError(f"tolerance must be above 0, got {tolerance}")
@@ -108,7 +116,7 @@ def bounds(
     request = Request.of(asked, 0.0, 0.0, False, 1)
     request.check(len(surface.limit_faces), surface.topology.lattice)
     work = _Boxes(index, low, high, order, tolerance)
-    work.run(request.face.astype(np.int64))
+    work.run(request.face.astype(np.int64), len(surface.limit_faces))
     return Bounds(work.lower.reshape(*shape, 3), work.upper.reshape(*shape, 3))
 
 
@@ -130,7 +138,7 @@ class _Boxes:
     """Boxes (B, 3) of ranges `low` to `high` (B, 2), halved until they are tight."""
 
     def __init__(
-        self, index: SurfaceIndex, low: Array, high: Array, order: tuple[int, int],
+        self, index: Cells, low: Array, high: Array, order: tuple[int, int],
         tolerance: float | None,
     ) -> None:  # fmt: skip
         self._index, self._low, self._high, self._order = index, low, high, order
@@ -142,11 +150,11 @@ class _Boxes:
         self._inner = self.lower.copy(), self.upper.copy()  # of points that are on the surface
         self._lost = np.full(len(low), _LOST)  # what rounding may have taken
 
-    def run(self, face: Array) -> None:
-        """Find the boxes of ranges on limit faces (B,)."""
+    def run(self, face: Array, n_faces: int) -> None:
+        """Find the boxes of ranges on limit faces (B,), of so many that there are."""
         index, n = self._index, len(self._index.points)
         by_face = np.argsort(index.face, kind="stable")
-        counts = np.bincount(index.face, minlength=len(index.surface.limit_faces))
+        counts = np.bincount(index.face, minlength=n_faces)
         start = np.cumsum(counts) - counts
         each = counts[face]
         box = np.repeat(np.arange(len(face)), each)
@@ -189,7 +197,8 @@ class _Boxes:
             return np.zeros(len(box), dtype=bool)
         reach = self._tolerance / 2
         below, above = self._inner
-        return ((lower < below[box] - reach) | (upper > above[box] + reach)).any(axis=1)
+        loose = (lower < below[box] - reach) | (upper > above[box] + reach)
+        return np.asarray(loose.any(axis=1))
 
     def _where(self, box: Array, frame: Array) -> tuple[Array, Array]:
         """Whether cells are within their ranges, and whether they meet these, (n,) each."""
@@ -325,7 +334,7 @@ def _beyond(side: Array, corners: Array) -> tuple[Array, Array]:
 
     `side` (n, 3) is how far their corners are on that side.
     """
-    inside = side >= 0
+    inside = side >= -_SLACK
     count = inside.sum(axis=1)
     whole = np.flatnonzero(count == 3)
     cut = np.flatnonzero((count > 0) & (count < 3))
@@ -333,7 +342,8 @@ def _beyond(side: Array, corners: Array) -> tuple[Array, Array]:
     alone = np.where(count[cut] == 1, inside[cut].argmax(axis=1), inside[cut].argmin(axis=1))
     turn = (alone[:, None] + np.arange(3)) % 3
     f, x = np.take_along_axis(side[cut], turn, 1), corners[cut[:, None], turn]
-    share = (f[:, :1] / (f[:, :1] - f[:, 1:]))[..., None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.clip(np.nan_to_num(f[:, :1] / (f[:, :1] - f[:, 1:])), 0, 1)[..., None]
     p, q = (x[:, :1] + share * (x[:, 1:] - x[:, :1])).swapaxes(0, 1)
     one, two = count[cut] == 1, count[cut] == 2
     pieces = [

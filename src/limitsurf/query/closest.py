@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from limitsurf import numbers
 from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
-from limitsurf.query.index import SurfaceIndex
+from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.nearest import POINT, SAME, Feet, Search, in_plane
 from limitsurf.query.sides import around_vertex, beside_edge, refuse_open, shared, sides
 from limitsurf.surface import LimitSurface
@@ -68,6 +68,7 @@ def closest_point(
     *,
     signed: bool = False,
     max_distance: float = np.inf,
+    channel: str | None = None,
     workers: int = 1,
 ) -> ClosestPoints:
     """The places of a surface that are nearest to points: of all places on it, to float64.
@@ -82,6 +83,8 @@ def closest_point(
         orientation.
     max_distance : float
         Nothing farther away is sought, which is faster.
+    channel : str, optional
+        A face-varying channel of three columns, to search instead of the points.
     workers : int
         Threads, as for `LimitSurface.evaluate`; answers do not depend on it.
 
@@ -106,12 +109,14 @@ def closest_point(
     Distances are within 1e-13 of the largest coordinate. Limit faces are cut into Bezier cells
     (`SurfaceIndex`), which are the surface exactly; around special corners their rings go as deep
     as it takes. Cells are halved until the Bernstein coefficients of the squared distance say that
-    they are too far, or have one foot, which Newton's method finds; so nothing nearer is missed,
-    whatever the surface is like. A point that is as far from many places, as the centre of a ball,
-    costs more.
+    they are too far, or have one foot, which Newton's method finds; so nothing nearer is missed.
+    (Where faces are squeezed into a curve, along which there are feet without end, small cells are
+    left to Newton's method alone.) A point that is as far from many places, as the centre of a
+    ball, costs more.
 
     A sign is that of the side of the foot: of its normal, of the sum of both normals on an edge, of
-    the normals around a vertex by their angles (Baerentzen and Aanaes 2005).
+    the normals around a vertex by their angles (Baerentzen and Aanaes 2005). All this is derived in
+    ``derivations/closest.py``.
 
     Examples
     --------
@@ -121,22 +126,23 @@ def closest_point(
     >>> found.distance.round(12).tolist(), found.u.round(12).tolist()
     ([2.0, 2.0], [0.25, 1.0])
     """
-    index = SurfaceIndex.of(surface, threads(workers))
+    surface = checked_surface(surface, channel)
+    cells = Cells.of(surface, threads(workers))
     if signed:
         refuse_open(surface)
     asked = _asked(points)
     most = _distance("max_distance", max_distance)
     flat = asked.reshape(-1, 3)
-    scaled = _scaled(index, flat)
+    scaled = _scaled(cells, flat)
     shape = asked.shape[:-1]
     face = np.full(len(flat), -1, dtype=np.int64)
     u, v = np.full((2, len(flat)), np.nan)
 
     def work(part: slice) -> None:
         here = part.start + np.flatnonzero(np.isfinite(scaled[part]).all(axis=1))
-        within = np.full(len(here), _ldexp(most, index.power))
-        found = Search(index, scaled[here], within, False).run()
-        chosen = _chosen(index, found, scaled[here])
+        within = np.full(len(here), _ldexp(most, cells.power))
+        found = Search(cells, scaled[here], within, False).run()
+        chosen = _chosen(surface, cells, found, scaled[here])
         at = here[found.query[chosen]]
         face[at], u[at], v[at] = found.face[chosen], found.u[chosen], found.v[chosen]
 
@@ -159,8 +165,9 @@ def closest_point(
         x[beyond] = np.nan
     if signed:
         distance = distance * signs
-    one = [x.reshape(shape)[()] for x in (distance, face, u, v)]
-    return ClosestPoints(point.reshape(*shape, 3), *one, normal.reshape(*shape, 3))
+    distance, face, u, v = (x.reshape(shape)[()] for x in (distance, face, u, v))
+    point, normal = (x.reshape(*shape, 3) for x in (point, normal))
+    return ClosestPoints(point, distance, face, u, v, normal)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -199,7 +206,12 @@ class FeetOfPoints:
 
 
 def feet(
-    surface: LimitSurface, points: ArrayLike, *, within: float, workers: int = 1
+    surface: LimitSurface,
+    points: ArrayLike,
+    *,
+    within: float,
+    channel: str | None = None,
+    workers: int = 1,
 ) -> FeetOfPoints:
     """All places within a distance from which a surface goes away from points on all sides.
 
@@ -213,6 +225,8 @@ def feet(
     points : (n, 3) array_like
     within : float
         Feet farther away are left out.
+    channel : str, optional
+        A face-varying channel of three columns, to search instead of the points.
     workers : int
         Threads, as for `LimitSurface.evaluate`; answers do not depend on it.
 
@@ -238,17 +252,18 @@ def feet(
     >>> found.offsets.tolist(), found.face.tolist()
     ([0, 2], [0, 2])
     """
-    index = SurfaceIndex.of(surface, threads(workers))
+    surface = checked_surface(surface, channel)
+    cells = Cells.of(surface, threads(workers))
     asked, most = _asked(points), _distance("within", within)
     if asked.ndim != 2:
         raise ValueError(f"points must be of shape (n, 3), got {asked.shape}")
-    scaled = _scaled(index, asked)
+    scaled = _scaled(cells, asked)
 
     def work(part: slice) -> Feet:
         here = part.start + np.flatnonzero(np.isfinite(scaled[part]).all(axis=1))
-        reach = np.full(len(here), _ldexp(most, index.power))
-        found = Search(index, scaled[here], reach, True).run()
-        found = _local(index, found, scaled[here])
+        reach = np.full(len(here), _ldexp(most, cells.power))
+        found = Search(cells, scaled[here], reach, True).run()
+        found = _local(surface, cells, found, scaled[here])
         found.query = here[found.query]
         return found
 
@@ -266,22 +281,23 @@ def feet(
     return FeetOfPoints(offsets, point[order], distance[order], face, u, v, normal)
 
 
-def _local(index: SurfaceIndex, feet: Feet, points: Array) -> Feet:
+def _local(surface: LimitSurface, cells: Cells, feet: Feet, points: Array) -> Feet:
     """Those feet from which the surface goes away on all sides, each once."""
-    surface = index.surface
     most = _STAYS * (1 + feet.distance)
-    stays = _off(index, feet, points) <= most
-    _snap(index, feet, stays)
+    stays = _off(surface, cells, feet, points) <= most
+    _snap(surface, cells, feet, stays)
     around = shared(surface, feet.face, feet.u, feet.v)
     if len(around.owner):
         # on sides: if it does so in all limit faces there
         goes = np.ones(len(feet.query), dtype=bool)
         edge, vertex = np.flatnonzero(~around.corner), np.flatnonzero(around.corner)
         query = points[feet.query[around.owner]]
-        falls = beside_edge(index, around.some(edge), query[edge]) > most[around.owner[edge]]
+        falls = (
+            beside_edge(surface, cells, around.some(edge), query[edge]) > most[around.owner[edge]]
+        )
         goes[around.owner[edge][falls]] = False
         low, high = np.zeros((2, len(feet.query)))
-        slopes = around_vertex(index, around.some(vertex), query[vertex])
+        slopes = around_vertex(surface, cells, around.some(vertex), query[vertex])
         np.minimum.at(low, around.owner[vertex], slopes.min(axis=1, initial=0))
         np.maximum.at(high, around.owner[vertex], slopes.max(axis=1, initial=0))
         at = np.unique(around.owner[vertex])
@@ -297,17 +313,17 @@ def _local(index: SurfaceIndex, feet: Feet, points: Array) -> Feet:
     return feet[_once(feet)]
 
 
-def _snap(index: SurfaceIndex, feet: Feet, level: Array) -> None:
+def _snap(surface: LimitSurface, cells: Cells, feet: Feet, level: Array) -> None:
     """Put feet that are vertices, but for rounding, on these; more so where a surface is level."""
-    ends = index.form.ends
+    ends = cells.form.ends
     place = np.stack([feet.u, feet.v], axis=1)
     gap = np.abs(place[:, None] - ends).max(axis=2)
     near = np.flatnonzero(gap.min(axis=1, initial=np.inf) <= _ALIKE)
     end = ends[gap[near].argmin(axis=1)]
-    face, surface = feet.face[near], index.surface
+    face = feet.face[near]
     both = surface.evaluate(face, *place[near].T) - surface.evaluate(face, *end.T)
     reach = np.where(level[near], 16 * _STAYS, POINT)
-    same = np.abs(np.ldexp(both, index.power)).max(axis=1, initial=0) <= reach
+    same = np.abs(np.ldexp(both, cells.power)).max(axis=1, initial=0) <= reach
     feet.u[near[same]], feet.v[near[same]] = end[same].T
 
 
@@ -327,7 +343,7 @@ def _once(feet: Feet) -> Array:
     return np.asarray(order[~again])
 
 
-def _chosen(index: SurfaceIndex, feet: Feet, points: Array) -> Array:
+def _chosen(surface: LimitSurface, cells: Cells, feet: Feet, points: Array) -> Array:
     """Which feet are the answers, one for each query that has any."""
     nearest = np.full(len(points), np.inf)
     np.minimum.at(nearest, feet.query, feet.distance)
@@ -335,7 +351,7 @@ def _chosen(index: SurfaceIndex, feet: Feet, points: Array) -> Array:
     tied = np.flatnonzero(feet.distance <= near + SAME * (1 + near))
     several = np.bincount(feet.query[tied], minlength=len(points))[feet.query[tied]] > 1
     off = np.zeros(len(tied))
-    off[several] = _off(index, feet[tied[several]], points)
+    off[several] = _off(surface, cells, feet[tied[several]], points)
     # what would be nearer still beyond its side is not a foot, if there is one
     moves = off > _STAYS * (1 + near[tied])
     u, v = feet.u[tied], feet.v[tied]
@@ -344,14 +360,14 @@ def _chosen(index: SurfaceIndex, feet: Feet, points: Array) -> Array:
     return np.asarray(tied[order[first]])
 
 
-def _off(index: SurfaceIndex, feet: Feet, points: Array) -> Array:
+def _off(surface: LimitSurface, cells: Cells, feet: Feet, points: Array) -> Array:
     """By how much feet would move if they could leave their limit face, (n,)."""
     off = feet.off.copy()
     unknown = np.flatnonzero(np.isnan(off))
     if len(unknown):
         places = feet.face[unknown], feet.u[unknown], feet.v[unknown]
-        jet = index.surface.jet(*places, order=1)
-        x, a, b = (np.nan_to_num(np.ldexp(jet[nu], index.power)) for nu in ((0, 0), (1, 0), (0, 1)))
+        jet = surface.jet(*places, order=1)
+        x, a, b = (np.nan_to_num(np.ldexp(jet[nu], cells.power)) for nu in ((0, 0), (1, 0), (0, 1)))
         off[unknown] = in_plane(x - points[feet.query[unknown]], a, b)
     return off
 
@@ -375,13 +391,13 @@ def _distance(name: str, value: Any) -> float:
     return float(value)
 
 
-def _scaled(index: SurfaceIndex, points: Array) -> Array:
+def _scaled(cells: Cells, points: Array) -> Array:
     """Points (n, 3) in the unit of an index; what is far away beyond measure is drawn nearer."""
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         size = np.abs(points).max(axis=1, initial=0, keepdims=True)
-        power = np.frexp(size)[1] + index.power
+        power = np.frexp(size)[1] + cells.power
         near = np.minimum(power, _FAR)
-        found = np.ldexp(points, index.power - (power - near))
+        found = np.ldexp(points, cells.power - (power - near))
     found[~np.isfinite(points).all(axis=1)] = np.nan
     return np.asarray(found)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from limitsurf import numbers
 from limitsurf.caching import cached_property
 from limitsurf.engine.packing import over_chunks
+from limitsurf.engine.protocol import threads
 from limitsurf.engine.topology import Topology
 from limitsurf.pieces.beyond import Beyond
 from limitsurf.pieces.cells import cut
@@ -24,7 +25,7 @@ _RINGS = 4  # of cells around special corners; those beyond are made when they a
 _WIDTH = 4  # children of a box
 _MARGIN = 2.0**-49  # by which boxes are larger, of the largest coordinate: rounding of coefficients
 
-_known: WeakKeyDictionary[LimitSurface, SurfaceIndex] = WeakKeyDictionary()
+_known: WeakKeyDictionary[LimitSurface, Cells] = WeakKeyDictionary()
 _orders: WeakKeyDictionary[Topology, Array] = WeakKeyDictionary()
 
 
@@ -59,7 +60,7 @@ class SurfaceIndex:
 
     Notes
     -----
-    A regular face takes about 0.7 kB where faces are quads; a special corner 5 kB to each face.
+    A regular face takes about 0.6 kB where faces are quads; a special corner 6 kB for each face.
 
     Examples
     --------
@@ -70,16 +71,44 @@ class SurfaceIndex:
     """
 
     def __init__(self, surface: LimitSurface, *, workers: int = 1) -> None:
-        checked_surface(surface)
-        self._workers = workers
         self.surface = surface
-        topology = surface.topology
+        self.cells = Cells.of(surface, threads(workers))
+
+    def __reduce__(self) -> Any:
+        return SurfaceIndex, (self.surface,)
+
+    def __repr__(self) -> str:
+        cells, rest = len(self.cells.points), len(self.cells.beyond)
+        return f"SurfaceIndex({cells} cells, {rest} special corners)"
+
+
+class Cells:
+    """The cells of a surface and their boxes; the surface itself is not kept.
+
+    Attributes
+    ----------
+    lattice : Lattice
+    form : Form
+    power : int
+        Points of the cage are multiplied by 2 to this power, so that the largest coordinate is
+        about 1: the unit of all that follows, and of searches.
+    face : (C + R,) int64
+        Limit faces of C cells, then of R special corners.
+    origin, size : (C + R, 2)
+        As in `BezierPatches` and `BezierRest`.
+    points : (C, n, 3)
+    beyond : Beyond
+    lower, upper : (C + R, 3)
+    order : (C + R,) int
+        Leaves of the hierarchy.
+    """
+
+    def __init__(self, surface: LimitSurface, workers: int) -> None:
+        topology, points = surface.topology, surface.points
         self.lattice = topology.lattice
-        points = surface.points
         largest = np.abs(points).max(initial=0)
         if not np.isfinite(largest):
             raise ValueError("the points of the cage must be finite")
-        #: points are multiplied by a power of two so that the largest coordinate is about 1
         self.power = -int(np.frexp(largest)[1]) if largest else 0
         faces = np.arange(len(surface.limit_faces))
         depth = _RINGS - (surface.limit_faces.corner >= 0)
@@ -90,7 +119,6 @@ class SurfaceIndex:
 
         cells = cut(topology.patches, scheme, scaled, faces, depth, False, divided)
         self.form = Form.of(self.lattice, cells.degree)
-        #: limit faces of cells, then of special corners
         self.face = np.concatenate([cells.face, cells.rest.face])
         self.origin = np.concatenate([cells.origin, cells.rest.origin])
         self.size = np.concatenate([cells.size, cells.rest.size])
@@ -103,22 +131,15 @@ class SurfaceIndex:
         if topology not in _orders:
             with np.errstate(invalid="ignore"):
                 _orders[topology] = _morton(self.lower, self.upper)
-        #: leaves of the hierarchy: cells, and special corners behind them
         self.order = _orders[topology]
-        _known[surface] = self
 
     @classmethod
-    def of(cls, surface: LimitSurface, workers: int = 1) -> SurfaceIndex:
-        """The index of a surface, made when first asked for."""
+    def of(cls, surface: LimitSurface, workers: int = 1) -> Cells:
+        """Those of a surface, made when first asked for."""
         found = _known.get(checked_surface(surface))
-        return cls(surface, workers=workers) if found is None else found
-
-    def __reduce__(self) -> Any:
-        return SurfaceIndex, (self.surface,)
-
-    def __repr__(self) -> str:
-        rest = len(self.beyond)
-        return f"SurfaceIndex({len(self.points)} cells, {rest} special corners)"
+        if found is None:
+            found = _known[surface] = cls(surface, workers)
+        return found
 
     @cached_property
     def levels(self) -> list[tuple[Array, Array]]:
@@ -132,26 +153,15 @@ class SurfaceIndex:
         return found[::-1]
 
     @cached_property
-    def samples(self) -> tuple[Any, Array, Array, Array]:
-        """A tree of points on the surface, and where each is: cell (n,), s and t (n,)."""
+    def middles(self) -> tuple[Any, Array]:
+        """A tree of the surface at the middles of all cells, and where in a cell that is, (2,)."""
         from scipy.spatial import cKDTree
 
-        s, t = self._seeds
-        basis = self.form.values(s, t, 0)[:, 0]
-        points = np.matmul(basis, self.points).reshape(-1, 3)
-        cell = np.repeat(np.arange(len(self.points)), len(s))
-        count = len(self.points)
+        middle = self.form.ends.mean(axis=0)
+        basis = self.form.values(middle[:1], middle[1:], 0)[0]
+        points = np.matmul(basis, self.points)[:, 0]
         tree = cKDTree(points, balanced_tree=False, compact_nodes=False) if len(points) else None
-        return tree, cell, np.tile(s, count), np.tile(t, count)
-
-    @property
-    def _seeds(self) -> tuple[Array, Array]:
-        """Places in a cell where it is sampled: the middles of its quarters."""
-        if self.lattice.sloped:
-            middle = np.array([[1, 1], [4, 1], [1, 4], [2, 2]]) / 6
-        else:
-            middle = np.array([[1, 1], [3, 1], [1, 3], [3, 3]]) / 4
-        return middle[:, 0], middle[:, 1]
+        return tree, middle
 
     def near(self, points: Array, within: Array) -> tuple[Array, Array]:
         """Pairs of points (Q, 3) and leaves whose boxes are within distances (Q,): two (P,)."""
@@ -172,15 +182,17 @@ class SurfaceIndex:
         return query, self.order[node]
 
 
-def checked_surface(surface: Any) -> LimitSurface:
-    """A surface that can be searched."""
+def checked_surface(surface: Any, channel: str | None = None) -> LimitSurface:
+    """A surface that can be searched, or that of one of its channels."""
     if not isinstance(surface, LimitSurface):
         raise TypeError(f"need a LimitSurface, got {type(surface).__name__}")
-    if surface.points.shape[1:] != (3,):
-        raise ValueError(f"need points of shape (n_vertices, 3), got {surface.points.shape}")
-    if numbers.type_of(surface.points).exact:
+    found = surface.of_channel(channel)
+    if found.points.shape[1:] != (3,):
+        what = "points of shape (n_vertices, 3)" if channel is None else "values of shape (n, 3)"
+        raise ValueError(f"need {what}, got {found.points.shape}")
+    if numbers.type_of(found.points).exact:
         raise TypeError("distances need square roots: give float64 points")
-    return surface
+    return found
 
 
 def _morton(lower: Array, upper: Array) -> Array:

@@ -9,12 +9,12 @@ relative to one of their own points: what is far away does not swamp what differ
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.query.index import SurfaceIndex
+from limitsurf.query.index import Cells
 from limitsurf.query.polynomials import Form, line_values, lines, products
 
 Array = NDArray[Any]
@@ -27,7 +27,11 @@ SAME = 2.0**-49
 # parts of the surface that are places: a foot there is known to this
 POINT = 2.0**-46
 _BATCH = 1 << 13  # pairs that are in memory at once
+_AHEAD = 8  # rings that are made at once, at most
 _STEPS = 24  # of Newton's method, at most
+# of so many cells of a query none is halved that is smaller, and where the determinant of second
+# derivatives of D is less, of the product of two of them, or one of these less, of the other
+_CROWD, _TINY, _CURVE, _FLAT = 64, 2.0**-8, 0.05, 1e-3
 _DEEPEST = 160  # rings, where nothing bounds what remains
 
 
@@ -93,19 +97,55 @@ class _Pairs:
         )
 
 
+@dataclass(slots=True)
+class _Rests:
+    """Queries and what remains at special corners from a ring on, (R,)."""
+
+    query: Array
+    which: Array
+    ring: Array
+
+    def __len__(self) -> int:
+        return len(self.query)
+
+    def __getitem__(self, which: Any) -> _Rests:
+        return _Rests(*(getattr(self, x)[which] for x in self.__slots__))
+
+
+P = TypeVar("P", "_Pairs", "_Rests")
+
+
+def _taken(stack: list[P], most: int) -> P:
+    """So many of what is pending, the last first, taken from there."""
+    parts, count = [stack.pop()], 0
+    count = len(parts[0])
+    while stack and count < most:
+        parts.append(stack.pop())
+        count += len(parts[-1])
+    kind = type(parts[0])
+    if len(parts) > 1:
+        names = [field.name for field in fields(kind)]
+        parts = [kind(*(np.concatenate([getattr(p, x) for p in parts]) for x in names))]
+    if count > most:
+        stack.append(parts[0][most:])
+        return parts[0][:most]
+    return parts[0]
+
+
 class Search:
     """A search for what is nearest to points (Q, 3), at most `within` (Q,) away.
 
     With `every` all feet within these distances are sought, not the nearest ones.
     """
 
-    def __init__(self, index: SurfaceIndex, points: Array, within: Array, every: bool) -> None:
+    def __init__(self, index: Cells, points: Array, within: Array, every: bool) -> None:
         self._index, self._points, self._every = index, points, every
         self._form = index.form
         self._lattice = index.lattice
         self.best = within.copy()
         self._found: list[Feet] = []
-        self._stack: list[Any] = []
+        # what is yet to be looked at: cells, what is beyond them at corners, sides of cells
+        self._pending: tuple[list[_Pairs], list[_Rests], list[_Pairs]] = ([], [], [])
 
     def run(self) -> Feet:
         """All places that may be the nearest ones, or are as near up to rounding."""
@@ -117,15 +157,16 @@ class Search:
         self._push_cells(query[~corner], leaf[~corner])
         if corner.any():
             which = leaf[corner] - len(index.points)
-            self._stack.append((query[corner], which, np.zeros(len(which), dtype=np.int64)))
-        while self._stack:
-            job = self._stack.pop()
-            if isinstance(job, tuple):
-                self._corners(*job)
-            elif job.frame.shape[1] == 3:
-                self._cells(job)
+            rests = _Rests(query[corner], which, np.zeros(len(which), dtype=np.int64))
+            self._pending[1].append(rests)
+        cells, corners, sides = self._pending
+        while cells or corners or sides:
+            if cells:
+                self._cells(_taken(cells, _BATCH))
+            elif corners:
+                self._corners(_taken(corners, _BATCH // 16))
             else:
-                self._curves(job)
+                self._curves(_taken(sides, _BATCH))
         return Feet.joined(self._found)
 
     def _reach(self, best: Array) -> Array:
@@ -133,12 +174,12 @@ class Search:
         return best + SAME * (1 + best)
 
     def _seed(self) -> None:
-        """Distances to some points of the surface, from the nearest of many samples on."""
-        tree, cells, s, t = self._index.samples
+        """Distances to some points of the surface, from the nearest middle of a cell on."""
+        tree, middle = self._index.middles
         if tree is None:
             return
-        _, near = tree.query(self._points)
-        cell, s, t = cells[near], s[near], t[near]
+        _, cell = tree.query(self._points)
+        s, t = (np.full(len(cell), x) for x in middle)
         for _ in range(3):
             w = self._form.values(s, t)
             x = np.matmul(w, self._index.points[cell])
@@ -169,11 +210,12 @@ class Search:
             frame[:, 0] = index.origin[c]
             frame[:, 1, 0], frame[:, 2, 1] = index.size[c].T
             base = first[:, 0] - self._points[q]
-            self._stack.append(_Pairs(q, index.face[c], base, points - first, frame))
+            self._push(_Pairs(q, index.face[c], base, points - first, frame))
 
     def _push(self, pairs: _Pairs) -> None:
-        for start in range(0, len(pairs), _BATCH):
-            self._stack.append(pairs[start : start + _BATCH])
+        if len(pairs):
+            cells, _, sides = self._pending
+            (cells if pairs.frame.shape[1] == 3 else sides).append(pairs)
 
     def _add(self, pairs: _Pairs, which: Array, places: Array, gap: Array, off: Array) -> None:
         """Places (n, 2) of pairs as feet; `gap` (n, 3) is from the query to them."""
@@ -188,13 +230,9 @@ class Search:
 
     # ------------------------------------------------------------------ special corners
 
-    def _corners(self, query: Array, which: Array, ring: Array) -> None:
-        """What remains at special corners: a ring of cells more, or the corner itself."""
-        if len(query) > _BATCH:
-            half = len(query) // 2
-            self._stack.append((query[half:], which[half:], ring[half:]))
-            self._stack.append((query[:half], which[:half], ring[:half]))
-            return
+    def _corners(self, rests: _Rests) -> None:
+        """What remains at special corners: more rings of cells, or the corner itself."""
+        query, which, ring = rests.query, rests.which, rests.ring
         beyond, index = self._index.beyond, self._index
         base = beyond.limits[which] - self._points[query]
         square = (base**2).sum(axis=1)
@@ -220,7 +258,12 @@ class Search:
         query, which, ring, base, leaf = (x[~done] for x in (query, which, ring, base, leaf))
         if not len(query):
             return
-        self._stack.append((query, which, ring + 1))
+        # more and more rings at a time
+        more = np.minimum(ring + 1, _AHEAD)
+        self._pending[1].append(_Rests(query, which, ring + more))
+        step = np.arange(int(more.sum())) - np.repeat(np.cumsum(more) - more, more)
+        query, which, base, leaf = (np.repeat(x, more, axis=0) for x in (query, which, base, leaf))
+        ring = np.repeat(ring, more) + step
         found = beyond.cells(which, ring)
         pieces = found.points.shape[1]
         frame = np.zeros((len(query), pieces, 3, 2))
@@ -271,17 +314,26 @@ class Search:
         least = np.sqrt(np.maximum(base * (1 - 4 * _EPS) + low - lost, 0))
         return np.flatnonzero(least <= self._reach(self.best[pairs.query]))
 
-    def _ends(self, pairs: _Pairs, corners: Array) -> None:
-        """Points at corners may be nearer than what is known."""
-        if self._every:
-            return
+    def _ends(self, pairs: _Pairs, corners: Array) -> _Pairs:
+        """Those of which hulls may be near enough; their corners may be nearer than what is known.
+
+        A hull is as far as its points are along a direction: that of the nearest corner here.
+        """
         gap = pairs.points[:, corners] + pairs.base[:, None]
-        nearest = np.sqrt((gap**2).sum(axis=2).min(axis=1))
-        np.minimum.at(self.best, pairs.query, nearest)
+        square = (gap**2).sum(axis=2)
+        k = square.argmin(axis=1)
+        every = np.arange(len(k))
+        nearest, way = np.sqrt(square[every, k]), gap[every, k]
+        if not self._every:
+            np.minimum.at(self.best, pairs.query, nearest)
+        along = np.matmul(pairs.points, way[:, :, None])[:, :, 0].min(axis=1)
+        along += (pairs.base * way).sum(axis=1)
+        lost = _LOST * nearest * (1 + nearest)
+        return pairs[np.flatnonzero(along - lost <= nearest * self._reach(self.best[pairs.query]))]
 
     def _cells(self, pairs: _Pairs) -> None:
         form = self._form
-        self._ends(pairs, form.corners)
+        pairs = self._ends(pairs, form.corners)
         low, d, lost = self._differences(pairs)
         keep = self._alive(pairs, low, lost)
         pairs, low, d, lost = pairs[keep], low[keep], d[keep], lost[keep]
@@ -387,7 +439,13 @@ class Search:
         self._halve(some[~settled])
 
     def _halve(self, pairs: _Pairs) -> None:
-        """Halves of cells, across their longer side."""
+        """Halves of cells, across their longer side; no more of very many small ones."""
+        if len(pairs) > _CROWD:
+            crowd = np.bincount(pairs.query, minlength=len(self.best))[pairs.query] > _CROWD
+            crowd &= np.abs(pairs.frame[:, 1:]).max(axis=(1, 2)) < _TINY
+            crowd[crowd] = self._is_curve(pairs[crowd])
+            self._settle(pairs[crowd])
+            pairs = pairs[~crowd]
         if not len(pairs):
             return
         form = self._form
@@ -408,11 +466,37 @@ class Search:
         way = span.argmax(axis=1)
         self._push(pairs.halved(form.halves[way], form.frames[way]))
 
+    def _is_curve(self, pairs: _Pairs) -> Array:
+        """Whether squared distances in cells change along one direction alone, (n,)."""
+        s, t = (np.full(len(pairs), x) for x in self._form.ends.mean(axis=0))
+        x = np.matmul(self._form.values(s, t), pairs.points)
+        gap, du, dv = x[:, 0] + pairs.base, x[:, 1], x[:, 2]
+        first, mixed, second = (
+            (p * q).sum(axis=1) + (gap * x[:, k]).sum(axis=1)
+            for p, q, k in ((du, du, 3), (du, dv, 4), (dv, dv, 5))
+        )
+        both = np.abs(first * second)
+        small, large = np.sort(np.abs([first, second]), axis=0)
+        along = (np.abs(first * second - mixed**2) <= _CURVE * both) | (small <= _FLAT * large)
+        return np.asarray(along)
+
+    def _settle(self, pairs: _Pairs) -> None:
+        """Feet of cells of a surface that is a mere curve, on all of which a point has feet."""
+        s, t = (np.full(len(pairs), x) for x in self._form.ends.mean(axis=0))
+        for _ in range(_STEPS if len(pairs) else 0):
+            x = np.matmul(self._form.values(s, t), pairs.points)
+            ds, dt = _newton(x[:, 0] + pairs.base, x)
+            s, t = self._inside(s + ds, t + dt)
+        if len(pairs):
+            x = np.matmul(self._form.values(s, t)[:, :3], pairs.points)
+            gap, st = x[:, 0] + pairs.base, np.stack([s, t], axis=1)
+            uv = pairs.frame[:, 0] + np.matmul(st[:, None], pairs.frame[:, 1:])[:, 0]
+            self._add(pairs, np.arange(len(pairs)), uv, gap, in_plane(gap, x[:, 1], x[:, 2]))
+
     def _curves(self, pairs: _Pairs) -> None:
         degree = self._form.degree
         derivatives, halves, _, twice = lines(degree)
-        ends = np.array([0, degree])
-        self._ends(pairs, ends)
+        pairs = self._ends(pairs, np.array([0, degree]))
         low, d, lost = self._differences(pairs)
         keep = self._alive(pairs, low, lost)
         pairs, low, d, lost = pairs[keep], low[keep], d[keep], lost[keep]
@@ -428,15 +512,19 @@ class Search:
         convex = ~done & (bent > lost * (2 * degree) ** 2)
         which = np.flatnonzero(convex)
         if len(which):
-            some, x = pairs[which], np.full(len(which), 0.5)
+            some, x, before = pairs[which], np.full(len(which), 0.5), np.zeros(len(which))
+            stacked = derivatives.transpose(1, 0, 2).reshape(degree + 1, -1)
+            active = np.arange(len(which))
             for _ in range(_STEPS):
-                weights = np.stack([line_values(degree, x) @ m for m in derivatives], axis=1)
-                c = np.matmul(weights, some.points)
-                gap = c[:, 0] + some.base
+                weights = (line_values(degree, x[active]) @ stacked).reshape(len(active), 3, -1)
+                c = np.matmul(weights, some.points[active])
+                gap = c[:, 0] + some.base[active]
                 slope = (gap * c[:, 1]).sum(axis=1)
                 step = -slope / ((c[:, 1] ** 2).sum(axis=1) + (gap * c[:, 2]).sum(axis=1))
-                before, x = x, np.clip(x + np.nan_to_num(step), 0, 1)
-                if (np.abs(x - before) <= 4 * _EPS).all():
+                before[active] = x[active]
+                x[active] = np.clip(x[active] + np.nan_to_num(step), 0, 1)
+                active = active[np.abs(x[active] - before[active]) > 4 * _EPS]
+                if not len(active):
                     break
             settled = np.abs(x - before) <= 1e-9
             self._on_curve(pairs, which[settled], x[settled])
@@ -467,6 +555,9 @@ def _newton(gap: Array, x: Array) -> tuple[Array, Array]:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         det = a * c - b * b
         ds, dt = (b * g2 - c * g1) / det, (b * g1 - a * g2) / det
+        # the shortest step where all along a line are as good
+        flat = det <= 1e-12 * a * c
+        ds, dt = (np.where(flat, -g / (a + c), x) for g, x in ((g1, ds), (g2, dt)))
     bad = ~(np.isfinite(ds) & np.isfinite(dt))
     return np.where(bad, 0, ds), np.where(bad, 0, dt)
 
@@ -478,4 +569,4 @@ def in_plane(gap: Array, a: Array, b: Array) -> Array:
         a = np.nan_to_num(a)
         b = b - (a * b).sum(axis=1, keepdims=True) * a
         b = np.nan_to_num(b / np.sqrt((b**2).sum(axis=1, keepdims=True)))
-    return np.hypot((gap * a).sum(axis=1), (gap * b).sum(axis=1))
+    return np.asarray(np.hypot((gap * a).sum(axis=1), (gap * b).sum(axis=1)))

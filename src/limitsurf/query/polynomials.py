@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf._kernels import reference as kernels
 from limitsurf.pieces import bernstein
 
 if TYPE_CHECKING:
@@ -155,9 +156,9 @@ def lines(degree: int) -> tuple[Array, Array, Array, Array]:
 
 def line_values(degree: int, x: Array) -> Array:
     """Bernstein polynomials (Q, n) of curves."""
-    k = np.arange(degree + 1)
-    counts = np.array([comb(degree, i) for i in k])
-    return np.asarray(counts * x[:, None] ** k * (1 - x[:, None]) ** (degree - k))
+    counts = np.array([comb(degree, i) for i in range(degree + 1)], dtype=float)
+    along, back = (kernels.monomials(y, degree) for y in (x, 1 - x))
+    return np.asarray(counts * along * back[:, ::-1])
 
 
 def _exponents(lattice: Lattice, degree: int) -> Array:
@@ -212,10 +213,9 @@ def _halvings(lattice: Lattice) -> tuple[Array, Array]:
             frames[axis, 1, 0, axis] = 0.5
         return frames, np.array([[0, 1], [0, 3]])
     corners = np.array(lattice.corners, dtype=float)
-    frames, across = [], []
+    found = []
     for k in range(3):
         a, b, c = corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]
         middle = (a + b) / 2
-        frames.append([[c, a - c, middle - c], [c, middle - c, b - c]])
-        across.append([k, (k + 1) % 3])
-    return np.array(frames), np.array(across)
+        found.append([[c, a - c, middle - c], [c, middle - c, b - c]])
+    return np.array(found), np.array([[0, 1], [1, 2], [2, 0]])

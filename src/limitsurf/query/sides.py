@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.patches import NO_LIMIT
-from limitsurf.query.index import SurfaceIndex
+from limitsurf.query.index import Cells
 from limitsurf.query.tessellation import tessellate
 from limitsurf.surface import LimitSurface
 
@@ -33,7 +33,8 @@ class Shared:
 
     def some(self, which: Array) -> Shared:
         """Some of them."""
-        return Shared(*(getattr(self, name)[which] for name in Shared.__annotations__))
+        parts = (self.owner, self.face, self.u, self.v, self.corner)
+        return Shared(*(x[which] for x in parts))
 
 
 def refuse_open(surface: LimitSurface) -> None:
@@ -104,7 +105,8 @@ def shared(surface: LimitSurface, face: Array, u: Array, v: Array) -> Shared:
     h, x = h[vertex][which], x[vertex][which]
     here = mesh.indices[np.where(x == 0, h, mesh.next_corner[h])]
     parts.append(_around(surface, at_vertex, here))
-    return Shared(*(np.concatenate([getattr(p, n) for p in parts]) for n in Shared.__annotations__))
+    joined = {n: np.concatenate([getattr(p, n) for p in parts]) for n in Shared.__annotations__}
+    return Shared(**joined)
 
 
 def _beside(surface: LimitSurface, owner: Array, half: Array, x: Array) -> Shared:
@@ -152,7 +154,8 @@ def _placed(surface: LimitSurface, owner: Array, half: Array, x: Array, corner: 
     part_face = first + np.where(late, (k + 1) % mesh.sizes[cage], k)
     face = np.where(whole, first, part_face)
     known = surface.patches.codes[face] != NO_LIMIT
-    return Shared(owner[known], face[known], *place[known].T, corner[known])
+    u, v = place[known].T
+    return Shared(owner[known], face[known], u, v, corner[known])
 
 
 def spokes(surface: LimitSurface, around: Shared) -> Array:
@@ -170,17 +173,17 @@ def spokes(surface: LimitSurface, around: Shared) -> Array:
     return np.asarray(surface.evaluate(face, place[..., 0], place[..., 1]))
 
 
-def beside_edge(index: SurfaceIndex, around: Shared, points: Array) -> Array:
+def beside_edge(surface: LimitSurface, cells: Cells, around: Shared, points: Array) -> Array:
     """How far feet on edges would move along the edge, or into the limit face, (n,).
 
     `points` (n, 3) are in the unit of the index.
     """
-    jet = index.surface.jet(around.face, around.u, around.v, order=1)
+    jet = surface.jet(around.face, around.u, around.v, order=1)
     x, du, dv = (
-        np.nan_to_num(np.ldexp(jet[nu], index.power).reshape(-1, 3))
+        np.nan_to_num(np.ldexp(jet[nu], cells.power).reshape(-1, 3))
         for nu in ((0, 0), (1, 0), (0, 1))
     )
-    gap, lattice = x - points, index.lattice
+    gap, lattice = x - points, cells.lattice
     place = np.stack([np.ones(len(x)), around.u, around.v])
     edges = np.array(lattice.edges, dtype=float)
     inward = edges[(edges @ place).argmin(axis=0), 1:]
@@ -190,22 +193,23 @@ def beside_edge(index: SurfaceIndex, around: Shared, points: Array) -> Array:
         step = np.nan_to_num(step / np.sqrt((step**2).sum(axis=1, keepdims=True)))
         into = into - (into * step).sum(axis=1, keepdims=True) * step
         into = np.nan_to_num(into / np.sqrt((into**2).sum(axis=1, keepdims=True)))
-    return np.maximum(np.abs((gap * step).sum(axis=1)), -(gap * into).sum(axis=1))
+    away = np.abs((gap * step).sum(axis=1)), -(gap * into).sum(axis=1)
+    return np.asarray(np.maximum(*away))
 
 
-def around_vertex(index: SurfaceIndex, around: Shared, points: Array) -> Array:
+def around_vertex(surface: LimitSurface, cells: Cells, around: Shared, points: Array) -> Array:
     """Cosines (n, k) between the way from a point to a vertex and ways on from there.
 
     More where these turn away from the point, up to where they end.
     """
-    foot = np.ldexp(index.surface.evaluate(around.face, around.u, around.v), index.power)
-    arm = np.ldexp(spokes(index.surface, around), index.power) - foot.reshape(-1, 1, 3)
+    foot = np.ldexp(surface.evaluate(around.face, around.u, around.v), cells.power)
+    arm = np.ldexp(spokes(surface, around), cells.power) - foot.reshape(-1, 1, 3)
     gap = foot.reshape(-1, 3) - points
     # half of what is added to squared distances
     more = (arm * (gap[:, None] + arm / 2)).sum(axis=2)
     with np.errstate(invalid="ignore", divide="ignore"):
         lengths = np.sqrt((gap**2).sum(axis=1))[:, None] * np.sqrt((arm**2).sum(axis=2))
-        return np.nan_to_num(more / lengths)
+        return np.asarray(np.nan_to_num(more / lengths))
 
 
 def sides(
