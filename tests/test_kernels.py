@@ -370,7 +370,7 @@ def test_normals_of_few_points(name, use):
 
 @pytest.mark.parametrize("N", [40, 80])
 def test_high_poles(N, use):
-    """At some valence coefficients are not kept and NumPy does the work around the pole."""
+    """At some valence coefficients are not kept, but control points of some levels."""
     points, faces = zoo.flower(N)
     surface = ls.LimitSurface(ls.Mesh(zoo.random_points(len(points), N), faces))
     sizes_of_tables = surface._topology.packing.tables.kinds[:, evaluation.MODES]

@@ -398,8 +398,7 @@ class RingValues:
 
     def limits(self, row: Array) -> Array:
         """Limits of the corners of patches, relative to their vertices, (A, d)."""
-        found = self._first.limit(self._masks)
-        found = kernels.scale_by_two(found, self._first.exponent[:, None])
+        *_, found = self.vertices
         return np.asarray(found[self._rings.ring[row]])
 
     def refined(self, row: Array, level: Array) -> Array:
@@ -409,6 +408,35 @@ class RingValues:
         """
         fine, exponent, limit = self._refined(row, level)
         return kernels.scale_by_two(fine - limit[:, None, None], exponent[:, None, None, None])
+
+    def levels(self) -> Iterator[tuple[Array, Array, Array]]:
+        """Refined points of all patches (patches, 5, 5, d), one level after the other.
+
+        They are relative to the vertex; with its limit (rings, d), also relative to it, and the
+        largest coordinate of the control points before (rings,).
+        """
+        ring, position = self._rings.ring, self._rings.position
+        state, every = self._first, np.arange(len(ring))
+        outer = self._outer_points(every, state, ring, 0)
+        here = _Patches.of(self._masks, state, ring, position, outer)
+        while True:
+            size = np.zeros(len(state.edges))
+            np.maximum.at(size, ring, np.abs(here.grid).max(axis=(1, 2, 3), initial=0))
+            size = kernels.scale_by_two(size, state.exponent)
+            state = state.refined(self._masks)
+            fine = here.refined(self._masks, state)
+            here = _Patches(ring, position, fine[:, :4, :4])
+            points = kernels.scale_by_two(fine, state.exponent[ring, None, None, None])
+            limit = kernels.scale_by_two(state.limit(self._masks), state.exponent[:, None])
+            yield points, limit, size
+
+    @property
+    def vertices(self) -> tuple[Array, Array, Array]:
+        """The vertices of rings, high and low, and their limits relative to them, (R, d) each."""
+        at = self._rings.points[:, 0]
+        found = self._first.limit(self._masks)
+        limit = kernels.scale_by_two(found, self._first.exponent[:, None])
+        return self._high[at], self._low[at], limit
 
     def extent(self, row: Array, level: int) -> tuple[Array, Array]:
         """Bounds (A, d) of all points that patches depend on after some steps, at least one.

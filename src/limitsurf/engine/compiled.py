@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from limitsurf import _kernels
 from limitsurf.caching import cached_property
+from limitsurf.engine.kinds import Rings
 from limitsurf.engine.packing import TERMS, asked
 from limitsurf.engine.protocol import Order, Request
 from limitsurf.engine.reference import Reference
@@ -57,7 +58,13 @@ class Compiled:
             with _kernels.preparing:
                 found = self.__dict__.get("_packed")
                 if found is None:
-                    found = packing.points(self._reference.points)
+                    values = self._reference.values
+                    rings = {
+                        number: kind.around(values)
+                        for number, kind in enumerate(self._topology.groups.kinds)
+                        if isinstance(kind, Rings)
+                    }
+                    found = packing.points(self._reference.points, rings)
                     self.__dict__["_packed"] = found
         return found
 
