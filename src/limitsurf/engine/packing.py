@@ -240,12 +240,11 @@ class Packing:
         high = _aligned((patches.n_vertices, width))
         high[:, :d] = points
         extras = _aligned((patches.n_points - patches.n_vertices, 2 * width))
-        start = 0
-        for operator in patches.extras:
-            indptr, indices = (x.astype(np.int64) for x in (operator.indptr, operator.indices))
-            coefficients.extend(indptr, indices, operator.data, high, extras, start)
-            start += operator.shape[0]
-        errors = self._errors(high, extras) if d == 3 else np.zeros(len(extras))
+        start, errors, bounds = 0, np.zeros(len(extras)), np.zeros((len(extras), 3 * (d == 3)))
+        for indptr, indices, values in self._operators:
+            given = indptr, indices, values, high, extras, bounds, errors
+            coefficients.extend(*given, start)
+            start += len(indptr) - 1
         modes = _aligned((self._n_rows, width))
         shape, each = self._shape, self._shape.REFINED + 2
         fine = _aligned((self._n_fine + len(self._copied) * each, width))
@@ -293,15 +292,13 @@ class Packing:
             own[rings.ring[:, None], start + blocks, :d] = points[:, j, i]
             start += shape.BLOCK * (faces + 3)
 
-    def _errors(self, high: Array, extras: Array) -> Array:
-        """What rounding did to control points beyond the cage (m,), in units of `NOISE`."""
-        if not len(extras):
-            return np.zeros(0)
-        width = high.shape[1]
-        rounded = np.concatenate([high, extras[:, :width]])
-        low = np.concatenate([np.zeros_like(high), extras[:, width:]])
-        found = kernels.errors(self._patches.extras, rounded, low)
-        return np.asarray(found[len(high) :].max(axis=1))
+    @cached_property
+    def _operators(self) -> list[tuple[Array, Array, Array]]:
+        """Rows of control points beyond the cage, as kernels take them."""
+        return [
+            (x.indptr.astype(np.int64), x.indices.astype(np.int64), x.data)
+            for x in self._patches.extras
+        ]
 
     @cached_property
     def _controls(self) -> rows.Controls:
