@@ -398,8 +398,7 @@ class RingValues:
 
     def limits(self, row: Array) -> Array:
         """Limits of the corners of patches, relative to their vertices, (A, d)."""
-        *_, found = self.vertices
-        return np.asarray(found[self._rings.ring[row]])
+        return np.asarray(self.vertices[2][self._rings.ring[row]])
 
     def refined(self, row: Array, level: Array) -> Array:
         """5 x 5 refined points of patches, relative to the limit of the corner, (A, 5, 5, d).
@@ -426,16 +425,14 @@ class RingValues:
             state = state.refined(self._masks)
             fine = here.refined(self._masks, state)
             here = _Patches(ring, position, fine[:, :4, :4])
-            points = kernels.scale_by_two(fine, state.exponent[ring, None, None, None])
-            limit = kernels.scale_by_two(state.limit(self._masks), state.exponent[:, None])
-            yield points, limit, size
+            unit = np.ldexp(1.0, state.exponent)[:, None]
+            yield fine * unit[ring, None, None], state.limit(self._masks) * unit, size
 
     @property
     def vertices(self) -> tuple[Array, Array, Array]:
         """The vertices of rings, high and low, and their limits relative to them, (R, d) each."""
         at = self._rings.points[:, 0]
-        found = self._first.limit(self._masks)
-        limit = kernels.scale_by_two(found, self._first.exponent[:, None])
+        limit = kernels.scale_by_two(self._first.limit(self._masks), self._first.exponent[:, None])
         return self._high[at], self._low[at], limit
 
     def extent(self, row: Array, level: int) -> tuple[Array, Array]:

@@ -87,13 +87,14 @@ class Compiled:
         orders = tuple(orders)
         known = [k for k, nu in enumerate(orders) if nu in PLACES]
         if len(known) < len(orders):
-            both = known, [k for k, nu in enumerate(orders) if nu not in PLACES]
-            parts = {}
-            for engine, which in zip((self, self._reference), both, strict=True):
+            others = [k for k, nu in enumerate(orders) if nu not in PLACES]
+            both: dict[int, Array] = {}
+            asking = (self.derivatives, known), (self._reference.derivatives, others)
+            for ask, which in asking:
                 into = out and [out[k] for k in which]
-                some = engine.derivatives(request, [orders[k] for k in which], into)
-                parts.update(zip(which, some, strict=True))
-            return [parts[k] for k in range(len(orders))]
+                some = ask(request, [orders[k] for k in which], into)
+                both.update(zip(which, some, strict=True))
+            return [both[k] for k in range(len(orders))]
         found, rest = self._answers(request, orders, out)
         if len(rest):
             parts = self._reference.derivatives(request.flat(rest), orders)

@@ -251,8 +251,8 @@ class Packing:
         copies = fine[self._n_fine :].reshape(-1, each, width)
         ids = self.patches.ids.reshape(-1, shape.POINTS)
         coefficients.copies(ids, shape.OWN, self._copied, high, extras, copies)
-        for kind, values in rings.items():
-            self._spread(kind, values, fine)
+        for kind, around in rings.items():
+            self._spread(kind, around, fine)
         sums = np.empty((coefficients.SIX, evaluation.LANES))
         for kind, table in enumerate(self._sectors):
             begin, size, patch = kinds[
@@ -285,11 +285,15 @@ class Packing:
         heads[:, :, 0, :d], heads[:, :, 1, :d] = (low + limit)[:, None], high[:, None]
         j, i = np.nonzero(shape.PLACES >= 0)
         blocks = shape.BLOCK * np.asarray(rings.position)[:, None] + shape.PLACES[j, i]
+        rows = np.zeros((len(blocks), 5, 5, fine.shape[1]))
+        whole = np.dtype((np.void, rows[0, 0, 0].nbytes))  # (as one, they are copied faster)
+        kept, found = own.view(whole)[..., 0], rows.view(whole)[..., 0]
         for level, (points, after, size) in zip(range(_LEVELS), values.levels(), strict=False):
             heads[:, level + 1, 0, :d] -= after
             # rows that refine have sums of at most 3, where points are reflected
             heads[:, level + 1, 2, 0] = 3 * size
-            own[rings.ring[:, None], start + blocks, :d] = points[:, j, i]
+            rows[..., :d] = points
+            kept[rings.ring[:, None], start + blocks] = found[:, j, i]
             start += shape.BLOCK * (faces + 3)
 
     @cached_property
