@@ -341,32 +341,40 @@ def evaluator(shape: Any) -> Any:
     spline_normal, eigenfunctions, write = shape.spline_normal, shape.eigenfunctions, shape.write
 
     @inlined
-    def _copy(code: int, place: int, patches: Patches, tables: Tables) -> tuple[int, int]:
-        """First row in `Points.fine` of what a patch has there, and of its origin; -1 if nothing.
+    def _copy(code: int, patches: Patches) -> int:
+        """First row in `Points.fine` of the control points of a spline; -1 if it has none there."""
+        first = -1
+        if code >> FAR & 1:
+            first = patches.near[code & ROW]
+        return first
+
+    @inlined
+    def _around(code: int, place: int, tables: Tables) -> tuple[int, int, int]:
+        """The same of a piece around a special corner, of its origin, and where its grid begins.
 
         Rows of patches that share rings are numbers of these times faces, plus positions.
         """
-        kind, row = code >> KIND, code & ROW
-        if kind > 1 and shared and tables.kinds[kind, FACES]:
-            faces, levels = tables.kinds[kind, FACES], tables.kinds[kind, LEVELS]
-            each, level = shared * (faces + 3), (place >> 2) - 1
-            start = tables.kinds[kind, PATCH]
+        kind, row, piece = code >> KIND, code & ROW, place & 3
+        start, levels = tables.kinds[kind, PATCH], tables.kinds[kind, LEVELS]
+        first, head, at = 0, 0, piece * size
+        if shared and levels > 1:
+            faces, level = tables.kinds[kind, FACES], (place >> 2) - 1
+            each = shared * (faces + 3)
             start += row // faces * (HEAD * (levels + 1) + each * levels)
             first = start + HEAD * (levels + 1) + each * level + shared * (row % faces)
-            return first, start + HEAD * (level + 1)
-        first = -1
-        if kind > 1:
-            first = (tables.kinds[kind, PATCH] + row) * fine
-        elif code >> FAR & 1:
-            first = patches.near[row]
-        return first, first + low_origin
+            head = start + HEAD * (level + 1)
+            at += 3 * size
+        else:
+            first = (start + row) * fine
+            head = first + low_origin
+        return first, head, at
 
     @inlined
     def _kept(code: int, tables: Tables) -> int:
         """For how many levels the control points around a special corner are kept."""
         kind = code >> KIND
         levels: int = tables.kinds[kind, LEVELS]
-        if shared and tables.kinds[kind, FACES]:
+        if shared and levels > 1:
             faces = tables.kinds[kind, FACES]
             position = (code & ROW) % faces
             if position == 0 or position == faces - 1:
@@ -381,19 +389,20 @@ def evaluator(shape: Any) -> Any:
         codes = room.codes
         for j in range(0 if i == 0 else i + 2 * _AHEAD, min(i + 2 * _AHEAD + 1, n)):
             code = codes[queries[j]]
-            if code >> KIND <= 1 and _copy(code, 0, patches, tables)[0] < 0:
+            if code >> KIND <= 1 and _copy(code, patches) < 0:
                 prefetch(patches.ids, (code & ROW) * size)
         j = i + _AHEAD
         if j >= n or codes[queries[j]] == codes[queries[j - 1]]:
             return
-        width, inner = points.high.shape[1], len(points.high)
-        code, place = codes[queries[j]], room.places[queries[j]]
-        base, _ = _copy(code, place, patches, tables)
-        if shared and code >> KIND > 1 and tables.kinds[code >> KIND, FACES]:
-            at = (3 + (place & 3)) * size
-            for k in range(at, at + size):
-                prefetch(points.fine, (base + pieces[k]) * width)
-            return
+        width, inner, code = points.high.shape[1], len(points.high), codes[queries[j]]
+        if code >> KIND > 1:
+            base, _, at = _around(code, room.places[queries[j]], tables)
+            if shared and at >= 3 * size:
+                for k in range(at, at + size):
+                    prefetch(points.fine, (base + pieces[k]) * width)
+                return
+        else:
+            base = _copy(code, patches)
         base *= width
         if base >= 0:
             for line in range(base, base + fine * width, 8):
@@ -457,15 +466,16 @@ def evaluator(shape: Any) -> Any:
             code, query = room.codes[k], start + k
             kind, row, turn = code >> KIND, code & ROW, code >> TURN & TURNS
             s, t, step, piece = room.s[k], room.t[k], room.depths[k], 0
-            base, head = _copy(code, room.places[k], patches, tables)
+            base, head = -1, 0
             grid, numbers, at = points.high, ids, row * size
             if kind > 1:
                 piece = room.places[k] & 3
-                grid, numbers, at = points.fine, pieces, piece * size
-                if shared and tables.kinds[kind, FACES]:
-                    at += 3 * size
+                base, head, at = _around(code, room.places[k], tables)
+                grid, numbers = points.fine, pieces
                 step += room.places[k] >> 2
             else:
+                base = _copy(code, patches)
+                head = base + low_origin
                 s, t = turned(s, t, turn)
                 if base >= 0:
                     grid, numbers, at = points.fine, same, 0
@@ -482,7 +492,7 @@ def evaluator(shape: Any) -> Any:
                 spline(order, normals, grid, numbers, at, first, column, weights, found)
                 if normals:
                     error = 0.0
-                    if kind > 1 and shared and tables.kinds[kind, FACES]:
+                    if kind > 1 and shared and at >= 3 * size:
                         error = points.fine[head + 2, 0]
                     elif kind > 1:
                         # rows that refine have sums of at most 3, where points are reflected
@@ -519,7 +529,7 @@ def evaluator(shape: Any) -> Any:
         rest: Array, left: int, flat: Array,
     ) -> int:  # fmt: skip
         """Queries nearer to special corners."""
-        patches, tables, points = patches_of(words), tables_of(words), points_of(words)
+        tables, points = tables_of(words), points_of(words)
         room = _room_of(flat, tables)
         width = points.high.shape[1]
         d = out.shape[2]
@@ -541,7 +551,7 @@ def evaluator(shape: Any) -> Any:
             piece, level = room.places[k] & 3, (room.places[k] >> 2) - 1
             S, T = room.s[k], room.t[k]
             if shared and tables.kinds[kind, FACES] and level < 0 and order == 0:
-                _, head = _copy(code, room.places[k], patches, tables)
+                _, head, _ = _around(code, room.places[k], tables)
                 for j in range(len(which)):
                     for c in range(d):
                         out[j, query, c] = points.fine[head, c] + points.fine[head + 1, c]
