@@ -370,7 +370,7 @@ def test_normals_of_few_points(name, use):
 
 @pytest.mark.parametrize("N", [40, 80])
 def test_high_poles(N, use):
-    """At some valence coefficients are not kept and NumPy does the work around the pole."""
+    """At some valence coefficients are not kept, but control points of some levels."""
     points, faces = zoo.flower(N)
     surface = ls.LimitSurface(ls.Mesh(zoo.random_points(len(points), N), faces))
     sizes_of_tables = surface._topology.packing.tables.kinds[:, evaluation.MODES]
@@ -421,6 +421,25 @@ def test_higher_derivatives_are_left_to_numpy(use):
         assert np.array_equal(
             surface.weights(*query, nu=nu).toarray(), rows.toarray(), equal_nan=True
         )
+
+
+def test_jets_of_higher_order_are_shared_out(use):
+    """Kernels give what they know of them, NumPy the others."""
+    surface = surface_of("carved_cube_1")
+    query = with_gaps(*queries(surface, 60, np.random.default_rng(6), NEAR))
+    use(False)
+    high = surface.jet(*query, order=3)
+    use(True)
+    low, found = surface.jet(*query, order=2), surface.jet(*query, order=3)
+    out = {nu: np.empty_like(x) for nu, x in found.items()}
+    given = surface.jet(*query, order=3, out=out, workers=2)
+    for nu, x in found.items():
+        wanted = low[nu] if nu in low else high[nu]
+        assert np.array_equal(x, wanted, equal_nan=True)
+        assert given[nu] is out[nu]
+        assert np.array_equal(out[nu], x, equal_nan=True)
+        one = surface.jet(*(x.ravel()[0] for x in query), order=3)[nu]
+        assert np.allclose(one, x.reshape(-1, 3)[0], rtol=0 if nu in low else 1e-12, atol=0)
 
 
 # --- The oracles

@@ -75,6 +75,66 @@ def test_against_rational_numbers(kind):
         assert relative(surface.weights(face, u, v, nu=nu) @ mesh.points, wanted) < 1e-12
 
 
+def halved(level, count, seed=0):
+    """Parameters (count,) of which level + 1 halvings lead to a regular piece."""
+    both = np.random.default_rng(seed).random((2, count))
+    both[0] += 1
+    both[:, 1::2] = both[::-1, 1::2]
+    return both / 2.0 ** (level + 1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_kernels_against_rational_numbers(kind):
+    """Some levels are kept for kernels, of sharp sides fewer; the others are the reference's."""
+    mesh = around(kind, MANY)
+    surface = ls.LimitSurface(mesh, engine="compiled")
+    exact = ls.LimitSurface(mesh.with_points(RATIONAL.array(mesh.points)))
+    face = np.array([0, 1, MANY // 2, MANY - 1])
+    for level in (0, 3, 5, 12):
+        u, v = halved(level, len(face), level)
+        v[0] = u[-1] = 0
+        for nu in ORDERS[:6]:
+            wanted = exact.evaluate(face, u, v, nu=nu).astype(float)
+            error = np.abs(surface.evaluate(face, u, v, nu=nu) - wanted).max(axis=1)
+            size = np.abs(wanted).max(axis=1)
+            bound = 1e-12 * np.maximum(size, 1e-3 * size.max()) if any(nu) else 1e-14
+            assert (error <= bound).all()
+
+
+@pytest.mark.parametrize(
+    ("kind", "columns"),
+    [("interior", 6), ("hole", 3), ("crowd", 3), ("dart", 3), ("crease", 1), ("polygon", 3)],
+)
+def test_kernels_against_the_reference(kind, columns):
+    """Also where not all faces around a corner are patches that share its ring."""
+    mesh = polygon(MANY, 0.3) if kind == "polygon" else around("interior", MANY)
+    if kind in KINDS:
+        mesh = around(kind, MANY)
+    if kind == "hole":
+        mesh = ls.Mesh(mesh.points, mesh.uniform, holes=[5, 6, 20])
+    if kind == "crowd":
+        mesh = ls.Mesh(mesh.points, mesh.uniform, corners={5: np.inf, 60: 1.5})
+    mesh = mesh.with_points(np.tile(mesh.points, 2)[:, :columns])
+    compiled, reference = (ls.LimitSurface(mesh, engine=x) for x in ("compiled", "reference"))
+    face = np.arange(MANY)
+    for level in (0, 2, 6, 14, 300):
+        u, v = halved(level, MANY)
+        if kind == "polygon":
+            u, v = 1 - u, 1 - v
+        given = compiled.jet(face, u, v, order=2), reference.jet(face, u, v, order=2)
+        for nu, wanted in given[1].items():
+            assert np.array_equal(np.isnan(given[0][nu]), np.isnan(wanted))
+            size = np.nanmax(np.abs(wanted), initial=0)
+            assert np.allclose(given[0][nu], wanted, rtol=0, atol=2e-14 * size, equal_nan=True)
+        if columns == 3:
+            normal = compiled.normal(face, u, v), reference.normal(face, u, v)
+            assert np.allclose(*normal, rtol=0, atol=1e-11, equal_nan=True)
+    at = float(kind == "polygon")
+    for nu in ((0, 0), (1, 0)):
+        both = (x.evaluate(face, at, at, nu=nu) for x in (compiled, reference))
+        assert np.allclose(*both, rtol=0, atol=1e-15, equal_nan=True)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_against_the_oracle(kind):
     mesh = around(kind, MANY)
@@ -204,6 +264,16 @@ def test_memory_is_linear(kind):
         surface.normal(np.arange(n), 0.75, 0.75)
         counts.append(numbers(surface))
     assert counts[1] < 2.1 * counts[0]
+
+
+def test_memory_of_kernels_is_linear():
+    sizes = []
+    for n in (500, 1000):
+        surface = ls.LimitSurface(polygon(n, 0.2), engine="compiled")
+        surface.evaluate(np.arange(n), 0.75, 0.75)
+        sizes.append(sum(x.nbytes for x in surface._answers.compiled._points))
+    assert sizes[1] < 2.1 * sizes[0]
+    assert sizes[1] < 6500 * n
 
 
 def test_limits_of_refined_meshes():

@@ -398,9 +398,7 @@ class RingValues:
 
     def limits(self, row: Array) -> Array:
         """Limits of the corners of patches, relative to their vertices, (A, d)."""
-        found = self._first.limit(self._masks)
-        found = kernels.scale_by_two(found, self._first.exponent[:, None])
-        return np.asarray(found[self._rings.ring[row]])
+        return np.asarray(self.vertices[2][self._rings.ring[row]])
 
     def refined(self, row: Array, level: Array) -> Array:
         """5 x 5 refined points of patches, relative to the limit of the corner, (A, 5, 5, d).
@@ -409,6 +407,33 @@ class RingValues:
         """
         fine, exponent, limit = self._refined(row, level)
         return kernels.scale_by_two(fine - limit[:, None, None], exponent[:, None, None, None])
+
+    def levels(self) -> Iterator[tuple[Array, Array, Array]]:
+        """Refined points of all patches (patches, 5, 5, d), one level after the other.
+
+        They are relative to the vertex; with its limit (rings, d), also relative to it, and the
+        largest coordinate of the control points before (rings,).
+        """
+        ring, position = self._rings.ring, self._rings.position
+        state, every = self._first, np.arange(len(ring))
+        outer = self._outer_points(every, state, ring, 0)
+        here = _Patches.of(self._masks, state, ring, position, outer)
+        while True:
+            size = np.zeros(len(state.edges))
+            np.maximum.at(size, ring, np.abs(here.grid).max(axis=(1, 2, 3), initial=0))
+            size = kernels.scale_by_two(size, state.exponent)
+            state = state.refined(self._masks)
+            fine = here.refined(self._masks, state)
+            here = _Patches(ring, position, fine[:, :4, :4])
+            unit = np.ldexp(1.0, state.exponent)[:, None]
+            yield fine * unit[ring, None, None], state.limit(self._masks) * unit, size
+
+    @property
+    def vertices(self) -> tuple[Array, Array, Array]:
+        """The vertices of rings, high and low, and their limits relative to them, (R, d) each."""
+        at = self._rings.points[:, 0]
+        limit = kernels.scale_by_two(self._first.limit(self._masks), self._first.exponent[:, None])
+        return self._high[at], self._low[at], limit
 
     def extent(self, row: Array, level: int) -> tuple[Array, Array]:
         """Bounds (A, d) of all points that patches depend on after some steps, at least one.

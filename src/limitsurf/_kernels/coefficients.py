@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf._kernels.evaluation import LANES
-from limitsurf._kernels.jit import combination, inlined, lean
+from limitsurf._kernels.jit import combination, inlined, lean, prefetch
 
 Array = NDArray[Any]
 SIX = 6  # rows of a matrix that are multiplied at once
+_AHEAD = 4  # patches, and half as many as rows, that memory is asked for ahead of time
 
 _sum6 = combination(SIX)
 
@@ -29,30 +31,53 @@ def _low(high: Array, extras: Array, i: int, c: int) -> float:
     return x
 
 
+@inlined
+def _step(high: Array, extras: Array, i: int, first: int, c: int) -> float:
+    """From one control point to another."""
+    near = _high(high, extras, i, c) - _high(high, extras, first, c)
+    step: float = near + (_low(high, extras, i, c) - _low(high, extras, first, c))
+    return step
+
+
 @lean
 def extend(
-    indptr: Array, columns: Array, values: Array, high: Array, extras: Array, start: int
-) -> None:
+    indptr: Array, columns: Array, values: Array, high: Array, extras: Array, bounds: Array,
+    errors: Array, start: int,
+) -> None:  # fmt: skip
     """Control points, sparse rows over those before, into extras from row `start` on.
 
     Each is formed relative to its first term, so that no digits are lost far from the origin, nor
-    among points that are close to each other; see `reference.differences` and `two_sum`.
+    among points that are close to each other; see `reference.differences` and `two_sum`. What
+    rounding does to its coordinates is bounded as by `reference.errors` in bounds (m, channels);
+    errors (m,) get the largest.
     """
-    width = high.shape[1]
+    width, inner = high.shape[1], len(high)
     for r in range(len(indptr) - 1):
-        first = columns[indptr[r]]
+        later = min(r + 2 * _AHEAD, len(indptr) - 2)
+        for k in range(indptr[later], indptr[later + 1]):
+            prefetch(high, min(columns[k], inner - 1) * width)
+        row, first = start + r, columns[indptr[r]]
+        more = max((indptr[r + 1] - indptr[r]) / 16, 1.0)  # longer sums have larger errors
+        for k in range(indptr[r], indptr[r + 1]):
+            i, weight = columns[k], values[k]
+            for channel in range(0, width, LANES):
+                for c in range(channel, channel + LANES):
+                    # sums grow where they will be rounded
+                    extras[row, c] += weight * _step(high, extras, i, first, c)
+            for c in range(bounds.shape[1]):
+                far = abs(_step(high, extras, i, first, c)) * more
+                far += bounds[i - inner, c] if i >= inner else 0.0
+                bounds[row, c] += abs(weight) * far
+        for c in range(bounds.shape[1]):
+            errors[row] = max(errors[row], bounds[row, c])
         for c in range(width):
             own, rest = _high(high, extras, first, c), _low(high, extras, first, c)
-            step = 0.0
-            for k in range(indptr[r], indptr[r + 1]):
-                i = columns[k]
-                near = _high(high, extras, i, c) - own
-                step += values[k] * (near + (_low(high, extras, i, c) - rest))
+            step = extras[row, c]
             total = own + step
             part = total - own
             error = (own - (total - part)) + (step - part)
-            extras[start + r, c] = total
-            extras[start + r, width + c] = rest + error
+            extras[row, c] = total
+            extras[row, width + c] = rest + error
 
 
 @lean
@@ -71,31 +96,34 @@ def coefficients(
     K, size, width = ids.shape[1], matrix.shape[1], high.shape[1]
     last, refined = modes.shape[1] - 1, fine.shape[1] - 2
     for p in range(len(ids)):
+        for k in range(K if p + _AHEAD < len(ids) else 0):
+            prefetch(high, min(np.int64(ids[p + _AHEAD, k]), len(high) - 1) * width)
         own: int = ids[p, 0]
         first = -1
         largest = size_of_points = 0.0
         for channel in range(0, width, LANES):
             for k in range(K):
                 i: int = ids[p, k]
-                for c in range(channel, channel + LANES):
-                    x = _high(high, extras, i, c) - _high(high, extras, own, c)
-                    x += _low(high, extras, i, c) - _low(high, extras, own, c)
-                    near[k * LANES + c - channel] = x
-                    error = errors[i - len(high)] if i >= len(high) else 0.0
+                error = errors[i - len(high)] if i >= len(high) else 0.0
+                for c in range(LANES):
+                    x = _step(high, extras, i, own, channel + c)
+                    near[k * LANES + c] = x
                     size_of_points = max(size_of_points, abs(x) + error)
             for begin in range(0, K + refined, SIX):
                 _sum6(matrix[begin : begin + SIX], size, near, 0, LANES, sums)
-                for r in range(begin, min(begin + SIX, K + refined)):
+                for r in range(begin, min(begin + SIX, K)):
                     for c in range(LANES):
-                        x = sums[r - begin, c]
-                        if r >= K:
-                            fine[p, r - K, channel + c] = x
-                            continue
-                        modes[p, r, channel + c] = x
-                        if r > 0 and x != 0 and (first < 0 or r < first):
-                            first = r
-                        if r > 0 and not abs(x) <= largest:
-                            largest = abs(x)
+                        modes[p, r, channel + c] = sums[r - begin, c]
+                for r in range(max(begin, K), min(begin + SIX, K + refined)):
+                    for c in range(LANES):
+                        fine[p, r - K, channel + c] = sums[r - begin, c]
+            for r in range(1, K):
+                for c in range(channel, channel + LANES):
+                    x = modes[p, r, c]
+                    if x != 0 and (first < 0 or r < first):
+                        first = r
+                    if not abs(x) <= largest:
+                        largest = abs(x)
             for c in range(channel, channel + LANES):
                 low, rounded = _low(high, extras, own, c), _high(high, extras, own, c)
                 modes[p, 0, c] += low

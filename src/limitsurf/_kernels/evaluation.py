@@ -5,7 +5,9 @@ asked for some queries ahead of it. They are taken in blocks, sorted by what the
 otherwise in the order of the caller, and results are written where they belong.
 
 Around a special corner the first halving leads to three regular pieces, three quarters of the
-patch, whose control points are kept. Nearer the corner eigenfunctions take over.
+patch, whose control points are kept. Nearer the corner eigenfunctions take over. Where a corner has
+no eigenbasis, since too many faces meet, the control points of some more halvings are kept, once
+for all its patches; nearer the corner the reference answers.
 
 What a patch is, is packed in one integer, ``row | turn << 32 | far << 35 | kind << 36``; `far` says
 that not all its control points are vertices of the cage. ``limitsurf/engine/packing.py`` makes the
@@ -49,9 +51,13 @@ LANES = 4  # channels that are evaluated at once
 # whole lanes; first row of its blocks (coefficients from the constant one on, filled up with zeros,
 # the control point that they are relative to, and: the largest of them, the first that occurs, the
 # largest size of a control point, errors included); numbers of chains and of complex pairs; whether
-# odd levels flip normals; number of the first patch in `Points.fine`; coefficients whose cross
-# product is along the normal at the corner itself, or -1
-SIZE, ROWS, MODES, CHAINS, PAIRS, FLIP, PATCH, ALONG, ACROSS, FIELDS = range(10)
+# odd levels flip normals; number of the first patch in `Points.fine`, or the first row where rings
+# are shared; coefficients whose cross product is along the normal at the corner itself, or -1; for
+# how many levels control points are kept, and for how many beside sharp sides; and the faces around
+# the corner where patches share a ring, 0 elsewhere
+SIZE, ROWS, MODES, CHAINS, PAIRS, FLIP, PATCH, ALONG, ACROSS = range(9)
+LEVELS, BESIDE, FACES, FIELDS = range(9, 13)
+HEAD = 3  # rows of a level of a shared ring: the limit less the vertex, the vertex, [errors]
 FIRST, SECOND = 0, 1  # the eigenvalue that powers are relative to
 ROW = (1 << TURN) - 1  # the bits of a packed patch that are its row
 _BLOCK = 256  # queries that are sorted by what their patches are
@@ -100,7 +106,8 @@ class Points(NamedTuple):
     modes: Array  # flat: blocks (ROWS + 3, width) of special patches
     # (REFINED + 2 of each patch, width): refined points around special corners, or copies of the
     # control points of others; all relative to an origin, of which the last two rows have what is
-    # rounded, and itself
+    # rounded, and itself. Then of each shared ring `HEAD` rows for the corner itself and for each
+    # level, and of each level `BLOCK` rows for each face around, one before and two after these
     fine: Array
 
 
@@ -323,9 +330,10 @@ def _eigen_normal(
 
 def evaluator(shape: Any) -> Any:
     """The kernel that evaluates scattered queries, for faces of a shape."""
-    size, own_point, pieces = shape.POINTS, shape.OWN, shape.PIECES
-    fine = shape.REFINED + 2  # rows of a patch in `Points.fine`
-    low_origin, origin = shape.REFINED, shape.REFINED + 1
+    size, own_point = shape.POINTS, shape.OWN
+    pieces = np.concatenate([shape.PIECES, shape.AROUND])
+    fine, shared = shape.REFINED + 2, shape.BLOCK  # rows in `Points.fine`
+    low_origin = shape.REFINED
     same = np.arange(size, dtype=np.int32)
     near = differences(size, own_point)
     located, turned, place_around = shape.located, shape.turned, shape.place_around
@@ -333,41 +341,74 @@ def evaluator(shape: Any) -> Any:
     spline_normal, eigenfunctions, write = shape.spline_normal, shape.eigenfunctions, shape.write
 
     @inlined
-    def _copy(code: int, patches: Patches, tables: Tables) -> int:
-        """First row in `Points.fine` of what a patch has there; -1 if nothing."""
-        kind, row = code >> KIND, code & ROW
+    def _copy(code: int, patches: Patches) -> int:
+        """First row in `Points.fine` of the control points of a spline; -1 if it has none there."""
         first = -1
-        if kind > 1:
-            first = (tables.kinds[kind, PATCH] + row) * fine
-        elif code >> FAR & 1:
-            first = patches.near[row]
+        if code >> FAR & 1:
+            first = patches.near[code & ROW]
         return first
 
     @inlined
+    def _around(code: int, place: int, tables: Tables) -> tuple[int, int, int]:
+        """The same of a piece around a special corner, of its origin, and where its grid begins.
+
+        Rows of patches that share rings are numbers of these times faces, plus positions.
+        """
+        kind, row, piece = code >> KIND, code & ROW, place & 3
+        start, levels = tables.kinds[kind, PATCH], tables.kinds[kind, LEVELS]
+        first, head, at = 0, 0, piece * size
+        if shared and levels > 1:
+            faces, level = tables.kinds[kind, FACES], (place >> 2) - 1
+            each = shared * (faces + 3)
+            start += row // faces * (HEAD * (levels + 1) + each * levels)
+            first = start + HEAD * (levels + 1) + each * level + shared * (row % faces)
+            head = start + HEAD * (level + 1)
+            at += 3 * size
+        else:
+            first = (start + row) * fine
+            head = first + low_origin
+        return first, head, at
+
+    @inlined
+    def _kept(code: int, tables: Tables) -> int:
+        """For how many levels the control points around a special corner are kept."""
+        kind = code >> KIND
+        levels: int = tables.kinds[kind, LEVELS]
+        if shared and levels > 1:
+            faces = tables.kinds[kind, FACES]
+            position = (code & ROW) % faces
+            if position == 0 or position == faces - 1:
+                levels = tables.kinds[kind, BESIDE]
+        return levels
+
+    @inlined
     def _ask(
-        i: int,
-        n: int,
-        queries: Array,
-        codes: Array,
-        patches: Patches,
-        tables: Tables,
-        points: Points,
+        i: int, n: int, queries: Array, room: Room, patches: Patches, tables: Tables, points: Points
     ) -> None:
         """Prefetch what the splines of queries some way beyond number i need."""
+        codes = room.codes
         for j in range(0 if i == 0 else i + 2 * _AHEAD, min(i + 2 * _AHEAD + 1, n)):
             code = codes[queries[j]]
-            if _copy(code, patches, tables) < 0:
+            if code >> KIND <= 1 and _copy(code, patches) < 0:
                 prefetch(patches.ids, (code & ROW) * size)
         j = i + _AHEAD
         if j >= n or codes[queries[j]] == codes[queries[j - 1]]:
             return
-        width, inner = points.high.shape[1], len(points.high)
-        base = _copy(codes[queries[j]], patches, tables) * width
+        width, inner, code = points.high.shape[1], len(points.high), codes[queries[j]]
+        if code >> KIND > 1:
+            base, _, at = _around(code, room.places[queries[j]], tables)
+            if shared and at >= 3 * size:
+                for k in range(at, at + size):
+                    prefetch(points.fine, (base + pieces[k]) * width)
+                return
+        else:
+            base = _copy(code, patches)
+        base *= width
         if base >= 0:
             for line in range(base, base + fine * width, 8):
                 prefetch(points.fine, line)
             return
-        at = (codes[queries[j]] & ROW) * size
+        at = (code & ROW) * size
         for k in range(size):
             number = np.int64(patches.ids[at + k])
             if number < inner:
@@ -387,7 +428,7 @@ def evaluator(shape: Any) -> Any:
         weights = room.weights
         found = room.found
         for i in range(simple):
-            _ask(i, simple, room.simple, room.codes, patches, tables, points)
+            _ask(i, simple, room.simple, room, patches, tables, points)
             k = room.simple[i]
             at, query = room.codes[k] * size, start + k
             spline_weights(room.s[k], room.t[k], order, weights)
@@ -420,18 +461,21 @@ def evaluator(shape: Any) -> Any:
         found = room.found
         inner = len(points.high)
         for i in range(splines):
-            _ask(i, splines, room.splines, room.codes, patches, tables, points)
+            _ask(i, splines, room.splines, room, patches, tables, points)
             k = room.splines[i]
             code, query = room.codes[k], start + k
             kind, row, turn = code >> KIND, code & ROW, code >> TURN & TURNS
             s, t, step, piece = room.s[k], room.t[k], room.depths[k], 0
-            base = _copy(code, patches, tables)
+            base, head = -1, 0
             grid, numbers, at = points.high, ids, row * size
             if kind > 1:
                 piece = room.places[k] & 3
-                grid, numbers, at = points.fine, pieces, piece * size
-                step += 1
+                base, head, at = _around(code, room.places[k], tables)
+                grid, numbers = points.fine, pieces
+                step += room.places[k] >> 2
             else:
+                base = _copy(code, patches)
+                head = base + low_origin
                 s, t = turned(s, t, turn)
                 if base >= 0:
                     grid, numbers, at = points.fine, same, 0
@@ -448,7 +492,9 @@ def evaluator(shape: Any) -> Any:
                 spline(order, normals, grid, numbers, at, first, column, weights, found)
                 if normals:
                     error = 0.0
-                    if kind > 1:
+                    if kind > 1 and shared and at >= 3 * size:
+                        error = points.fine[head + 2, 0]
+                    elif kind > 1:
                         # rows that refine have sums of at most 3, where points are reflected
                         n = tables.kinds[kind, ROWS]
                         block = tables.kinds[kind, MODES] + row * (n + 3)
@@ -465,8 +511,8 @@ def evaluator(shape: Any) -> Any:
                 if base >= 0:
                     for c in range(LANES):
                         value = found[c] + points.fine[own, channel + c]
-                        value += points.fine[base + low_origin, channel + c]
-                        found[c] = value + points.fine[base + origin, channel + c]
+                        value += points.fine[head, channel + c]
+                        found[c] = value + points.fine[head + 1, channel + c]
                 elif extra >= 0:
                     for c in range(LANES):
                         value = found[c] + points.extras[extra, width + channel + c]
@@ -504,6 +550,12 @@ def evaluator(shape: Any) -> Any:
             block = (at + (code & ROW) * (n + 3)) * width
             piece, level = room.places[k] & 3, (room.places[k] >> 2) - 1
             S, T = room.s[k], room.t[k]
+            if shared and tables.kinds[kind, FACES] and level < 0 and order == 0:
+                _, head, _ = _around(code, room.places[k], tables)
+                for j in range(len(which)):
+                    for c in range(d):
+                        out[j, query, c] = points.fine[head, c] + points.fine[head + 1, c]
+                continue
             # what the reference does: coefficients too many to keep, degenerate points, second
             # derivatives where what they come from is nothing beside the first eigenfunction
             if normals and level < 0 and at >= 0:
@@ -612,11 +664,11 @@ def evaluator(shape: Any) -> Any:
                         for c in range(d):
                             out[j, start + begin + k, c] = np.nan
                 elif code >> KIND > 1:
-                    kind, turn = code >> KIND, code >> TURN & TURNS
+                    turn = code >> TURN & TURNS
                     s, t = turned(s, t, turn)
                     level, piece, ss[k], ts[k] = place_around(s, t, turn)
                     places[k] = piece + 4 * (level + 1)
-                    if level == 0 and tables.kinds[kind, MODES] >= 0:
+                    if 0 <= level < _kept(code, tables):
                         own.splines[splines] = k
                         splines += 1
                     else:

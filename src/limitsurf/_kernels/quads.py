@@ -40,11 +40,17 @@ POINTS, OWN = 16, 5  # control points of a regular patch, and which of them all 
 MONOMIALS = 16  # of a piece
 MIDDLE = -1  # the piece that is turned by half a turn: none
 REFINED = 25  # points of the pieces around a special corner, 5 x 5
-# the grids of the three pieces (right, diagonal, up) among them
-PIECES = np.array(
-    [5 * (j + y) + i + x for x, y in ((1, 0), (1, 1), (0, 1)) for j in range(4) for i in range(4)],
-    dtype=np.int32,
-)
+_PIECES = [(j + y, i + x) for x, y in ((1, 0), (1, 1), (0, 1)) for j in range(4) for i in range(4)]
+# Around a vertex at which patches share a ring each face has some of the 5 x 5 points: the vertex,
+# those on the side along u, and those inside, by j and i. Where all are, from the face before on:
+BLOCK = 13  # points of a face
+PLACES = np.array([
+    [-1, 1, 4, 7, 10], [40, 13, 14, 15, 16], [30, 27, 17, 18, 19], [31, 28, 20, 21, 22],
+    [32, 29, 23, 24, 25],
+])  # fmt: skip
+# the grids of the three pieces (right, diagonal, up) among refined points, and among those of faces
+PIECES = np.array([5 * j + i for j, i in _PIECES], dtype=np.int32)
+AROUND = np.array([PLACES[place] for place in _PIECES], dtype=np.int32)
 # which derivative in patch parameters each one is, by turn mod 2; and its sign, by turn
 TURNED = np.array([[0, 1, 2, 3, 4, 5], [0, 2, 1, 5, 4, 3]])
 SIGN = np.array([

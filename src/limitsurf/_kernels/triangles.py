@@ -51,6 +51,7 @@ _PLACES = sorted(set(_PIECES))
 MIDDLE = 2  # the piece that is turned by half a turn
 REFINED = len(_PLACES)  # points of these pieces
 PIECES = np.array([_PLACES.index(place) for place in _PIECES], dtype=np.int32)
+BLOCK, AROUND = 0, PIECES[:0]  # no patches share rings
 
 _SLACK = 4 * 2.0**-52  # by how much u + v may be above 1
 _UNIT = 1 / 12  # of the weights below, which are polynomials over integers

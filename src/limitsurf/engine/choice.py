@@ -111,7 +111,7 @@ class Answers:
             return self.reference
         weights = part == _kernels.WEIGHTS
         # (what kernels never know costs them nothing)
-        if not (PLACES.keys() & orders if weights else PLACES.keys() >= {*orders}):
+        if (orders or weights) and not PLACES.keys() & orders:
             return self.reference
         if choice == "auto" and (kind := shape + part) not in _kernels.available:
             size, kinds = request.face.size, len(self.topology.patches.controls)

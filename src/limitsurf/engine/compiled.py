@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from limitsurf import _kernels
 from limitsurf.caching import cached_property
+from limitsurf.engine.kinds import Rings
 from limitsurf.engine.packing import TERMS, asked
 from limitsurf.engine.protocol import Order, Request
 from limitsurf.engine.reference import Reference
@@ -35,18 +36,14 @@ class Compiled:
     def knows(self, orders: Sequence[Order], weights: bool) -> bool:
         """Whether kernels can answer at all: derivatives of few orders, of points of common size.
 
-        Patches must be of a shape that has kernels, and there must be numbers to be answered. For
-        `weights` points do not matter, and one order is enough.
+        Patches must be of a shape that has kernels, and there must be numbers to be answered; for
+        `weights` points do not matter. One order is enough: the reference may give the others.
         """
-        if self._topology.shape is None:
+        asked_for = orders or weights
+        if self._topology.shape is None or (asked_for and not PLACES.keys() & orders):
             return False
-        if weights:  # the reference may give some
-            return any(nu in PLACES for nu in orders)
-        for nu in orders:
-            if nu not in PLACES:
-                return False
         values = self._reference.values
-        return values.channels > 0 and not values.balance
+        return weights or (values.channels > 0 and not values.balance)
 
     @property
     def _points(self) -> Points:
@@ -57,7 +54,13 @@ class Compiled:
             with _kernels.preparing:
                 found = self.__dict__.get("_packed")
                 if found is None:
-                    found = packing.points(self._reference.points)
+                    values = self._reference.values
+                    rings = {
+                        number: kind.around(values)
+                        for number, kind in enumerate(self._topology.groups.kinds)
+                        if isinstance(kind, Rings)
+                    }
+                    found = packing.points(self._reference.points, rings)
                     self.__dict__["_packed"] = found
         return found
 
@@ -72,14 +75,26 @@ class Compiled:
 
         None where `derivatives` and `normals` know more, or complain.
         """
+        if orders is not None and not PLACES.keys() >= {*orders}:
+            return None
         channels = self._reference.values.channels
         return self._topology.packing.one(self._words, channels, (face, u, v), asked(orders))
 
     def derivatives(
         self, request: Request, orders: Sequence[Order], out: Sequence[Array] | None = None
     ) -> Sequence[Array]:
-        """See `Engine`; orders of `PLACES`."""
+        """See `Engine`; orders of `PLACES` by kernels, others by the reference."""
         orders = tuple(orders)
+        known = [k for k, nu in enumerate(orders) if nu in PLACES]
+        if len(known) < len(orders):
+            others = [k for k, nu in enumerate(orders) if nu not in PLACES]
+            both: dict[int, Array] = {}
+            asking = (self.derivatives, known), (self._reference.derivatives, others)
+            for ask, which in asking:
+                into = out and [out[k] for k in which]
+                some = ask(request, [orders[k] for k in which], into)
+                both.update(zip(which, some, strict=True))
+            return [both[k] for k in range(len(orders))]
         found, rest = self._answers(request, orders, out)
         if len(rest):
             parts = self._reference.derivatives(request.flat(rest), orders)

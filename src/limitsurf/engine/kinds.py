@@ -438,12 +438,12 @@ class Rings(Kind):
         return basis.turned_rows(self._lattice, nu, g.orientation, rows) * scale[:, None]
 
     def derivatives(self, values: Values, g: Group, orders: Sequence[Order]) -> list[Array]:
-        found = self._around(values).derivatives(g.row, g.s, g.t, g.orientation, g.depth, orders)
+        found = self.around(values).derivatives(g.row, g.s, g.t, g.orientation, g.depth, orders)
         back = np.full((len(g.query), 1), -values.balance)
         return [kernels.scale_by_two(x, back) for x in found] if values.balance else found
 
     def directions(self, values: Values, g: Group) -> list[Array]:
-        around = self._around(values)
+        around = self.around(values)
         place = around.place(g.row, g.s, g.t, g.orientation)
         both = basis.turned_directions(
             self._lattice, *around.directions(g.row, place), g.orientation
@@ -451,12 +451,12 @@ class Rings(Kind):
         return [*both[0], *(kernels.NOISE * both[1])]
 
     def normals(self, values: Values, g: Group) -> list[Array]:
-        around = self._around(values)
+        around = self.around(values)
         return [around.normals(g.row, around.place(g.row, g.s, g.t, g.orientation))]
 
     def curvatures(self, values: Values, g: Group) -> list[Array]:
         """At the corner itself NaN, but for 0 where all is flat."""
-        (normal,), around = self.normals(values, g), self._around(values)
+        (normal,), around = self.normals(values, g), self.around(values)
         place, balance = around.place(g.row, g.s, g.t, g.orientation), values.balance
         result = np.full((len(g.row), 10), np.nan)
         jet = np.stack([place.derivatives(nu) for nu in JET])
@@ -470,7 +470,7 @@ class Rings(Kind):
             result[at[around.is_flat(g.row[at], normal[at])], :4] = 0
         return [result]
 
-    def _around(self, values: Values) -> rings.RingValues:
+    def around(self, values: Values) -> rings.RingValues:
         """Values around the shared rings."""
         return values.around(self.masks, self.shared, self.controls)
 

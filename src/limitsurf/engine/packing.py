@@ -6,7 +6,7 @@ coefficients in the eigenbasis of each special corner.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,6 +25,7 @@ from limitsurf.refine import sharing
 if TYPE_CHECKING:
     from limitsurf._kernels import evaluation, grids, rows
     from limitsurf._kernels.blocks import Block
+    from limitsurf.rings import RingValues
     from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
@@ -43,6 +44,10 @@ CHUNK = 1 << 15  # queries; what a thread takes at a time
 # and what rounding took from each.
 _COPIED, _COPIED_SHARE = 1 << 16, 1 / 4
 _LARGEST = 136  # control points of special patches whose coefficients are kept
+# Levels around corners whose patches share rings for which control points are kept: no more memory
+# a face than coefficients take where fewer meet. Sharp sides fall faster than faces do beside them,
+# and relative to these lose a factor of 2.6^2 with each level in second derivatives.
+_LEVELS, _LEVELS_BESIDE = 12, 4
 _WIDEST = 256  # vertices of the cage that a control point of compiled rows of weights may combine
 
 
@@ -110,7 +115,7 @@ class Packing:
         shape = _kernels.shape(scheme.spline.directions)
         assert shape is not None
         self._shape = _kernels.evaluating(shape)
-        self.tables, self._n_rows, self._n_special = self._tables()
+        self.tables, self._n_rows, self._n_fine = self._tables()
         self.patches = self._covering(strips, which)
         # of `evaluation.Room`, in numbers; and what single queries leave behind for the next
         self._room, self._free = evaluation.Room.size(self.tables), list[Array]()
@@ -122,8 +127,13 @@ class Packing:
         regular, strip = patches.controls[REGULAR], patches.controls[STRIP]
         packed = patches.kind.astype(np.int64) << evaluation.KIND
         packed |= patches.turn.astype(np.int64) << evaluation.TURN
-        packed |= patches.row
-        packed[patches.kind == STRIP] += len(regular)
+        row = patches.row.astype(np.int64)
+        row[patches.kind == STRIP] += len(regular)
+        for kind, rings in patches.rings.items():
+            here = np.flatnonzero(patches.kind == kind)
+            number = rings.ring * self.tables.kinds[kind, evaluation.FACES] + rings.position
+            row[here] = number[patches.row[here]]
+        packed |= row
         for kind in range(len(patches.controls)):
             here = np.flatnonzero(patches.kind == kind)
             beyond = np.any(patches.controls[kind] >= patches.n_vertices, axis=1)
@@ -135,8 +145,7 @@ class Packing:
         far = np.flatnonzero((packed >> evaluation.FAR & 1 == 1) & (patches.kind <= STRIP))
         if len(far) <= max(_COPIED, _COPIED_SHARE * patches.n_limit_faces):
             self._copied = packed[far] & evaluation.ROW
-            first = self._n_special + np.arange(len(far))
-            near[self._copied] = first * (self._shape.REFINED + 2)
+            near[self._copied] = self._n_fine + np.arange(len(far)) * (self._shape.REFINED + 2)
         return evaluation.Patches(
             info,
             patches.n_limit_faces,
@@ -147,7 +156,10 @@ class Packing:
         )
 
     def _tables(self) -> tuple[evaluation.Tables, int, int]:
-        """Tables of the kinds whose coefficients are kept, in so many rows, of so many patches."""
+        """Tables of the kinds whose coefficients are kept, in so many rows.
+
+        Also how many rows of control points there are of these and of kinds with shared rings.
+        """
         from limitsurf._kernels import evaluation
 
         kept = [
@@ -186,6 +198,7 @@ class Packing:
             kinds[k, [evaluation.ALONG, evaluation.ACROSS]] = first, second
             kinds[k, evaluation.FLIP] = table.rates[0, 1:3].prod() < 0
             kinds[k, evaluation.PATCH] = patches
+            kinds[k, evaluation.LEVELS] = 1
             patches += len(self._patches.controls[k])
             rows += len(self._patches.controls[k]) * (_rounded(size) + 3)
             made.pieces[k, :, :, :size] = table.pieces[:, :, 1:]
@@ -200,10 +213,26 @@ class Packing:
             made.angles[k, : len(table.pairs)] = table.angles
             made.chains[k, : len(table.chains)] = table.chains - 1
             made.pairs[k, : len(table.pairs)] = table.pairs - 1
-        return made, rows, patches
+        fine = patches * (self._shape.REFINED + 2)
+        for k, rings in self._patches.rings.items():
+            sector = self._patches.sectors[k]
+            assert sector is not None
+            sharp = sector.open or sector.kind == "dart"
+            own = _LEVELS, _LEVELS_BESIDE if sharp else _LEVELS, sector.faces
+            kinds[k, [evaluation.LEVELS, evaluation.BESIDE, evaluation.FACES]] = own
+            kinds[k, evaluation.PATCH] = fine
+            fine += len(rings.points) * self._ring_rows(sector.faces)
+        return made, rows, fine
 
-    def points(self, points: Array) -> evaluation.Points:
-        """Points of the cage (n_vertices, d), ready for evaluation."""
+    def _ring_rows(self, faces: int) -> int:
+        """Rows of control points of a shared ring."""
+        from limitsurf._kernels.evaluation import HEAD
+
+        each: int = self._shape.BLOCK * (faces + 3)
+        return HEAD + _LEVELS * (HEAD + each)
+
+    def points(self, points: Array, rings: Mapping[int, RingValues]) -> evaluation.Points:
+        """Points of the cage (n_vertices, d), ready for evaluation; shared rings by kind."""
         from limitsurf._kernels import coefficients, evaluation
 
         d = points.shape[1]
@@ -211,18 +240,19 @@ class Packing:
         high = _aligned((patches.n_vertices, width))
         high[:, :d] = points
         extras = _aligned((patches.n_points - patches.n_vertices, 2 * width))
-        start = 0
-        for operator in patches.extras:
-            indptr, indices = (x.astype(np.int64) for x in (operator.indptr, operator.indices))
-            coefficients.extend(indptr, indices, operator.data, high, extras, start)
-            start += operator.shape[0]
-        errors = self._errors(high, extras) if d == 3 else np.zeros(len(extras))
+        start, errors, bounds = 0, np.zeros(len(extras)), np.zeros((len(extras), 3 * (d == 3)))
+        for indptr, indices, values in self._operators:
+            given = indptr, indices, values, high, extras, bounds, errors
+            coefficients.extend(*given, start)
+            start += len(indptr) - 1
         modes = _aligned((self._n_rows, width))
-        shape, each, special = self._shape, self._shape.REFINED + 2, self._n_special
-        fine = _aligned(((special + len(self._copied)) * each, width))
-        grids = fine.reshape(-1, each, width)
+        shape, each = self._shape, self._shape.REFINED + 2
+        fine = _aligned((self._n_fine + len(self._copied) * each, width))
+        copies = fine[self._n_fine :].reshape(-1, each, width)
         ids = self.patches.ids.reshape(-1, shape.POINTS)
-        coefficients.copies(ids, shape.OWN, self._copied, high, extras, grids[special:])
+        coefficients.copies(ids, shape.OWN, self._copied, high, extras, copies)
+        for kind, around in rings.items():
+            self._spread(kind, around, fine)
         sums = np.empty((coefficients.SIX, evaluation.LANES))
         for kind, table in enumerate(self._sectors):
             begin, size, patch = kinds[
@@ -234,21 +264,45 @@ class Packing:
             blocks = modes[begin : begin + len(ids) * (size + 3)]
             matrix = _projections(table, shape)
             near = np.zeros(matrix.shape[1] * evaluation.LANES)
+            grids = fine[patch * each : (patch + len(ids)) * each].reshape(-1, each, width)
             coefficients.coefficients(
-                ids, high, extras, errors, matrix, blocks.reshape(len(ids), -1, width),
-                grids[patch : patch + len(ids)], near, sums,
+                ids, high, extras, errors, matrix, blocks.reshape(len(ids), -1, width), grids,
+                near, sums,
             )  # fmt: skip
         return evaluation.Points(high, extras, errors, modes.reshape(-1), fine)
 
-    def _errors(self, high: Array, extras: Array) -> Array:
-        """What rounding did to control points beyond the cage (m,), in units of `NOISE`."""
-        if not len(extras):
-            return np.zeros(0)
-        width = high.shape[1]
-        rounded = np.concatenate([high, extras[:, :width]])
-        low = np.concatenate([np.zeros_like(high), extras[:, width:]])
-        found = kernels.errors(self._patches.extras, rounded, low)
-        return np.asarray(found[len(high) :].max(axis=1))
+    def _spread(self, kind: int, values: RingValues, fine: Array) -> None:
+        """Write the control points around shared rings of a kind, some levels of them, to fine."""
+        from limitsurf._kernels.evaluation import FACES, HEAD, PATCH
+
+        shape, rings = self._shape, self._patches.rings[kind]
+        faces, first = self.tables.kinds[kind, [FACES, PATCH]].tolist()
+        count, start = len(rings.points), HEAD * (_LEVELS + 1)
+        own = fine[first : first + count * self._ring_rows(faces)].reshape(count, -1, fine.shape[1])
+        heads = own[:, :start].reshape(count, _LEVELS + 1, HEAD, -1)
+        high, low, limit = values.vertices
+        d = high.shape[1]
+        heads[:, :, 0, :d], heads[:, :, 1, :d] = (low + limit)[:, None], high[:, None]
+        j, i = np.nonzero(shape.PLACES >= 0)
+        blocks = shape.BLOCK * np.asarray(rings.position)[:, None] + shape.PLACES[j, i]
+        rows = np.zeros((len(blocks), 5, 5, fine.shape[1]))
+        whole = np.dtype((np.void, rows[0, 0, 0].nbytes))  # (as one, they are copied faster)
+        kept, found = own.view(whole)[..., 0], rows.view(whole)[..., 0]
+        for level, (points, after, size) in zip(range(_LEVELS), values.levels(), strict=False):
+            heads[:, level + 1, 0, :d] -= after
+            # rows that refine have sums of at most 3, where points are reflected
+            heads[:, level + 1, 2, 0] = 3 * size
+            rows[..., :d] = points
+            kept[rings.ring[:, None], start + blocks] = found[:, j, i]
+            start += shape.BLOCK * (faces + 3)
+
+    @cached_property
+    def _operators(self) -> list[tuple[Array, Array, Array]]:
+        """Rows of control points beyond the cage, as kernels take them."""
+        return [
+            (x.indptr.astype(np.int64), x.indices.astype(np.int64), x.data)
+            for x in self._patches.extras
+        ]
 
     @cached_property
     def _controls(self) -> rows.Controls:
