@@ -7,6 +7,7 @@ fails.
 import functools
 from collections.abc import Callable
 from fractions import Fraction as F
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -19,29 +20,10 @@ import zoo_triangles
 from oracles_creases import Cage
 
 import limitsurf as ls
-from limitsurf.scheme import SCHEMES
 from limitsurf.scheme.lattice import QUADS, TRIANGLES
-from limitsurf.scheme.loop import LOOP
-from limitsurf.scheme.spline import QUARTIC
+from limitsurf.scheme.loop import LOOP, LOOP_WARREN
 
-
-def warren(valence):
-    share = F(3, 16) if valence == 3 else F(3, 8 * valence)
-    return 1 - valence * share, share
-
-
-# Warren and Weimer, Subdivision methods for geometric design, Morgan Kaufmann 2001
-WARREN = ls.Scheme(
-    name="warren",
-    face=None,
-    edge=(F(3, 8), F(1, 8)),
-    vertex=warren,
-    boundary_edge=F(1, 2),
-    boundary_vertex=(F(3, 4), F(1, 8)),
-    paper="Warren and Weimer 2001",
-    lattice=TRIANGLES,
-    spline=QUARTIC,
-)
+SITE = Path(__file__).parents[1] / "notebooks" / "site"
 
 
 class Kind(NamedTuple):
@@ -82,15 +64,15 @@ def always(faces):
 
 KINDS = {
     "catmull-clark": Kind(
-        SCHEMES["catmull-clark"],
+        ls.schemes["catmull-clark"],
         oracles_creases.TaggedSurface, oracles_creases.refine, QUAD_CAGES, always,
     ),
     "loop": Kind(
         LOOP, oracles_loop.LoopSurface, oracles_loop.refine, TRIANGLE_CAGES,
         lambda faces: set(valences(faces).tolist()) <= {0, 1, 2, 3, 4, 6},
     ),
-    "warren": Kind(
-        WARREN,
+    "loop-warren": Kind(
+        LOOP_WARREN,
         functools.partial(oracles_loop.LoopSurface, weight=oracles_loop.warren_weight),
         functools.partial(oracles_loop.refine, weight=oracles_loop.warren_weight),
         TRIANGLE_CAGES, always,
@@ -104,8 +86,26 @@ ENGINES = pytest.mark.parametrize("engine", ["reference", "compiled"])
 
 
 def test_every_registered_scheme_is_here():
-    assert SCHEMES.keys() <= KINDS.keys()
-    assert {scheme.lattice for scheme in SCHEMES.values()} <= {QUADS, TRIANGLES}
+    assert ls.schemes.keys() <= KINDS.keys()
+    assert {scheme.lattice for scheme in ls.schemes.values()} <= {QUADS, TRIANGLES}
+
+
+@pytest.mark.parametrize("page", ["howto/schemes.md", "comparison.md"])
+def test_every_registered_scheme_has_its_row_in_documents(page):
+    text = (SITE / page).read_text("utf-8")
+    for name, scheme in ls.schemes.items():
+        assert f"\n| `{name}` | " in text, f"{page} has no row of {name}"
+        assert scheme.paper, name
+
+
+def test_schemes_are_listed():
+    assert list(ls.schemes) == [scheme.name for scheme in ls.schemes.values()]
+    lines = str(ls.schemes).splitlines()
+    for line, (name, scheme) in zip(lines, ls.schemes.items(), strict=True):
+        assert line.split()[:2] == [name, scheme.lattice.name]
+        assert line.endswith(scheme.paper)
+    with pytest.raises(TypeError):
+        ls.schemes["mine"] = LOOP
 
 
 @functools.cache

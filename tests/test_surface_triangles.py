@@ -17,14 +17,13 @@ import pytest
 import zoo_triangles
 from oracles_creases import Cage
 from oracles_loop import LoopSurface
-from test_every_scheme import WARREN
 
 import limitsurf as ls
 from limitsurf._kernels import reference
 from limitsurf.basis import regular_weights
 from limitsurf.numbers import FLOAT64, RATIONAL
 from limitsurf.patches import STRIP
-from limitsurf.scheme.loop import LOOP
+from limitsurf.scheme.loop import LOOP, LOOP_WARREN
 
 ORDERS = [(i, m - i) for m in range(5) for i in range(m + 1)]
 CAGES = ["torus_3x4", "octahedron", "crowded", "sphere_1", "bipyramid_12", "patch_0", "fan_2",
@@ -382,7 +381,7 @@ def test_channels(name, mode, cut):
             ls.Mesh(
                 np.array(points, float), faces, **tags, channels={"uv": (x, rows.ravel(), mode)}
             ),
-            scheme=WARREN,
+            scheme=LOOP_WARREN,
         )
         for x in (np.array(values, dtype=object), np.array(values, dtype=float))
     )
@@ -407,7 +406,7 @@ def bent(first, second):
 
 def test_edges_between_irregular_vertices():
     """Faces beside such edges are refined until their masks are those of the patch."""
-    scheme = dataclasses.replace(WARREN, name="bent", edge=bent)
+    scheme = dataclasses.replace(LOOP_WARREN, name="bent", edge=bent)
     points, faces = zoo_triangles.sphere(1)
     mesh = ls.Mesh(np.vectorize(F, otypes=[object])(np.array(points, float)), faces)
     surface = ls.LimitSurface(mesh, scheme=scheme)
@@ -418,7 +417,7 @@ def test_edges_between_irregular_vertices():
             own = np.arange(mesh.n_faces)
             found = surface.evaluate(own, *corner)
             assert (found == level.limit_points[mesh.indices.reshape(-1, 3)[:, k]]).all()
-    straight = ls.refined(mesh, scheme=WARREN).limit_points
+    straight = ls.refined(mesh, scheme=LOOP_WARREN).limit_points
     assert np.abs(fine.limit_points - straight).max() > 0.01
     finer = ls.LimitSurface(fine, scheme=scheme)
     for face in range(0, mesh.n_faces, 3):
@@ -429,7 +428,7 @@ def test_edges_between_irregular_vertices():
 
 def test_edges_at_irregular_vertices_are_refused():
     scheme = dataclasses.replace(
-        WARREN, name="spokes",
+        LOOP_WARREN, name="spokes",
         edge=lambda a, b: (F(3, 8), F(3, 8), F(1, 8)) if a == b else (F(1, 4), F(1, 4), F(1, 4)),
     )  # fmt: skip
     mesh = ls.Mesh(*zoo_triangles.disc(5), scheme=scheme)

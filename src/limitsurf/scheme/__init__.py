@@ -5,11 +5,56 @@ A scheme is registered here and nowhere else.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
-from limitsurf.scheme.loop import LOOP
+from limitsurf.scheme.loop import LOOP, LOOP_WARREN
 from limitsurf.scheme.scheme import Scheme
 
-SCHEMES = {scheme.name: scheme for scheme in (CATMULL_CLARK, LOOP)}
+
+class Schemes(Mapping[str, Scheme]):
+    """The schemes that have a name, by it.
+
+    A name can be given wherever a scheme is expected, and stands in files; so can a value, as those
+    that are here are, and any that you make yourself: see `Scheme`.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> ls.schemes["loop"].paper
+    'Loop 1987; Hoppe et al. 1994 (boundaries and creases)'
+    >>> print(ls.schemes)
+    catmull-clark  quads      Catmull and Clark 1978; DeRose, Kass and Truong 1998 (boundaries)
+    loop           triangles  Loop 1987; Hoppe et al. 1994 (boundaries and creases)
+    ...
+    >>> "no-such-scheme" in ls.schemes
+    False
+    """
+
+    def __init__(self, *known: Scheme) -> None:
+        self._known = {scheme.name: scheme for scheme in known}
+
+    def __getitem__(self, name: str) -> Scheme:
+        return self._known[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._known)
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def __repr__(self) -> str:
+        rows = [(scheme.name, scheme.lattice.name, scheme.paper) for scheme in self.values()]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)][:2]
+        return "\n".join(
+            f"{name:{widths[0]}}  {faces:{widths[1]}}  {paper}" for name, faces, paper in rows
+        )
+
+
+SCHEMES = Schemes(CATMULL_CLARK, LOOP, LOOP_WARREN)
+schemes = SCHEMES  # to users
+# those whose tables ship with the package
+SHIPPED_SCHEMES = CATMULL_CLARK, LOOP
 # what else files call a scheme, and what that means
 _OTHERS = {
     "none": "the cage is a mere mesh of polygons, which is not to be subdivided",

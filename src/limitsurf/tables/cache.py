@@ -30,7 +30,7 @@ from limitsurf import disk_cache
 from limitsurf.cage.checks import users_level
 from limitsurf.disk_cache import Formats
 from limitsurf.exact.matrices import subdivision_matrix
-from limitsurf.scheme import SCHEMES
+from limitsurf.scheme import SCHEMES, SHIPPED_SCHEMES
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 from limitsurf.tables.records import (
@@ -163,7 +163,7 @@ def write_shipped(directory: Path) -> list[Path]:
     """Write the tables that ship with the package into `directory`; return their paths."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
-    for scheme, like in product(SCHEMES.values(), SHIPPED_SECTORS):
+    for scheme, like in product(SHIPPED_SCHEMES, SHIPPED_SECTORS):
         sector = scheme.sector(like.kind, like.faces, like.position)
         tables = [(_key(scheme, sector), _table_formats(scheme, sector), _derive)]
         if sector.kind not in _FOURIER and sector.position == 0:
