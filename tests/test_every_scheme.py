@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import oracles
+import oracles_bilinear
 import oracles_creases
 import oracles_loop
 import pytest
@@ -76,6 +77,18 @@ KINDS = {
         functools.partial(oracles_loop.LoopSurface, weight=oracles_loop.warren_weight),
         functools.partial(oracles_loop.refine, weight=oracles_loop.warren_weight),
         TRIANGLE_CAGES, always,
+    ),
+    "bilinear": Kind(
+        ls.schemes["bilinear"],
+        oracles_bilinear.BilinearSurface, oracles_bilinear.refine_bilinear,
+        of_zoo(zoo, ["cube", "prism_7", "carved_cube_1", "grid_3x3", "ring_2.5", "tagged_boundary",
+                     "chaikin_row", "semi_sharp_flap", "holes"]), always,
+    ),
+    "linear": Kind(
+        ls.schemes["linear"],
+        oracles_bilinear.LinearSurface, oracles_bilinear.refine_linear,
+        of_zoo(zoo_triangles, ["crowded", "bipyramid_12", "fan_7", "semi_2.5", "chaikin",
+                               "tagged_patch_1", "tagged_patch_2", "holes"]), always,
     ),
 }  # fmt: skip
 EVERY = [
@@ -320,7 +333,8 @@ def test_continuity_across_edges(kind, name):
     two = s.evaluate(mesh.twin[h][:, None] // 3, there[0][other], there[1][other])
     both = ~(np.isnan(one) | np.isnan(two))
     assert (np.abs(one - two)[both] <= 2e-14 * np.ptp(mesh.points)).all()
-    if not len(mesh.creases[0]) and not len(mesh.corners[0]):
+    sharp = KINDS[kind].scheme.local or len(mesh.creases[0]) or len(mesh.corners[0])
+    if not sharp:
         a = s.normal(h[:, None] // 3, here[0][side], here[1][side])
         b = s.normal(mesh.twin[h][:, None] // 3, there[0][other], there[1][other])
         both = ~(np.isnan(a) | np.isnan(b))
@@ -330,6 +344,10 @@ def test_continuity_across_edges(kind, name):
 @pytest.mark.parametrize("kind", KINDS)
 def test_eigenbases_hold(kind):
     scheme = KINDS[kind].scheme
+    if scheme.local:
+        with pytest.raises(ValueError, match=rf"'{kind}' has no eigenbases: .* corners alone"):
+            ls.eigenbasis(scheme, valence=5)
+        return
     for what in ({"valence": 5}, {"kind": "crease", "faces": 2}, {"kind": "corner", "faces": 2}):
         table = ls.eigenbasis(scheme, **what).float64
         assert np.abs(table.residual).max() < 1e-12

@@ -934,7 +934,7 @@ def test_eigenbasis_refuses_other_valences(valence):
     assert repr(valence) in str(caught.value)
 
 
-@pytest.mark.parametrize("scheme", ["bilinear", "", None, 7])
+@pytest.mark.parametrize("scheme", ["butterfly", "", None, 7])
 def test_eigenbasis_refuses_unknown_schemes(scheme):
     with pytest.raises(ValueError, match=r"unknown scheme .* known: catmull-clark") as caught:
         ls.eigenbasis(scheme, valence=5)

@@ -705,7 +705,28 @@ WeightsOf = Callable[[Array, Array, Order], Array]
 @lru_cache(maxsize=64)
 def regular_weights(spline: Spline, number: NumberType) -> WeightsOf:
     """What gives weights (Q, K) of a regular piece from s, t (Q,) and the order of a derivative."""
-    return kernels.bicubic_weights if spline.cubic else partial(_piece_weights, spline, number)
+    if spline.cubic:
+        return kernels.bicubic_weights
+    if spline.is_product:
+        return partial(_product_weights, spline.degree)
+    return partial(_piece_weights, spline, number)
+
+
+def _product_weights(degree: int, s: Array, t: Array, nu: Order) -> Array:
+    """Those of a product of B-splines of one degree in s and in t."""
+    along, across = (_line_weights(degree, x, k) for x, k in zip((s, t), nu, strict=True))
+    return np.asarray((across[:, :, None] * along[:, None, :]).reshape(len(s), -1))
+
+
+def _line_weights(degree: int, x: Array, order: int) -> Array:
+    """Weights (Q, degree + 1) in the derivative of a piece of a B-spline, as `cubic_weights`."""
+    weights = kernels.spline_weights(x, max(degree - order, 0))
+    if order > degree:
+        return np.repeat(0 * weights, degree + 1, axis=1)
+    for _ in range(order):
+        above = np.zeros((len(x), 1), dtype=x.dtype)
+        weights = np.concatenate([above, weights], 1) - np.concatenate([weights, above], 1)
+    return weights
 
 
 def _piece_weights(spline: Spline, number: NumberType, s: Array, t: Array, nu: Order) -> Array:

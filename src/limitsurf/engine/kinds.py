@@ -134,7 +134,7 @@ class Spline(Kind):
     @cached_property
     def _first(self) -> int:
         """The control point at the corner (0, 0)."""
-        return self._lattice.template.index((1, 1))
+        return self._scheme.spline.template.index((1, 1))
 
     def weights(self, g: Group, nu: Order) -> Array:
         scale = kernels.scale_by_two(np.ones(len(g.s), dtype=self.number.dtype), g.depth * sum(nu))

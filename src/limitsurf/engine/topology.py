@@ -91,9 +91,12 @@ class Topology:
     def sharp_sides(self) -> Array:
         """Whether the sides of limit faces, each from a corner to the next, stay sharp, (n, sides).
 
+        Where faces depend on their own corners alone, all do.
         Of a quad those at v = 0, u = 1, v = 1, u = 0, of a triangle at v = 0, u + v = 1, u = 0.
         """
         mesh, faces, size = self.mesh, self.limit_faces, self.lattice.face_size
+        if self.rules.scheme.local:
+            return np.ones((len(faces), size), dtype=bool)
         sharpness = Sharpness.of(mesh, self.rules, numbers.FLOAT64)
         sharp = np.zeros(mesh.n_corners, dtype=bool)
         sharp[sharpness.sides] = tables.is_infinite(sharpness.edge_sharpness)[sharpness.edge]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from limitsurf.scheme.bilinear import BILINEAR, LINEAR
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from limitsurf.scheme.loop import LOOP, LOOP_WARREN
 from limitsurf.scheme.scheme import Scheme
@@ -51,7 +52,7 @@ class Schemes(Mapping[str, Scheme]):
         )
 
 
-SCHEMES = Schemes(CATMULL_CLARK, LOOP, LOOP_WARREN)
+SCHEMES = Schemes(CATMULL_CLARK, LOOP, LOOP_WARREN, BILINEAR, LINEAR)
 schemes = SCHEMES  # to users
 # those whose tables ship with the package
 SHIPPED_SCHEMES = CATMULL_CLARK, LOOP
@@ -59,7 +60,6 @@ SHIPPED_SCHEMES = CATMULL_CLARK, LOOP
 _OTHERS = {
     "none": "the cage is a mere mesh of polygons, which is not to be subdivided",
     "mixed": "the cage is of meshes with several schemes",
-    "bilinear": "it is not there yet",
 }
 
 
@@ -68,7 +68,7 @@ def find_scheme(scheme: str | Scheme) -> Scheme:
     if isinstance(scheme, Scheme):
         return scheme
     if not isinstance(scheme, str) or scheme not in SCHEMES:
-        text = f"unknown scheme {scheme!r}; known: {', '.join(sorted(SCHEMES))}"
+        text = f"unknown scheme {scheme!r}; known: {', '.join(SCHEMES)}"
         if isinstance(scheme, str) and scheme in _OTHERS:
             advice = f'to subdivide it all the same, say scheme="{CATMULL_CLARK.name}"'
             text += f" ({_OTHERS[scheme]}; {advice})"

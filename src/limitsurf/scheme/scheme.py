@@ -143,10 +143,11 @@ class Scheme:
         star, stride = self.lattice.star, len(self.lattice.orbits)
         vertex, edge = self.spline.stencil((0, 0)), self.spline.stencil((1, 0))
         face = self.spline.stencil((1, 1)) if self.lattice.face_points else {}
+        zero = Fraction(0)
         unit = face.get((0, 0), Fraction(1))  # of a corner in what stands for its face
-        across, near = edge[star[stride]] / unit, vertex[star[0]]
+        across, near = edge.get(star[stride], zero) / unit, vertex.get(star[0], zero)
         # corners beyond the neighbours come with face points, which bring neighbours too
-        around = [vertex[place] / unit for place in star[1:stride]]
+        around = [vertex.get(place, zero) / unit for place in star[1:stride]]
         near -= 2 * unit * sum(around)
         own = 1 - self.lattice.valence * (near + sum(around))
         curve, middle = self.spline.curve_stencil(0), self.spline.curve_stencil(1)
@@ -155,8 +156,13 @@ class Scheme:
             ((1 - 2 * across) / 2, across),
             (own, near, *around),
             (middle[0],),
-            (curve[0], curve[1]),
+            (curve[0], curve.get(1, zero)),
         )
+
+    @property
+    def local(self) -> bool:
+        """Whether limit faces depend on their own corners alone: no vertex is special, no edge."""
+        return len(self.spline.template) == self.lattice.face_size
 
     def face_mask(self, n: int) -> tuple[Fraction, ...]:
         """Weights of the ``n`` corners of a face in its face point, shape (n,); else (0,)."""
