@@ -244,7 +244,9 @@ class Corners(Kind):
 
     @cached_property
     def _rational(self) -> tables.RationalTable:
-        return tables.rational_table(self._scheme, self.table.sector)
+        # the points of refined corners are rational where their masks are, or have been refused
+        vertex = int(self.controls[0, 0])
+        return tables.rational_table(self._scheme, self.table.sector, vertex=vertex)
 
     def weights(self, g: Group, nu: Order) -> Array:
         place, table = basis.CornerPlace.of(g.s, g.t, g.orientation, self._lattice), self.table

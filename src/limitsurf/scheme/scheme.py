@@ -50,7 +50,8 @@ class Scheme:
     edge : (Fraction, Fraction)
         Weight of each end point, and of each adjacent face point, in an edge point; without face
         points of each opposite corner. Or a callable: the valences of both ends -> the weights of
-        the first end, of the second, and of what lies across. `LimitSurface` wants these to be
+        the first end, of the second, and of what lies across; with the valences exchanged it gives
+        the first two exchanged, as no end is the first. `LimitSurface` wants these to be
         those of regular edges wherever one end is regular; `refined` takes any.
     vertex : callable, N -> 3 rationals
         Weights of the vertex, of each edge neighbour and of each adjacent face point, if there are
@@ -172,8 +173,20 @@ class Scheme:
         """Weights in an interior edge point, by the valences of its ends: of each, and across."""
         if not callable(self.edge):
             return self.edge[0], *self.edge
-        weights = self.edge(first, second)
-        return self._check(f"edge({first}, {second})", weights, (1, 1, 2), algebraic=True)
+        ends, found = [(first, second), (second, first)], []
+        for pair in ends:
+            name = f"edge({pair[0]}, {pair[1]})"
+            found.append(self._check(name, self.edge(*pair), (1, 1, 2), algebraic=True))
+        (one, other, across), turned = found
+        if not all(map(_equal, turned, (other, one, across))):
+            told = (
+                f"edge{e} is ({', '.join(map(str, w))})" for e, w in zip(ends, found, strict=True)
+            )
+            raise ValueError(
+                f"scheme {self.name!r}: {' and '.join(told)}; an edge has no first end: where "
+                "the valences are exchanged, the first two weights must be exchanged, too"
+            )
+        return found[0]
 
     def check_spokes(self, valence: int) -> None:
         """Refuse edges from a vertex of that valence to regular ones with masks of their own.
@@ -240,7 +253,7 @@ class Scheme:
                 f"scheme {self.name!r}: {mask} must be {len(counts)} Fractions, got {weights!r}"
             )
         total: Any = sum((w * c for w, c in zip(weights, counts, strict=True)), Fraction(0))
-        if total != 1 and not (_is_algebraic(total) and (total - 1).expand() == 0):
+        if not _equal(total, 1):
             raise ValueError(f"scheme {self.name!r}: {mask} sums to {total}, not to 1")
         return tuple(map(_exact, weights))
 
@@ -248,6 +261,10 @@ class Scheme:
 def _is_algebraic(weight: Any) -> bool:
     """Whether it is a real algebraic number of sympy, which is not imported to know that."""
     return bool(getattr(weight, "is_algebraic", False)) and weight.is_real is not False
+
+
+def _equal(one: Weight, other: Weight) -> bool:
+    return bool(one == other or (_is_algebraic(one - other) and (one - other).expand() == 0))
 
 
 def _exact(weight: Any) -> Weight:

@@ -325,15 +325,21 @@ def _is_ordered(table: EigenTable) -> bool:
     return bool(ds[0] * dt[1] > ds[1] * dt[0])
 
 
-def rational_table(scheme: Scheme, sector: Sector, rounded: bool = False) -> RationalTable:
+def rational_table(
+    scheme: Scheme, sector: Sector, rounded: bool = False, vertex: int | None = None
+) -> RationalTable:
     """Return the exact refinement step of `scheme` around a special corner.
 
-    Raises a TypeError for irrational masks; if `rounded`, they are taken as float64 has them.
+    Raises a TypeError for irrational masks, which names the `vertex` if it is given; if `rounded`,
+    they are taken as float64 has them.
     """
     matrix = subdivision_matrix(scheme, sector)
     if rounded and not all(isinstance(w, Fraction) for row in matrix.rows for w in row.values()):
         return _rational_table(subdivision_matrix(scheme, sector, _rational), scheme, True)
-    return _rational_table(matrix, scheme, False)
+    try:
+        return _rational_table(matrix, scheme, False)
+    except TypeError as error:
+        raise TypeError(f"{error}" if vertex is None else f"vertex {vertex}: {error}") from None
 
 
 def _rational(weight: Any) -> Fraction:
