@@ -3,6 +3,7 @@
 What holds for all schemes is in `test_every_scheme`.
 """
 
+import dataclasses
 import pickle
 from fractions import Fraction as F
 
@@ -158,3 +159,13 @@ def test_linear_wants_triangles():
         ls.LimitSurface(ls.Mesh(QUAD, [[0, 1, 2, 3]]), scheme="linear")
     with pytest.raises(ValueError, match='has no triangle rule "smooth"'):
         ls.LimitSurface(ls.Mesh(QUAD, [[0, 1, 2, 3]]), scheme="bilinear", triangles="smooth")
+
+
+@pytest.mark.parametrize("change", [
+    {"vertex": lambda n: (F(1), F(0), F(0)) if n == 4 else (F(1, 2), F(1, 4 * n), F(1, 4 * n))},
+    {"edge": lambda a, b: (F(1, 2), F(1, 2), F(0)) if a == b == 4 else (F(1, 4),) * 3},
+])  # fmt: skip
+def test_masks_that_faces_would_not_see_are_refused(change):
+    scheme = dataclasses.replace(ls.schemes["bilinear"], name="wicked", **change)
+    with pytest.raises(ValueError, match=r"'wicked': .* but the bilinear spline needs .* at every"):
+        ls.refined(ls.Mesh(*zoo.cube()), scheme=scheme)

@@ -186,6 +186,8 @@ class Scheme:
                 f"scheme {self.name!r}: {' and '.join(told)}; an edge has no first end: where "
                 "the valences are exchanged, the first two weights must be exchanged, too"
             )
+        half = Fraction(1, 2)
+        self._check_local(f"edge({first}, {second})", found[0], (half, half, 0))
         return found[0]
 
     def check_spokes(self, valence: int) -> None:
@@ -211,8 +213,18 @@ class Scheme:
 
     def vertex_mask(self, valence: int) -> Weights:
         """Weights of an interior vertex, of each edge neighbour, of each face point if any."""
-        counts = 1, *(valence for _ in self.lattice.orbits)
-        return self._check(f"vertex({valence})", self.vertex(valence), counts, algebraic=True)
+        counts, name = (1, *(valence for _ in self.lattice.orbits)), f"vertex({valence})"
+        weights = self._check(name, self.vertex(valence), counts, algebraic=True)
+        self._check_local(name, weights, (1, *(0 for _ in self.lattice.orbits)))
+        return weights
+
+    def _check_local(self, mask: str, got: Weights, needed: Weights) -> None:
+        """Refuse another mask than that of regular meshes where all faces are regular pieces."""
+        if self.local and not all(map(_equal, got, needed)):
+            raise ValueError(
+                f"scheme {self.name!r}: {mask} is ({', '.join(map(str, got))}), but the "
+                f"{self.spline.name} needs ({', '.join(map(str, needed))}) at every valence"
+            )
 
     def sector(self, kind: str, faces: int, position: int = 0) -> Sector:
         """A special corner of this scheme's lattice."""
