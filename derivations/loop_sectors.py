@@ -554,6 +554,27 @@ difference = from_curve(3, 0, 1, -1, HALF)
 assert min(jacobians(pieces(difference, 0.5), pieces(wave, 0.5))) > 0.1
 
 # %% [markdown]
+# *Edges that are points.* Where $e_0 = e_k = v$ nothing is left of the curve, and of $k \ge 3$
+# faces sines 1 and 2 lead, be the vertex carried or not: $\mu_2 \ge \frac14$ is above $\mu_3$ and
+# the outer points' $\frac18$, and the chain of $k = 6$ begins where the tangent is. The Jacobian of
+# sine 2 and sine 1 is zero along the edges and positive elsewhere, for each $k$ that is tried here:
+# the normal tends to that of the two, from all faces. Of two faces sine 1 alone is left, and the
+# rest is up to outer points: no limit, but in a corner of which one edge is no point. There it is
+# that of this edge and of sine 1.
+
+# %%
+for k in range(3, 13):
+    found = jacobians(pieces(*sine(k, 2)), pieces(*sine(k, 1)))
+    assert min(found) > -1e-12
+    assert max(found) > 0.1
+    assert mu[k][1] - max([1 / 8, *mu[k][2:]]) > 0.01
+difference, total = from_curve(2, 0, 1, -1, HALF), from_curve(2, 0, 1, 1, HALF)
+last = combined(total, difference, -1.0)  # twice what has e_2 alone
+first = combined(total, difference, 1.0)
+assert min(jacobians(pieces(*sine(2, 1)), pieces(last, 0.5))) > -1e-12
+assert min(jacobians(pieces(first, 0.5), pieces(*sine(2, 1)))) > -1e-12
+
+# %% [markdown]
 # ## 8. Masks across a crease
 #
 # The coefficient of sine 1 is a left eigenvector: $\sin \frac{\pi j}{k}$ on $e_j$ inside, $y$ on

@@ -41,7 +41,7 @@ from functools import cache
 from itertools import product
 from math import comb
 
-from sympy import Poly, Rational, Symbol, cos, expand, integrate, pi, rem, symbols
+from sympy import Matrix, Poly, Rational, Symbol, cancel, cos, expand, integrate, pi, rem, symbols
 
 u, v, s = symbols("u v s")
 
@@ -384,3 +384,76 @@ edge = expand(sum(p.subs(v, 0) * rows[place] for place, p in weights.items()))
 cubic = (1 - u) ** 3 * b[0] + (4 - 6 * u**2 + 3 * u**3) * b[1]
 cubic += (1 + 3 * u + 3 * u**2 - 3 * u**3) * b[2] + u**3 * b[3]
 assert expand(edge - cubic / 6) == 0
+
+# %% [markdown]
+# ## 7. Splines of degree 1
+#
+# Fewer steps along the same directions: two along each edge of a square make the product of two
+# hats, one along each of $d_1, d_2, d_3$ a hat over the six triangles around a vertex. The masks
+# are one product again, $2^{2 - n} \prod (1 + z^r)$: vertices stay, edges are halved, and a square
+# has a point in its middle. A face has its corners for control points and no others. That is a
+# scheme for any mesh: its children cover the same bilinear quad, or the same plane triangle, with
+# parameters that are those of section 4.
+
+
+# %%
+def product_masks(directions):
+    """Shares of the control points, by the parity of a refined point's place."""
+    sums = {(0, 0): Rational(4, 2 ** len(directions))}
+    for x, y in directions:
+        moved = {(a + x, b + y): share for (a, b), share in sums.items()}
+        sums = {k: sums.get(k, 0) + moved.get(k, 0) for k in sums.keys() | moved.keys()}
+    found = {}
+    for (a, b), share in sums.items():
+        found.setdefault((a % 2, b % 2), []).append(share)
+    return {parity: sorted(shares) for parity, shares in found.items()}
+
+
+HALF = Rational(1, 2)
+# the centre of the first is a lattice point, that of the other halfway along d_2 twice
+assert product_masks([(1, 0), (1, 0), (0, 1), (0, 1)]) == {
+    (0, 0): [HALF / 2] * 4, (1, 0): [HALF] * 2, (0, 1): [HALF] * 2, (1, 1): [1]
+}  # fmt: skip
+assert product_masks([(1, 0), (0, 1), (-1, 1)]) == {
+    (0, 0): [HALF] * 2, (1, 0): [HALF] * 2, (1, 1): [HALF] * 2, (0, 1): [1]
+}  # fmt: skip
+
+p0, p1, p2, p3 = symbols("p:4")
+
+
+def bilinear(corners, x, y):
+    a, b, c, d = corners
+    return (1 - y) * ((1 - x) * a + x * b) + y * ((1 - x) * d + x * c)
+
+
+def linear(corners, x, y):
+    a, b, c = corners
+    return (1 - x - y) * a + x * b + y * c
+
+
+quad, triangle = (p0, p1, p2, p3), (p0, p1, p2)
+middle, halves = sum(quad) / 4, [(quad[k] + quad[(k + 1) % 4]) / 2 for k in range(4)]
+for k, (x, y) in enumerate([(0, 0), (1, 0), (1, 1), (0, 1)]):
+    child = [quad[k], halves[k], middle, halves[k - 1]]
+    child = child[-k:] + child[:-k]  # turned back: u and v keep their directions
+    assert expand(bilinear(child, u, v) - bilinear(quad, (x + u) / 2, (y + v) / 2)) == 0
+m = [(triangle[k] + triangle[(k + 1) % 3]) / 2 for k in range(3)]
+for corners, place in (
+    ((p0, m[0], m[2]), (u / 2, v / 2)),
+    ((m[0], p1, m[1]), ((1 + u) / 2, v / 2)),
+    ((m[2], m[1], p2), (u / 2, (1 + v) / 2)),
+    ((m[1], m[2], m[0]), ((1 - u) / 2, (1 - v) / 2)),
+):
+    assert expand(linear(corners, u, v) - linear(triangle, *place)) == 0
+
+# %% [markdown]
+# Where two corners $a, b$ of a quad $a b c d$ are one point, derivatives along $u$ vanish there
+# like $v$, and the normal has a limit, along $(c - d) \times (d - a)$, at all of that side.
+
+# %%
+a, b, c, d = (Matrix(symbols(f"{name}:3")) for name in "abcd")
+x = bilinear((a, a, c, d), u, v)
+cross = x.diff(u).cross(x.diff(v))
+limit = (cross / v).applyfunc(lambda term: cancel(term).subs(v, 0))
+assert (limit - (c - d).cross(d - a + u * (c - d))).applyfunc(expand).is_zero_matrix
+assert (limit - (c - d).cross(d - a)).applyfunc(expand).is_zero_matrix

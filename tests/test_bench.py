@@ -99,7 +99,8 @@ def test_pages_have_room_for_what_is_made(page: str) -> None:
 
 def test_errors_are_measured() -> None:
     figures = json.loads(run("accuracy.py", "--samples 1"))
-    for scheme in SCHEMES:  # of every one that is registered there are figures
+    # of every one that is registered there are figures, if it has special corners
+    for scheme in (name for name, scheme in SCHEMES.items() if not scheme.local):
         valences = {row["valence"] for row in figures["rows"] if row["scheme"] == scheme}
         assert valences >= {3, 4, 5}, scheme
     for row in figures["rows"]:

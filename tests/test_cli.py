@@ -249,12 +249,31 @@ def test_info_of_what_is_not_manifold(tmp_path):
 
 
 def test_info_of_a_scheme_that_is_not_known(tmp_path):
-    path = tmp_path / "bilinear.obj"
-    ls.write(path, ls.Mesh(*zoo.tetrahedron(), scheme="bilinear"))
+    path = tmp_path / "butterfly.obj"
+    ls.write(path, ls.Mesh(*zoo.tetrahedron(), scheme="butterfly"))
     found = told(succeed("info", path))
     assert found["vertices"].strip() == "4"
-    assert "'bilinear'" in found["limit surface"]
-    assert "'bilinear'" in fail("evaluate", path, "--grid", 1)
+    assert "'butterfly'" in found["limit surface"]
+    assert "'butterfly'" in fail("evaluate", path, "--grid", 1)
+
+
+def test_bilinear(tmp_path):
+    """Every command, with the scheme of the file and with one that is asked for."""
+    path, out = tmp_path / "cage.obj", tmp_path / "out.obj"
+    ls.write(path, ls.Mesh(*zoo.tetrahedron(), scheme="bilinear"))
+    rows = succeed("evaluate", path, "--grid", 3, "--order", 2, "--normals").splitlines()
+    assert len(rows) == 1 + 12 * 9
+    assert succeed("evaluate", path, "--grid", 3) != succeed(
+        "evaluate", path, "--grid", 3, "--scheme", "catmull-clark"
+    )
+    succeed("tessellate", path, "-n", 2, "-o", out)
+    assert ls.read(out).n_faces == 12 * 4
+    succeed("refine", path, "-o", out)
+    assert np.array_equal(ls.read(out).points[:4], ls.read(path).points)
+    for scheme in "bilinear", "linear":
+        succeed("validate", path, "--scheme", scheme)
+        assert f"'{scheme}' has no eigenbases" in fail("basis", "--scheme", scheme, "--valence", 5)
+    assert told(succeed("info", path, "--scheme", "linear"))["limit faces"].strip() == "4"
 
 
 def test_triangles(tmp_path):
@@ -290,11 +309,11 @@ def test_info_as_json(cage, tmp_path):
     assert found["no_surface"] is None
     path = tmp_path / "sharp.obj"
     creases = {(0, 1): 0.5, (1, 3): np.inf}
-    ls.write(path, ls.Mesh(*zoo.cube(), creases=creases, scheme="bilinear"))
+    ls.write(path, ls.Mesh(*zoo.cube(), creases=creases, scheme="butterfly"))
     other = facts("info", path)
     assert other.keys() == found.keys()
     assert other["creases"] == {"number": 2, "infinite": 1, "least": 0.5, "most": 0.5}
-    assert "'bilinear'" in other["no_surface"]
+    assert "'butterfly'" in other["no_surface"]
     assert other["limit_faces"] is None
 
 

@@ -7,10 +7,12 @@ fails.
 import functools
 from collections.abc import Callable
 from fractions import Fraction as F
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import oracles
+import oracles_bilinear
 import oracles_creases
 import oracles_doo_sabin
 import oracles_loop
@@ -20,30 +22,11 @@ import zoo_triangles
 from oracles_creases import Cage
 
 import limitsurf as ls
-from limitsurf.scheme import SCHEMES
 from limitsurf.scheme.doo_sabin import DOO_SABIN
 from limitsurf.scheme.lattice import DUAL_QUADS, QUADS, TRIANGLES
-from limitsurf.scheme.loop import LOOP
-from limitsurf.scheme.spline import QUARTIC
+from limitsurf.scheme.loop import LOOP, LOOP_WARREN
 
-
-def warren(valence):
-    share = F(3, 16) if valence == 3 else F(3, 8 * valence)
-    return 1 - valence * share, share
-
-
-# Warren and Weimer, Subdivision methods for geometric design, Morgan Kaufmann 2001
-WARREN = ls.Scheme(
-    name="warren",
-    face=None,
-    edge=(F(3, 8), F(1, 8)),
-    vertex=warren,
-    boundary_edge=F(1, 2),
-    boundary_vertex=(F(3, 4), F(1, 8)),
-    paper="Warren and Weimer 2001",
-    lattice=TRIANGLES,
-    spline=QUARTIC,
-)
+SITE = Path(__file__).parents[1] / "notebooks" / "site"
 
 
 class Kind(NamedTuple):
@@ -108,7 +91,7 @@ def dual_rational(faces, *tags):
 
 KINDS = {
     "catmull-clark": Kind(
-        SCHEMES["catmull-clark"],
+        ls.schemes["catmull-clark"],
         oracles_creases.TaggedSurface, oracles_creases.refine, QUAD_CAGES, always,
     ),
     "doo-sabin": Kind(
@@ -119,11 +102,23 @@ KINDS = {
         LOOP, oracles_loop.LoopSurface, oracles_loop.refine, TRIANGLE_CAGES,
         lambda faces: set(valences(faces).tolist()) <= {0, 1, 2, 3, 4, 6},
     ),
-    "warren": Kind(
-        WARREN,
+    "loop-warren": Kind(
+        LOOP_WARREN,
         functools.partial(oracles_loop.LoopSurface, weight=oracles_loop.warren_weight),
         functools.partial(oracles_loop.refine, weight=oracles_loop.warren_weight),
         TRIANGLE_CAGES, always,
+    ),
+    "bilinear": Kind(
+        ls.schemes["bilinear"],
+        oracles_bilinear.BilinearSurface, oracles_bilinear.refine_bilinear,
+        of_zoo(zoo, ["cube", "prism_7", "carved_cube_1", "grid_3x3", "ring_2.5", "tagged_boundary",
+                     "chaikin_row", "semi_sharp_flap", "holes"]), always,
+    ),
+    "linear": Kind(
+        ls.schemes["linear"],
+        oracles_bilinear.LinearSurface, oracles_bilinear.refine_linear,
+        of_zoo(zoo_triangles, ["crowded", "bipyramid_12", "fan_7", "semi_2.5", "chaikin",
+                               "tagged_patch_1", "tagged_patch_2", "holes"]), always,
     ),
 }  # fmt: skip
 EVERY = [
@@ -134,8 +129,26 @@ ENGINES = pytest.mark.parametrize("engine", ["reference", "compiled"])
 
 
 def test_every_registered_scheme_is_here():
-    assert SCHEMES.keys() <= KINDS.keys()
-    assert {scheme.lattice for scheme in SCHEMES.values()} <= {QUADS, DUAL_QUADS, TRIANGLES}
+    assert ls.schemes.keys() <= KINDS.keys()
+    assert {scheme.lattice for scheme in ls.schemes.values()} <= {QUADS, DUAL_QUADS, TRIANGLES}
+
+
+@pytest.mark.parametrize("page", ["howto/schemes.md", "comparison.md"])
+def test_every_registered_scheme_has_its_row_in_documents(page):
+    text = (SITE / page).read_text("utf-8")
+    for name, scheme in ls.schemes.items():
+        assert f"\n| `{name}` | " in text, f"{page} has no row of {name}"
+        assert scheme.paper, name
+
+
+def test_schemes_are_listed():
+    assert list(ls.schemes) == [scheme.name for scheme in ls.schemes.values()]
+    lines = str(ls.schemes).splitlines()
+    for line, (name, scheme) in zip(lines, ls.schemes.items(), strict=True):
+        assert line.split()[:2] == [name, scheme.lattice.name]
+        assert line.endswith(scheme.paper)
+    with pytest.raises(TypeError):
+        ls.schemes["mine"] = LOOP
 
 
 @functools.cache
@@ -350,7 +363,8 @@ def test_continuity_across_edges(kind, name):
     two = s.evaluate(mesh.twin[h][:, None] // 3, there[0][other], there[1][other])
     both = ~(np.isnan(one) | np.isnan(two))
     assert (np.abs(one - two)[both] <= 2e-14 * np.ptp(mesh.points)).all()
-    if not len(mesh.creases[0]) and not len(mesh.corners[0]):
+    sharp = KINDS[kind].scheme.local or len(mesh.creases[0]) or len(mesh.corners[0])
+    if not sharp:
         a = s.normal(h[:, None] // 3, here[0][side], here[1][side])
         b = s.normal(mesh.twin[h][:, None] // 3, there[0][other], there[1][other])
         both = ~(np.isnan(a) | np.isnan(b))
@@ -360,6 +374,10 @@ def test_continuity_across_edges(kind, name):
 @pytest.mark.parametrize("kind", KINDS)
 def test_eigenbases_hold(kind):
     scheme = KINDS[kind].scheme
+    if scheme.local:
+        with pytest.raises(ValueError, match=rf"'{kind}' has no eigenbases: .* corners alone"):
+            ls.eigenbasis(scheme, valence=5)
+        return
     sectors = {"valence": 5}, {"kind": "crease", "faces": 2}, {"kind": "corner", "faces": 2}
     for what in sectors:
         if what.get("kind", "interior") not in scheme.kinds:

@@ -17,13 +17,12 @@ import zoo
 import zoo_triangles
 from hypothesis import given, settings
 from oracles_creases import Cage
-from test_every_scheme import WARREN
 
 import limitsurf as ls
 from limitsurf import numbers
 from limitsurf.patches import STRIP, PatchTable, level
 from limitsurf.rules import Rules
-from limitsurf.scheme import SCHEMES
+from limitsurf.scheme.loop import LOOP, LOOP_WARREN
 
 INTEGERS = ["codes", "kind", "row", "turn", "sectors", "controls", "rings", "n_points"]
 TINY = F(1, 10**20)
@@ -102,14 +101,14 @@ def test_quads(name):
     assert_shared(mesh_of(*QUADS[name]()))
 
 
-@pytest.mark.parametrize("scheme", [SCHEMES["loop"], WARREN], ids=lambda scheme: scheme.name)
+@pytest.mark.parametrize("scheme", [LOOP, LOOP_WARREN], ids=lambda scheme: scheme.name)
 @pytest.mark.parametrize("name", TRIANGLES)
 def test_triangles(scheme, name):
     mesh = mesh_of(*TRIANGLES[name]())
     try:
         assert_shared(mesh, scheme)
     except TypeError:  # Fractions are refused alike
-        assert scheme is not WARREN
+        assert scheme is not LOOP_WARREN
         surface = ls.LimitSurface(mesh, scheme=scheme)
         with pytest.raises(TypeError, match="irrational"):
             surface.weights(0, F(1, 3), F(1, 3))
@@ -120,7 +119,7 @@ def test_triangles(scheme, name):
 def test_sharpness_that_float64_rounds(sharpness, creasing):
     """No rounding decides what is a patch, nor which control points these need."""
     cages = [(None, zoo.grid(3, 3)), (None, zoo.prism(5))]
-    cages += [(WARREN, zoo_triangles.ZOO[name]()) for name in ("grid_3x2", "crowded")]
+    cages += [(LOOP_WARREN, zoo_triangles.ZOO[name]()) for name in ("grid_3x2", "crowded")]
     for seed, (scheme, made) in enumerate(cages):
         assert_shared(tagged(made, SHARPNESSES[sharpness], seed, creasing=creasing), scheme)
 

@@ -253,7 +253,8 @@ def test_wrong_masks_of_triangles_are_refused(change, message):
 
 def test_a_mask_may_depend_on_both_ends_of_an_edge():
     def edge(a, b):
-        return (F(3, 8), F(3, 8), F(1, 8)) if a == b else (F(1, 2), F(1, 4), F(1, 8))
+        heavy, light = (F(3, 8), F(3, 8)) if a == b else (F(1, 2), F(1, 4))
+        return (heavy, light, F(1, 8)) if a <= b else (light, heavy, F(1, 8))
 
     scheme = dataclasses.replace(LOOP, name="leaning", edge=edge)
     rows = subdivision_matrix(scheme, scheme.sector("interior", 5)).rows

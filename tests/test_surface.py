@@ -1362,3 +1362,21 @@ def test_masked_queries_have_no_answer(engine):
     assert np.isnan(surface.evaluate(0, [np.ma.masked, 0.5], 0.5)[0]).all()
     exact = np.ma.array([HALF, F(7)], mask=[False, True], dtype=object)
     assert [x != x for x in surface.evaluate(0, exact, HALF)[:, 0]] == [False, True]
+
+
+@pytest.mark.parametrize("faces", [3, 4, 5])
+def test_all_faces_have_the_normal_where_sharp_edges_are_points(faces):
+    """Also those that have no side there."""
+    angle = np.pi * np.arange(2 * faces + 1) / (2 * faces)
+    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    points = np.concatenate([np.zeros((1, 3)), circle, 2 * circle])
+    points += np.random.default_rng(faces).normal(size=points.shape) / 8
+    ring = 1 + np.arange(2 * faces + 1)
+    points[ring[[0, -1]]] = points[0]
+    quads = [[0, *ring[2 * j : 2 * j + 3]] for j in range(faces)]
+    outer = ring + len(ring)
+    quads += [[ring[j], outer[j], outer[j + 1], ring[j + 1]] for j in range(2 * faces)]
+    surface = ls.LimitSurface(ls.Mesh(points, quads), boundary="edge_only")
+    found = surface.normal(np.arange(faces), 0, 0)
+    assert not np.isnan(found).any()
+    assert np.abs(found - found[0]).max() <= 1e-14

@@ -6,25 +6,26 @@ same place, which those along u, v and the third side mix.
 
 import dataclasses
 import functools
+import json
 import math
 import random
 from fractions import Fraction as F
 
 import numpy as np
+import oracles
 import oracles_channels
 import oracles_loop
 import pytest
 import zoo_triangles
 from oracles_creases import Cage
 from oracles_loop import LoopSurface
-from test_every_scheme import WARREN
 
 import limitsurf as ls
 from limitsurf._kernels import reference
 from limitsurf.basis import regular_weights
 from limitsurf.numbers import FLOAT64, RATIONAL
 from limitsurf.patches import STRIP
-from limitsurf.scheme.loop import LOOP
+from limitsurf.scheme.loop import LOOP, LOOP_WARREN
 
 ORDERS = [(i, m - i) for m in range(5) for i in range(m + 1)]
 CAGES = ["torus_3x4", "octahedron", "crowded", "sphere_1", "bipyramid_12", "patch_0", "fan_2",
@@ -32,6 +33,7 @@ CAGES = ["torus_3x4", "octahedron", "crowded", "sphere_1", "bipyramid_12", "patc
          "tagged_sphere_0"]  # fmt: skip
 FRACTIONS = ["torus_3x4", "octahedron", "crowded", "grid_3x2", "crease_2_of_6", "dart_6"]
 CASES = oracles_loop.reference_cases() or {}
+SCHEMES = oracles.CASES.parent / "schemes"
 # in coordinates of each corner: on lines between pieces, beside them, near and at the corner
 PLACES = [(0.5, 0.25), (0.25, 0.5), (0.25, 0.25), (0.3, 0.2), (0.7, 0.3), (2.0**-40, 0.0),
           (2.0**-40, 2.0**-41), (2.0**-43, 1e-12), (0.5, 0.0), (0.0, 0.3), (0.0, 0.0)]  # fmt: skip
@@ -175,8 +177,10 @@ def test_irrational_masks_have_no_fractions():
     surface, oracle = both("disc_7")
     far = F(1, 3), F(1, 5)
     assert list(surface.evaluate(27, *far)) == list(oracle.evaluate(27, *far))
-    with pytest.raises(TypeError, match=r"irrational at interior valence 7.*float64"):
+    with pytest.raises(TypeError, match=r"vertex 0: .*irrational at interior valence 7.*float64"):
         surface.evaluate(0, *far)
+    with pytest.raises(TypeError, match=r"vertex 0: .*irrational at a dart of 9 faces.*float64"):
+        both("dart_9")[0].evaluate(0, *far)
     with pytest.raises(TypeError, match=r"valence 5.*irrational"):
         both("icosahedron")[0].evaluate(0, *far)
 
@@ -382,7 +386,7 @@ def test_channels(name, mode, cut):
             ls.Mesh(
                 np.array(points, float), faces, **tags, channels={"uv": (x, rows.ravel(), mode)}
             ),
-            scheme=WARREN,
+            scheme=LOOP_WARREN,
         )
         for x in (np.array(values, dtype=object), np.array(values, dtype=float))
     )
@@ -407,7 +411,7 @@ def bent(first, second):
 
 def test_edges_between_irregular_vertices():
     """Faces beside such edges are refined until their masks are those of the patch."""
-    scheme = dataclasses.replace(WARREN, name="bent", edge=bent)
+    scheme = dataclasses.replace(LOOP_WARREN, name="bent", edge=bent)
     points, faces = zoo_triangles.sphere(1)
     mesh = ls.Mesh(np.vectorize(F, otypes=[object])(np.array(points, float)), faces)
     surface = ls.LimitSurface(mesh, scheme=scheme)
@@ -418,7 +422,7 @@ def test_edges_between_irregular_vertices():
             own = np.arange(mesh.n_faces)
             found = surface.evaluate(own, *corner)
             assert (found == level.limit_points[mesh.indices.reshape(-1, 3)[:, k]]).all()
-    straight = ls.refined(mesh, scheme=WARREN).limit_points
+    straight = ls.refined(mesh, scheme=LOOP_WARREN).limit_points
     assert np.abs(fine.limit_points - straight).max() > 0.01
     finer = ls.LimitSurface(fine, scheme=scheme)
     for face in range(0, mesh.n_faces, 3):
@@ -427,9 +431,21 @@ def test_edges_between_irregular_vertices():
         assert (surface.evaluate(face, *place) == at_corner).all()
 
 
+def test_edges_that_have_a_first_end_are_refused():
+    scheme = dataclasses.replace(
+        LOOP_WARREN, name="one way",
+        edge=lambda a, b: (F(3, 8),) * 2 + (F(1, 8),) if 6 in (a, b) or a == b
+        else (F(1, 4), F(1, 2), F(1, 8)),
+    )  # fmt: skip
+    message = r"'one way': edge\((\d), (\d)\) is \(1/4, .*edge\(\2, \1\) is \(1/4, .*exchanged"
+    for use in (ls.refined, ls.LimitSurface):
+        with pytest.raises(ValueError, match=message):
+            use(ls.Mesh(*zoo_triangles.ZOO["crowded"]()), scheme=scheme)
+
+
 def test_edges_at_irregular_vertices_are_refused():
     scheme = dataclasses.replace(
-        WARREN, name="spokes",
+        LOOP_WARREN, name="spokes",
         edge=lambda a, b: (F(3, 8), F(3, 8), F(1, 8)) if a == b else (F(1, 4), F(1, 4), F(1, 4)),
     )  # fmt: skip
     mesh = ls.Mesh(*zoo_triangles.disc(5), scheme=scheme)
@@ -438,3 +454,60 @@ def test_edges_at_irregular_vertices_are_refused():
     near, far = (ls.refined(mesh, n) for n in (1, 6))
     error = np.abs(near.limit_points - far.points[: near.n_vertices]).max()
     assert error <= 1e-3 * np.ptp(mesh.points)
+
+
+def beside_points(faces, **tags):
+    """A boundary vertex, number 0, whose two boundary edges are points, with faces around it."""
+    points, triangles = zoo_triangles.rings(faces, open_at=True)
+    points = points + np.random.default_rng(faces).normal(size=points.shape) / 8
+    points[[1, faces + 1]] = points[0]
+    return ls.LimitSurface(ls.Mesh(points, triangles, **tags), scheme="loop", boundary="edge_only")
+
+
+@pytest.mark.parametrize("corners", [{}, {0: np.inf}], ids=["crease", "corner"])
+@pytest.mark.parametrize("faces", [3, 4, 6, 8])
+def test_normals_where_sharp_edges_are_points(faces, corners):
+    """All faces have the limit, which normals approach from all sides."""
+    surface, every = beside_points(faces, corners=corners), np.arange(faces)
+    found = surface.normal(every, 0, 0)
+    assert np.array_equal(found, np.repeat(found[:1], faces, axis=0))
+    t = np.linspace(0.02, 0.98, 9)
+    regular = faces == 3 and not corners  # one quartic, whose derivatives lose digits there
+    far = 1e-6 if regular else 1e-60
+    near = surface.normal(every[:, None], far * t, far * (1 - t))
+    assert np.abs(near - found[0]).max() <= (1e-4 if regular else 1e-11)
+
+
+@pytest.mark.parametrize("faces", [1, 2])
+def test_normals_where_sharp_edges_are_points_and_all_is_up_to_others(faces):
+    surface = beside_points(faces)
+    assert np.isnan(surface.normal(np.arange(faces), 0, 0)).all()
+
+
+@pytest.mark.skipif(not SCHEMES.is_dir(), reason="no reference numbers here")
+@pytest.mark.parametrize("engine", ["reference", "compiled"])
+def test_reference_rows(engine):
+    """Of sectors, fans, semi-sharp creases, poles: within the bounds of the design."""
+    cages = json.loads((SCHEMES / "loop_cages.json").read_text(encoding="utf-8"))
+    with np.load(SCHEMES / "loop.npz") as data:
+        rows = {name: data[name] for name in data}
+    for case in np.unique(rows["case"]).tolist():
+        cage, own = cages[case], {name: x[rows["case"] == case] for name, x in rows.items()}
+        tags = {
+            "creases": {(a, b): float(s) for a, b, s in cage["creases"]},
+            "corners": {v: float(s) for v, s in cage["corners"]},
+            "boundary": cage["boundary"],
+        }
+        mesh, size = ls.Mesh(cage["points"], cage["faces"], **tags), np.ptp(cage["points"])
+        scheme = LOOP_WARREN if cage["warren"] else LOOP
+        surface = ls.LimitSurface(mesh, scheme=scheme, engine=engine)
+        places = own["face"], own["u"], own["v"]
+        jet = surface.jet(*places, order=2)
+        assert np.abs(jet[0, 0] - own["P"]).max() <= 1e-14 * size
+        for m, orders in ((1, slice(0, 2)), (2, slice(2, 5))):
+            found = np.stack([jet[m - j, j] for j in range(m + 1)], axis=1)
+            needed = own["D"][:, orders]
+            largest = np.maximum(np.abs(needed).max(axis=(1, 2)), 1e-3 * size)
+            error = np.abs(found - needed).max(axis=(1, 2))
+            assert (error <= (1e-12 if m == 1 else 1e-11) * largest).all()
+        assert np.abs(surface.normal(*places) - own["normal"]).max() <= 1e-12

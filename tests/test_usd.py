@@ -483,11 +483,8 @@ def test_meshes_of_several_schemes(read, tmp_path):
     assert "limit faces" in chosen.stdout
 
 
-@pytest.mark.parametrize(
-    ("scheme", "reason"),
-    [("none", "a mere mesh of polygons"), ("bilinear", "not there yet")],
-)
-def test_how_to_subdivide_all_the_same(tmp_path, scheme, reason):
+def test_how_to_subdivide_all_the_same(tmp_path):
+    scheme, reason = "none", "a mere mesh of polygons"
     path = str(tmp_path / "cage.usda")
     ls.write(path, ls.Mesh(POINTS, FACES, scheme=scheme))
     for command in "tessellate", "refine", "validate":
@@ -499,6 +496,16 @@ def test_how_to_subdivide_all_the_same(tmp_path, scheme, reason):
     assert told.exit_code == 0
     assert re.search(rf"scheme +{scheme}\n", told.stdout)
     assert CliRunner().invoke(main, ["refine", path, "--scheme", "catmull-clark"]).exit_code == 0
+
+
+def test_bilinear(tmp_path):
+    path = tmp_path / "cage.usda"
+    ls.write(path, ls.Mesh(POINTS, FACES, scheme="bilinear", creases={tuple(FACES[0][:2]): 3.0}))
+    cage = ls.read(path)
+    fine = ls.refined(cage, 2)
+    assert np.array_equal(fine.points[: len(POINTS)], cage.points)
+    there = ls.LimitSurface(cage).evaluate(fine.parent_face, fine.parent_u, fine.parent_v)
+    assert np.allclose(there, fine.points, rtol=0, atol=1e-14)
 
 
 def test_loop(tmp_path):

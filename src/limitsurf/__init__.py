@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from limitsurf.refine import (
         refined as refined,
     )
+    from limitsurf.scheme import schemes as schemes
     from limitsurf.scheme.scheme import Scheme as Scheme
     from limitsurf.shell.io.by_suffix import (
         read as read,
@@ -149,6 +150,7 @@ _HOME = {
     "read": "shell.io.by_suffix",
     "refined": "refine",
     "refinement_gap": "query",
+    "schemes": "scheme",
     "tessellate": "query",
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",

@@ -707,40 +707,26 @@ def regular_weights(spline: Spline, number: NumberType) -> WeightsOf:
     """What gives weights (Q, K) of a regular piece from s, t (Q,) and the order of a derivative."""
     if spline.cubic:
         return kernels.bicubic_weights
-    own = _product_weights if spline.is_product else _piece_weights
-    return partial(own, spline, number)
+    if spline.is_product:
+        return partial(_product_weights, spline.degree)
+    return partial(_piece_weights, spline, number)
 
 
-def _product_weights(spline: Spline, number: NumberType, s: Array, t: Array, nu: Order) -> Array:
-    along, across = (_curve_weights(spline, number, x, k) for x, k in ((s, nu[0]), (t, nu[1])))
+def _product_weights(degree: int, s: Array, t: Array, nu: Order) -> Array:
+    """Those of a product of B-splines of one degree in s and in t."""
+    along, across = (_line_weights(degree, x, k) for x, k in zip((s, t), nu, strict=True))
     return np.asarray((across[:, :, None] * along[:, None, :]).reshape(len(s), -1))
 
 
-def _curve_weights(spline: Spline, number: NumberType, s: Array, order: int) -> Array:
-    """Weights (Q, n) of the control points of a curve that is the same all along the other way."""
-    terms = _curve_terms(spline, order, number)
-    if not len(terms):
-        return number.full((len(s), len(spline.curve[0])), number.zero)
-    degree = len(terms) - 1
-    far, near = kernels.monomials(s, degree), kernels.monomials(1 - s, degree)
-    return np.asarray((far * near[:, ::-1]) @ terms)
-
-
-@lru_cache(maxsize=64)
-def _curve_terms(spline: Spline, order: int, number: NumberType) -> Array:
-    """The derivative of such a curve: coefficients (terms, n) of ``s^i (1 - s)^(degree - i)``.
-
-    Those of a B-spline are positive, and nothing cancels.
-    """
-    rows = spline.curve[order:]
-    degree, n = len(rows) - 1, len(spline.curve[0])
-    found = [[Fraction(0)] * n for _ in range(degree + 1)]
-    for i, row in enumerate(rows):
-        for j in range(degree - i + 1):  # times (s + 1 - s)^(degree - i)
-            times = perm(i + order, order) * comb(degree - i, j)
-            found[i + j] = [x + times * w for x, w in zip(found[i + j], row, strict=True)]
-    flat = number.array([x for row in found for x in row])
-    return flat.reshape(len(found), n)
+def _line_weights(degree: int, x: Array, order: int) -> Array:
+    """Weights (Q, degree + 1) in the derivative of a piece of a B-spline, as `cubic_weights`."""
+    weights = kernels.spline_weights(x, max(degree - order, 0))
+    if order > degree:
+        return np.repeat(0 * weights, degree + 1, axis=1)
+    for _ in range(order):
+        above = np.zeros((len(x), 1), dtype=x.dtype)
+        weights = np.concatenate([above, weights], 1) - np.concatenate([weights, above], 1)
+    return weights
 
 
 def _piece_weights(spline: Spline, number: NumberType, s: Array, t: Array, nu: Order) -> Array:

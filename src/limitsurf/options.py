@@ -63,7 +63,7 @@ class Rules:
     def loose_vertices(self, mesh: Mesh) -> Array:
         """Vertices that have no limit: on untagged boundaries under "none", (n_vertices,) bool."""
         result = np.zeros(mesh.n_vertices, dtype=bool)
-        if self.boundary == "none":
+        if self.boundary == "none" and not self.scheme.local:
             loose = mesh.boundary_edge.copy()
             edges, sharpness = mesh.creases
             loose[mesh.edge_numbers(edges[tables.is_infinite(sharpness)])] = False

@@ -62,7 +62,7 @@ class LimitSurface:
     mesh : Mesh
         The cage; points of shape (n_vertices, ...), any number of channels.
     scheme : str or Scheme, optional
-        "catmull-clark", "loop", "doo-sabin" or a scheme of your own; the argument, else the
+        "catmull-clark", "loop" or another of `schemes`, or one of your own; the argument, else the
         mesh's, else the first of these.
     boundary : {"edge_and_corner", "edge_only", "none"}, optional
         Boundary vertices follow the boundary curve, those of a single face stay fixed (default);

@@ -58,10 +58,19 @@ def of_triangles(valence: int) -> tuple[Any, list[list[int]]]:
     return zoo.random_points(len(points), valence), faces
 
 
-def by_loop(points: Any, faces: list[list[int]]) -> oracles_loop.LoopSurface:
-    """Loop's surface by naive refinement."""
-    exact = [tuple(map(Fraction, point)) for point in points.tolist()]
-    return oracles_loop.LoopSurface(Cage(exact, faces), bits=BITS)
+def by_loop(weight: Callable[..., Fraction]) -> Callable[[Any, list[list[int]]], Any]:
+    """Loop's surface by naive refinement, with such weights of vertices."""
+
+    def surface(points: Any, faces: list[list[int]]) -> oracles_loop.LoopSurface:
+        exact = [tuple(map(Fraction, point)) for point in points.tolist()]
+        return oracles_loop.LoopSurface(Cage(exact, faces), weight, bits=BITS)
+
+    return surface
+
+
+def in_triangle(far: float, near: float) -> tuple[float, float]:
+    """The place at that distance and share."""
+    return far * (1 - near), far * near
 
 
 def by_doo_sabin(points: Any, faces: list[list[int]]) -> oracles_doo_sabin.DooSabinSurface:
@@ -83,7 +92,8 @@ KINDS = {
         4,
         lambda far, near: (far, near),
     ),
-    "loop": Kind(of_triangles, by_loop, 1, lambda far, near: (far * (1 - near), far * near)),
+    "loop": Kind(of_triangles, by_loop(oracles_loop.loop_weight), 1, in_triangle),
+    "loop-warren": Kind(of_triangles, by_loop(oracles_loop.warren_weight), 1, in_triangle),
 }
 
 

@@ -134,7 +134,7 @@ class Spline(Kind):
     @cached_property
     def _first(self) -> int:
         """The control point at the corner (0, 0)."""
-        return self._lattice.template.index((1, 1))
+        return self._scheme.spline.template.index((1, 1))
 
     def weights(self, g: Group, nu: Order) -> Array:
         scale = kernels.scale_by_two(np.ones(len(g.s), dtype=self.number.dtype), g.depth * sum(nu))
@@ -244,7 +244,9 @@ class Corners(Kind):
 
     @cached_property
     def _rational(self) -> tables.RationalTable:
-        return tables.rational_table(self._scheme, self.table.sector)
+        # the points of refined corners are rational where their masks are, or have been refused
+        vertex = int(self.controls[0, 0])
+        return tables.rational_table(self._scheme, self.table.sector, vertex=vertex)
 
     def weights(self, g: Group, nu: Order) -> Array:
         place, table = basis.CornerPlace.of(g.s, g.t, g.orientation, self._lattice), self.table

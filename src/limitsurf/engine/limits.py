@@ -38,7 +38,7 @@ class Limits:
         """Fill in normals (Q, 3) that are NaN at queries where they are limits all the same.
 
         At and beside sharp sides (boundaries are) along which derivatives vanish, and at vertices
-        of sides that are points.
+        of sides that are points, on all of their faces.
         """
         lost = np.isnan(normals[:, 0])
         if not lost.any() or self._topology.lattice.dual:
@@ -50,11 +50,11 @@ class Limits:
         # side k is where coordinate k + 1 is 0, and corner k where coordinate k is, too
         coordinates = np.array(kernels.coordinates(u, v, lattice.sides))
         beside = np.roll(coordinates, -1, axis=0)
+        corners = (coordinates == 0) & (beside == 0) & topology.sharp_corners[face].T
+        corner = at & corners.any(axis=0)
         away = np.where(topology.sharp_sides[face].T, beside, np.inf)
         side, nearest = away.argmin(axis=0), away.min(axis=0)
         at &= nearest < _BESIDE
-        corners = (coordinates == 0) & (beside == 0)
-        corner = at & corners.any(axis=0)
         found = np.full((len(face), 3), np.nan)
         if corner.any():
             which = corners[:, corner].argmax(axis=0)

@@ -91,9 +91,12 @@ class Topology:
     def sharp_sides(self) -> Array:
         """Whether the sides of limit faces, each from a corner to the next, stay sharp, (n, sides).
 
+        Where faces depend on their own corners alone, all do.
         Of a quad those at v = 0, u = 1, v = 1, u = 0, of a triangle at v = 0, u + v = 1, u = 0.
         """
         mesh, faces, size = self.mesh, self.limit_faces, self.lattice.face_size
+        if self.rules.scheme.local:
+            return np.ones((len(faces), size), dtype=bool)
         sharpness = Sharpness.of(mesh, self.rules, numbers.FLOAT64)
         sharp = np.zeros(mesh.n_corners, dtype=bool)
         sharp[sharpness.sides] = tables.is_infinite(sharpness.edge_sharpness)[sharpness.edge]
@@ -105,3 +108,17 @@ class Topology:
         sides[~whole, 0] = sharp[first[~whole]]
         sides[~whole, -1] = sharp[mesh.previous_corner[first[~whole]]]
         return sides
+
+    @cached_property
+    def sharp_corners(self) -> Array:
+        """Whether the corners of limit faces are at `sharp_sides`, even of others, (n, corners)."""
+        mesh, faces, size = self.mesh, self.limit_faces, self.lattice.face_size
+        result = self.sharp_sides | np.roll(self.sharp_sides, 1, axis=1)
+        # vertices of the cage: all corners of a whole face, the first of another limit face
+        first = mesh.offsets[faces.face] + np.maximum(faces.corner, 0)
+        own = (faces.corner < 0)[:, None] | (np.arange(size) == 0)
+        vertex = mesh.indices[(first[:, None] + np.arange(size) * (faces.corner < 0)[:, None])[own]]
+        touched = np.zeros(mesh.n_vertices, dtype=bool)
+        touched[vertex[result[own]]] = True
+        result[own] |= touched[vertex]
+        return result

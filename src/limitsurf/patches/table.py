@@ -73,7 +73,7 @@ class PatchTable:
         a strip's crease runs; 0 if regular.
     controls : list of (patches, K) int arrays
         Control points by kind: those of regular patches and strips at the places of
-        `Lattice.template`; the others in the order of ``exact/matrices.py``. Kinds with shared
+        `Spline.template`; the others in the order of ``exact/matrices.py``. Kinds with shared
         rings have the outer ones alone, all of them; what is beyond a sharp side is not used.
     rings : dict
         The `SharedRings` of kinds of more than `tables.MOST_FACES` faces, which have one kind for
@@ -96,7 +96,8 @@ class PatchTable:
         self.kind, self.row = np.zeros((2, 0), np.int32)
         self.turn = np.zeros(0, np.int8)
         self.sectors: list[tables.Sector | None] = [None, None]
-        self.controls = [np.zeros((0, len(self.lattice.template)), np.int32) for _ in self.sectors]
+        width = len(self._scheme.spline.template)
+        self.controls = [np.zeros((0, width), np.int32) for _ in self.sectors]
         self.rings: dict[int, SharedRings] = {}
         self.sharpness = np.zeros(0, dtype=number.dtype)
         self._kinds: dict[tables.Sector, int] = {}
@@ -112,16 +113,17 @@ class PatchTable:
     def _build(self, cage: Mesh, rules: Rules, limit_faces: Array) -> None:
         """Fill the table level by level; most faces of most cages end at the first."""
         level, smooth = Level.first(cage, rules, self._number, limit_faces), 0
+        local = self._scheme.local
         for depth in range(_DEEPEST + 1):
             if depth:
                 level = self._split(level, rules, smooth)
-            rest, many = self._add_smooth(level)
+            rest, many = self._add_whole(level) if local else self._add_smooth(level)
             smooth = len(self.kind)
             level = level.of_faces(rest)
             if len(level.faces) == 0:
                 return
             level = level.part()
-            if many or len(level.sharpness.concerned):
+            if many or (len(level.sharpness.concerned) and not local):
                 level = level.of_faces(
                     self._add_sharp(level, Sectors.of(level.sharpness, self.lattice))
                 )
@@ -165,6 +167,24 @@ class PatchTable:
             control = neighbourhood.specials(mesh, lattice, numbers, *faces)
             self._add(kind, control, slot[here], (turn[here] + start[here]) % size)
         return np.flatnonzero(found == 0), bool(shared.any())
+
+    def _add_whole(self, level: Level) -> tuple[Array, bool]:
+        """Add the patches of all faces of the lattice, which depend on their own corners alone.
+
+        Return as `_add_smooth` does.
+        """
+        size = self.lattice.face_size
+        whole = level.mesh.sizes[level.faces] == size
+        here = np.flatnonzero(whole)
+        first, turn = level.mesh.connectivity.first(level.faces[here]), level.turn[here]
+        corners = [
+            self.lattice.corners.index((i - 1, j - 1)) for i, j in self._scheme.spline.template
+        ]
+        own = first[:, None] + (np.array(corners) - turn[:, None]) % size
+        self._add(
+            REGULAR, level.numbers[own].astype(np.int32), level.slot[here], np.zeros_like(turn)
+        )
+        return np.flatnonzero(~whole), False
 
     def _add_sharp(self, level: Level, sectors: Sectors) -> Array:
         """Add the patches of faces at sharp edges and vertices; return which are to be split."""

@@ -101,13 +101,13 @@ class BezierPatches:
         Where s = t = 0, and lengths along u and v: multiples and powers of 1/2, exact.
     points : (n, d + 1, d + 1, ...) or (n, (d + 1)(d + 2)/2, ...)
         Bernstein coefficients, the control points of the Bezier patches: float64 or Fractions.
-    exponents : (16, 2) or (15, 2) int64
-        i and j of the coefficients of a patch, in their order.
+    exponents : (m, 2) int64
+        i and j of the m coefficients of a patch, in their order.
     weights : csr_array, ExactOperator or None
         If asked for, the same as rows over the cage, (n * len(exponents), n_vertices), or over the
         values of a channel. They give the coefficients of the first patch, then of the next, in the
-        order of `exponents`: of quads row ``16 k + 4 i + j`` gives ``points[k, i, j]``, of
-        triangles row ``15 k + m`` gives ``points[k, m]``. Each sums to one.
+        order of `exponents`: of bicubic quads row ``16 k + 4 i + j`` gives ``points[k, i, j]``, of
+        quartic triangles row ``15 k + j`` gives ``points[k, j]``. Each sums to one.
     rest : BezierRest
         What remains of these limit faces at special corners, with bounds.
 

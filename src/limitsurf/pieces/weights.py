@@ -98,7 +98,7 @@ class LocalWeights:
         sector = self.patches.sectors[kind]
         assert sector is not None
         if self.number.exact:
-            return ring_weights(self.scheme, tables.rational_table(self.scheme, sector), count)
+            return ring_weights(self.scheme, self._table(sector, kind), count)
         table = tables.eigen_table(self.scheme, sector)
         functions = ring_functions(table, count)
         exponent = np.zeros(len(functions), dtype=np.int64)
@@ -135,15 +135,16 @@ class LocalWeights:
         sector = self.patches.sectors[kind]
         assert sector is not None
         if kind not in self.patches.rings:
-            yield np.arange(len(rows)), slice(None), self._table(sector)
+            yield np.arange(len(rows)), slice(None), self._table(sector, kind)
             return
         position = self.patches.rings[kind].position[rows]
         for p in np.unique(position).tolist():
             columns, own = rings.columns(sector, p)
-            yield np.flatnonzero(position == p), columns, self._table(own)
+            yield np.flatnonzero(position == p), columns, self._table(own, kind)
 
-    def _table(self, sector: Sector) -> RationalTable:
-        return tables.rational_table(self.scheme, sector, rounded=not self.number.exact)
+    def _table(self, sector: Sector, kind: int) -> RationalTable:
+        vertex = int(self.patches.control_points(kind, np.zeros(1, dtype=np.int64))[0, 0])
+        return tables.rational_table(self.scheme, sector, not self.number.exact, vertex)
 
 
 def ring_functions(table: EigenTable, count: int) -> Array:

@@ -34,8 +34,9 @@ def bezier_patches(
 ) -> BezierPatches:
     """Limit faces as Bezier patches: polynomial pieces that are the surface itself.
 
-    A limit face amid regular vertices is one patch: a square of degree 3 in each direction in
-    schemes of quads, a triangle of degree 4 in those of triangles. Others are cut where pieces
+    A limit face amid regular vertices is one patch: by Catmull-Clark's scheme a square of degree 3
+    in each direction, by Loop's a triangle of degree 4; by "bilinear" and "linear", of degree 1, it
+    is one everywhere. Others are cut where pieces
     meet: into the faces of refined n-gons and around crowded extraordinary vertices, of quads into
     strips along semi-sharp creases, and towards each special corner into rings of three squares or
     triangles, each half the size of the one before. There the pieces go on for ever: what is beyond

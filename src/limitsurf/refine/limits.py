@@ -161,6 +161,32 @@ def limit_normals(
     return np.asarray(result[fans.fan])
 
 
+def face_normals(mesh: Mesh, points: Array, errors: Array) -> Array:
+    """Normals at the corners of regular faces, (n_corners, 3), which depend on these faces alone.
+
+    Where the points of an edge at a corner coincide, those of a quad are limits all the same.
+    """
+    size = mesh.connectivity.uniform_size
+    corner = mesh.indices.reshape(-1, size)
+
+    def step(start: int, end: int) -> tuple[Array, Array, Array]:
+        """From one corner on to another: vectors, their noise, and whether they are 0."""
+        a, b = (np.roll(corner, -k, axis=1).ravel() for k in (start, end))
+        found, error = points[b] - points[a], errors[a] + errors[b]
+        largest = np.abs(found).max(axis=1)
+        noise = kernels.NOISE * error
+        return found, (kernels.NOISE * largest + noise)[:, None], largest <= noise
+
+    out, back, along, across = step(0, 1), step(0, -1), step(1, 2), step(-1, -2)
+    result = kernels.unit_normals(out[0], back[0], (out[1], back[1]))
+    if size == 3:
+        return result
+    for lost, a, b in ((out[2], across, back), (back[2], out, along)):
+        found = kernels.unit_normals(a[0][lost], b[0][lost], (a[1][lost], b[1][lost]))
+        result[lost] = np.where((out[2] & back[2])[lost, None], np.nan, found)
+    return result
+
+
 def ring_weights(mesh: Mesh, rules: Rules, rough: Array) -> Array:
     """Weights of what each face brings to a limit, by number of faces at a vertex.
 

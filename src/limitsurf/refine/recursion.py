@@ -19,7 +19,13 @@ from limitsurf.cage.faces import IntArray
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, valid_mesh
 from limitsurf.channels import ChannelMesh
 from limitsurf.refine import dual
-from limitsurf.refine.limits import limit_normals, limit_points, normal_weights, ring_weights
+from limitsurf.refine.limits import (
+    face_normals,
+    limit_normals,
+    limit_points,
+    normal_weights,
+    ring_weights,
+)
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
 from limitsurf.refine.stages import channel_groups, refined_values, refinement_stages
 from limitsurf.rules import RuledMesh, Rules, Sharpness
@@ -137,6 +143,9 @@ class RefinedMesh(RuledMesh):
     def _limits(self) -> Array:
         """Limit positions by the limit masks of what is at each vertex."""
         lattice = self.rules.scheme.lattice
+        if self.rules.scheme.local:
+            used = (self.vertex_faces > 0).reshape(-1, *(1,) * (self.points.ndim - 1))
+            return np.where(used, self.points, np.nan)
         points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
         rules = self.rules
         sharpness = Sharpness.of(self, rules, numbers.type_of(points))
@@ -199,7 +208,9 @@ class RefinedMesh(RuledMesh):
         points = np.ldexp(self.points, kernels.balance(self.points))
         # what refinement rounded; a cage is exact
         errors = kernels.largest(points)[:, 0] * self.rounded
-        if not _kernels.compiled(self.n_corners, 60):
+        if rules.scheme.local:
+            result = face_normals(self, points, errors)
+        elif not _kernels.compiled(self.n_corners, 60):
             result = limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
         else:
             from limitsurf._kernels import refinement

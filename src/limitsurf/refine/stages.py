@@ -48,10 +48,10 @@ def refinement_stages(
     # by corner: the edge neighbours and the face points around vertices, what is across edges
     tail, head = mesh.indices, mesh.indices[mesh.next_corner]
     across = V + mesh.corner_face if centres else mesh.indices[mesh.previous_corner]
-    h = np.flatnonzero((vertices.smooth != 0)[tail])
-    parts.append((tail[h], head[h], vertices.weights[tail[h], 1]))
-    if centres:
-        parts.append((tail[h], across[h], vertices.weights[tail[h], 2]))
+    around = zip((head, across), vertices.weights[:, 1:].T, strict=False)
+    for what, weights in around:
+        h = np.flatnonzero((weights != 0)[tail])
+        parts.append((tail[h], what[h], weights[tail[h]]))
     h = np.flatnonzero((edges.towards != 0)[mesh.corner_edge])
     edge = mesh.corner_edge[h]
     parts.append((V + edge, across[h], edges.towards[edge]))
@@ -101,6 +101,8 @@ class _VertexMasks:
         end, other, along = end[on], other[on], along[on]
         # each of the two ends of a crease brings half of its mask
         np.add.at(share, end, along * (own / 2))
+        if not beside:
+            end, other, along = end[:0], other[:0], along[:0]
         return cls(smooth, weights, weights[:, 0] + share, end, other, along * beside)
 
 

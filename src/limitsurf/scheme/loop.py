@@ -1,15 +1,18 @@
-"""The scheme of Loop: its masks, and the papers they come from.
+"""The scheme of Loop, with his weights and with Warren's: masks, and the papers they come from.
 
 Interior rules after Loop, "Smooth subdivision surfaces based on triangles", Master's thesis,
 University of Utah 1987: an edge point is 3/8 of each end and 1/8 of each opposite corner; a vertex
 of valence ``N`` keeps ``1 - a``, and its neighbours share ``a``, which is 5/8 less the square of
 ``3/8 + cos(2 pi / N) / 4``: by Niven's theorem rational at N = 2, 3, 4 and 6 alone.
+With Warren's weights ("Subdivision methods for geometric design", manuscript, Rice University 1995)
+neighbours share 3/8, and 9/16 at valence 3: always rational.
 Boundaries and creases after Hoppe and others, "Piecewise smooth surface reconstruction", SIGGRAPH
 1994: the cubic B-spline.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -30,6 +33,11 @@ def _vertex(valence: int) -> tuple[Any, Any]:
     return 1 - share, share / valence
 
 
+def _warren(valence: int) -> tuple[Fraction, Fraction]:
+    share = Fraction(9, 16) if valence == 3 else Fraction(3, 8)
+    return 1 - share, share / valence
+
+
 LOOP = Scheme(
     name="loop",
     face=None,
@@ -40,4 +48,10 @@ LOOP = Scheme(
     paper="Loop 1987; Hoppe et al. 1994 (boundaries and creases)",
     lattice=TRIANGLES,
     spline=QUARTIC,
+)
+LOOP_WARREN = replace(
+    LOOP,
+    name="loop-warren",
+    vertex=_warren,
+    paper="Loop 1987; Warren 1995 (vertices); Hoppe et al. 1994 (boundaries and creases)",
 )

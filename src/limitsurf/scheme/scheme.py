@@ -50,7 +50,8 @@ class Scheme:
     edge : (Fraction, Fraction)
         Weight of each end point, and of each adjacent face point, in an edge point; without face
         points of each opposite corner. Or a callable: the valences of both ends -> the weights of
-        the first end, of the second, and of what lies across. `LimitSurface` wants these to be
+        the first end, of the second, and of what lies across; with the valences exchanged it gives
+        the first two exchanged, as no end is the first. `LimitSurface` wants these to be
         those of regular edges wherever one end is regular; `refined` takes any.
     vertex : callable, N -> 3 rationals
         Weights of the vertex, of each edge neighbour and of each adjacent face point, if there are
@@ -143,10 +144,11 @@ class Scheme:
         star, stride = self.lattice.star, len(self.lattice.orbits)
         vertex, edge = self.spline.stencil((0, 0)), self.spline.stencil((1, 0))
         face = self.spline.stencil((1, 1)) if self.lattice.face_points else {}
+        zero = Fraction(0)
         unit = face.get((0, 0), Fraction(1))  # of a corner in what stands for its face
-        across, near = edge[star[stride]] / unit, vertex[star[0]]
+        across, near = edge.get(star[stride], zero) / unit, vertex.get(star[0], zero)
         # corners beyond the neighbours come with face points, which bring neighbours too
-        around = [vertex[place] / unit for place in star[1:stride]]
+        around = [vertex.get(place, zero) / unit for place in star[1:stride]]
         near -= 2 * unit * sum(around)
         own = 1 - self.lattice.valence * (near + sum(around))
         curve, middle = self.spline.curve_stencil(0), self.spline.curve_stencil(1)
@@ -155,8 +157,13 @@ class Scheme:
             ((1 - 2 * across) / 2, across),
             (own, near, *around),
             (middle[0],),
-            (curve[0], curve[1]),
+            (curve[0], curve.get(1, zero)),
         )
+
+    @property
+    def local(self) -> bool:
+        """Whether limit faces depend on their own corners alone: no vertex is special, no edge."""
+        return len(self.spline.template) == self.lattice.face_size
 
     def face_mask(self, n: int) -> tuple[Fraction, ...]:
         """Weights of the ``n`` corners of a face in its face point, shape (n,); else (0,)."""
@@ -166,8 +173,22 @@ class Scheme:
         """Weights in an interior edge point, by the valences of its ends: of each, and across."""
         if not callable(self.edge):
             return self.edge[0], *self.edge
-        weights = self.edge(first, second)
-        return self._check(f"edge({first}, {second})", weights, (1, 1, 2), algebraic=True)
+        ends, found = [(first, second), (second, first)], []
+        for pair in ends:
+            name = f"edge({pair[0]}, {pair[1]})"
+            found.append(self._check(name, self.edge(*pair), (1, 1, 2), algebraic=True))
+        (one, other, across), turned = found
+        if not all(map(_equal, turned, (other, one, across))):
+            told = (
+                f"edge{e} is ({', '.join(map(str, w))})" for e, w in zip(ends, found, strict=True)
+            )
+            raise ValueError(
+                f"scheme {self.name!r}: {' and '.join(told)}; an edge has no first end: where "
+                "the valences are exchanged, the first two weights must be exchanged, too"
+            )
+        half = Fraction(1, 2)
+        self._check_local(f"edge({first}, {second})", found[0], (half, half, 0))
+        return found[0]
 
     def check_spokes(self, valence: int) -> None:
         """Refuse edges from a vertex of that valence to regular ones with masks of their own.
@@ -192,8 +213,18 @@ class Scheme:
 
     def vertex_mask(self, valence: int) -> Weights:
         """Weights of an interior vertex, of each edge neighbour, of each face point if any."""
-        counts = 1, *(valence for _ in self.lattice.orbits)
-        return self._check(f"vertex({valence})", self.vertex(valence), counts, algebraic=True)
+        counts, name = (1, *(valence for _ in self.lattice.orbits)), f"vertex({valence})"
+        weights = self._check(name, self.vertex(valence), counts, algebraic=True)
+        self._check_local(name, weights, (1, *(0 for _ in self.lattice.orbits)))
+        return weights
+
+    def _check_local(self, mask: str, got: Weights, needed: Weights) -> None:
+        """Refuse another mask than that of regular meshes where all faces are regular pieces."""
+        if self.local and not all(map(_equal, got, needed)):
+            raise ValueError(
+                f"scheme {self.name!r}: {mask} is ({', '.join(map(str, got))}), but the "
+                f"{self.spline.name} needs ({', '.join(map(str, needed))}) at every valence"
+            )
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -239,7 +270,7 @@ class Scheme:
                 f"scheme {self.name!r}: {mask} must be {len(counts)} Fractions, got {weights!r}"
             )
         total: Any = sum((w * c for w, c in zip(weights, counts, strict=True)), Fraction(0))
-        if total != 1 and not (_is_algebraic(total) and (total - 1).expand() == 0):
+        if not _equal(total, 1):
             raise ValueError(f"scheme {self.name!r}: {mask} sums to {total}, not to 1")
         return tuple(map(exact_weight, weights))
 
@@ -247,6 +278,10 @@ class Scheme:
 def _is_algebraic(weight: Any) -> bool:
     """Whether it is a real algebraic number of sympy, which is not imported to know that."""
     return bool(getattr(weight, "is_algebraic", False)) and weight.is_real is not False
+
+
+def _equal(one: Weight, other: Weight) -> bool:
+    return bool(one == other or (_is_algebraic(one - other) and (one - other).expand() == 0))
 
 
 def exact_weight(weight: Any) -> Weight:

@@ -4,7 +4,8 @@ The schemes that are here make box splines (de Boor, Hoellig and Riemenschneider
 Springer 1993). A box spline is given by its directions alone: those of the bicubic B-spline are the
 two of the square lattice, four times each; those of the quartic one of Loop the three edges of the
 triangular lattice, twice each. That of Doo and Sabin, the biquadratic B-spline, has the control
-point of a place in the middle of the face there. All else follows:
+point of a place in the middle of the face there. Fewer directions make splines of degree 1. All
+else follows:
 
 * pieces, by the recurrence of de Boor and Hoellig (1982): for n directions X, and with t_r such
   that ``x = sum t_r r`` over them, ``(n - 2) B_X(x) = sum t_r B_(X - r)(x) + (1 - t_r)
@@ -113,13 +114,13 @@ class Spline:
     @cached_property
     def curve(self) -> Matrix:
         """Coefficients of the powers of s by control point of what is the same along v."""
-        size = 1 + max(i for i, _ in self.template)
+        places = sorted({i for i, _ in self.template})
         degree = max(i for i, j in self.exponents if j == 0)
-        rows = [[Fraction(0)] * size for _ in range(degree + 1)]
+        rows = [[Fraction(0)] * len(places) for _ in range(degree + 1)]
         for (place, _), weight in self._weights.items():
             for (power, other), x in weight.items():
                 if other == 0:
-                    rows[power][place] += x
+                    rows[power][place - places[0]] += x
         return tuple(tuple(row) for row in rows if any(row))
 
     def stencil(self, refined: Vector) -> dict[Vector, Fraction]:
@@ -190,6 +191,8 @@ def _area(r: Vector, s: Vector) -> int:
     return r[0] * s[1] - r[1] * s[0]
 
 
+BILINEAR = Spline("bilinear spline", ((1, 0),) * 2 + ((0, 1),) * 2, (1 / 2, 1 / 2))
+LINEAR = Spline("linear spline", ((1, 0), (0, 1), (-1, 1)), (1 / 3, 1 / 3))
 BICUBIC = Spline("bicubic B-spline", ((1, 0),) * 4 + ((0, 1),) * 4, (1 / 2, 1 / 2))
 BIQUADRATIC = Spline("biquadratic B-spline", ((1, 0),) * 3 + ((0, 1),) * 3, (1 / 2, 1 / 2))
 QUARTIC = Spline(

@@ -64,6 +64,11 @@ class Eigenbasis:
     """
 
     def __init__(self, scheme: Scheme, sector: Sector) -> None:
+        if scheme.local:
+            raise ValueError(
+                f"scheme {scheme.name!r} has no eigenbases: its limit faces depend on their own "
+                "corners alone, whatever is around them, and no vertex is special"
+            )
         self.scheme = scheme
         self.sector = sector
         self.float64 = eigen_table(scheme, sector)
@@ -258,8 +263,9 @@ def eigenbasis(
     Raises
     ------
     ValueError
-        For an unknown scheme or kind, too few faces, a position out of range, or masks without a
-        Jordan basis of the kind that is handled.
+        For an unknown scheme or kind, too few faces, a position out of range, masks without a
+        Jordan basis of the kind that is handled, or a scheme by which no vertex is special, as
+        "bilinear".
 
     Notes
     -----

@@ -8,6 +8,7 @@ from limitsurf.exact.creases import INFINITE as INFINITE
 from limitsurf.exact.matrices import grid_index as grid_index
 from limitsurf.exact.wide import MOST_FACES as MOST_FACES
 from limitsurf.scheme import SCHEMES as SCHEMES
+from limitsurf.scheme import SHIPPED_SCHEMES as SHIPPED_SCHEMES
 from limitsurf.scheme import find_scheme as find_scheme
 from limitsurf.scheme.sector import KINDS as KINDS
 from limitsurf.scheme.sector import Sector as Sector

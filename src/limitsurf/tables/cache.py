@@ -30,7 +30,7 @@ from limitsurf import disk_cache
 from limitsurf.cage.checks import users_level
 from limitsurf.disk_cache import Formats
 from limitsurf.exact.matrices import subdivision_matrix
-from limitsurf.scheme import SCHEMES
+from limitsurf.scheme import SCHEMES, SHIPPED_SCHEMES
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 from limitsurf.tables.records import (
@@ -162,7 +162,7 @@ def write_shipped(directory: Path) -> list[Path]:
     """Write the tables that ship with the package into `directory`; return their paths."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
-    for scheme, like in product(SCHEMES.values(), SHIPPED_SECTORS):
+    for scheme, like in product(SHIPPED_SCHEMES, SHIPPED_SECTORS):
         if like.kind not in scheme.kinds:
             continue
         sector = scheme.sector(like.kind, like.faces, like.position)
@@ -326,15 +326,21 @@ def _is_ordered(table: EigenTable) -> bool:
     return bool(ds[0] * dt[1] > ds[1] * dt[0])
 
 
-def rational_table(scheme: Scheme, sector: Sector, rounded: bool = False) -> RationalTable:
+def rational_table(
+    scheme: Scheme, sector: Sector, rounded: bool = False, vertex: int | None = None
+) -> RationalTable:
     """Return the exact refinement step of `scheme` around a special corner.
 
-    Raises a TypeError for irrational masks; if `rounded`, they are taken as float64 has them.
+    Raises a TypeError for irrational masks, which names the `vertex` if it is given; if `rounded`,
+    they are taken as float64 has them.
     """
     matrix = subdivision_matrix(scheme, sector)
     if rounded and not all(isinstance(w, Fraction) for row in matrix.rows for w in row.values()):
         return _rational_table(subdivision_matrix(scheme, sector, _rational), scheme, True)
-    return _rational_table(matrix, scheme, False)
+    try:
+        return _rational_table(matrix, scheme, False)
+    except TypeError as error:
+        raise TypeError(f"{error}" if vertex is None else f"vertex {vertex}: {error}") from None
 
 
 def _rational(weight: Any) -> Fraction:

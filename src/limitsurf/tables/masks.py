@@ -137,14 +137,14 @@ def collapsed_masks(scheme: Scheme, kind: str, faces: int) -> Array:
     """Weights of the ring where sharp edges are points: e_0 or e_k coincide with v, (4, 2, ring).
 
     Pairs of vectors whose cross product points along the limit normal where both edges are points
-    (waves 2 and 1), where the first is, and where the second is (those in corners of one face); 0
-    where there is no normal, and where none is sought: around more than `MOST_FACES` faces, and
-    where faces have no points. Then ``e_0 - v`` and ``e_k - v``, which tell. Derived in
-    ``derivations/limit_normals.py``, section 8.
+    (waves 2 and 1), where the first is, and where the second is (those in corners with a single
+    wave); 0 where there is no normal, and where none is sought: around more than `MOST_FACES`
+    faces. Then ``e_0 - v`` and ``e_k - v``, which tell. Derived in
+    ``derivations/limit_normals.py``, section 8, and ``derivations/loop_sectors.py``, section 7.
     """
     sector = scheme.sector(kind, faces)
     masks = np.zeros((4, 2, sector.ring))
-    if not sector.open or sector.carried or is_shared(sector) or not sector.lattice.face_points:
+    if not sector.open or sector.carried or is_shared(sector):
         return masks
     table = eigen_table(scheme, sector)
     masks[3, [0, 1], [1, -1]], masks[3, :, 0] = 1, -1

@@ -320,8 +320,11 @@ def _drawable(lines: Lines) -> Lines:
 def extraordinary(surface: LimitSurface) -> list[Dots]:
     """Limits of the extraordinary interior vertices, and centres of faces that are cut.
 
-    The centre of such a face is such a vertex of the refined cage.
+    The centre of such a face is such a vertex of the refined cage. None where limit faces depend on
+    their own corners alone.
     """
+    if surface.rules["scheme"].local:
+        return []
     lattice = surface.patches.lattice
     mesh, first = surface.mesh, surface.limit_faces.first
     inside = ~(mesh.boundary_vertex | mesh.nonmanifold_vertex)
