@@ -104,6 +104,30 @@ def test_limits_are_the_same(name, use):
     assert np.nanmax(np.abs(fine.limit_normals - expected[1]), initial=0) <= 1e-11
 
 
+@pytest.mark.parametrize("scale", [1e-300, 1e-80, 1e80, 1e300])
+def test_normals_at_any_scale(scale, use):
+    """Kernels leave the extremes to the reference."""
+    use(True)
+    fine = ls.refined(cage("unequal_ring"))
+    scaled = fine.with_points(scale * fine.points)
+    assert close(scaled.limit_normals, fine.limit_normals)
+    assert close(scaled.limit_points / scale, fine.limit_points)
+
+
+def test_masks_are_kept_and_hold_no_points(use):
+    use(True)
+    fine = ls.refined(cage("unequal_ring"))
+    expected = fine.limit_points, fine.limit_normals
+    other, points = fine.with_points(2 * fine.points), weakref.ref(fine.points.base)
+    known = {name: id(masks) for name, (_, masks) in vars(other)["_kept"].items()}
+    assert (other.limit_points == 2 * expected[0]).all()
+    assert np.array_equal(other.limit_normals, expected[1], equal_nan=True)
+    assert {"limit masks", "normal masks"} <= set(known)
+    assert known == {name: id(masks) for name, (_, masks) in vars(other)["_kept"].items()}
+    del fine
+    assert points() is None
+
+
 @pytest.mark.parametrize("triangles", ["smooth", "catmull-clark"])
 @pytest.mark.parametrize("shape", [(), (1,), (2,), (5,), (2, 2)])
 def test_any_number_of_channels(triangles, shape, use):
@@ -207,8 +231,8 @@ def test_rings_refine_as_whole_meshes_do(whole, use, monkeypatch):
     monkeypatch.setattr(Rings, "of", none)
     for level, (point, normal) in enumerate(found):
         one, other = limits(level)
-        assert np.array_equal(point, one, equal_nan=True)
-        assert np.array_equal(normal, other, equal_nan=True)
+        assert close(point, one)
+        assert close(normal, other)
         assert close(point, others[level][0])
         assert close(normal, others[level][1], 100)
     assert {rings.edges.shape[1] for rings in met} >= {3, 4}

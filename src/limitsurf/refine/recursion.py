@@ -16,12 +16,12 @@ from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.faces import IntArray
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, valid_mesh
 from limitsurf.channels import ChannelMesh
-from limitsurf.refine.limits import limit_normals, limit_points, normal_weights, ring_weights
+from limitsurf.refine.limits import limit_normals, limit_points
+from limitsurf.refine.masks import all_limit_normals, all_limit_points
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
-from limitsurf.refine.stages import channel_groups, refined_values, refinement_stages
+from limitsurf.refine.stages import refined_values, refinement_stages
 from limitsurf.rules import RuledMesh, Rules, Sharpness
 from limitsurf.topology import (
-    MeshPart,
     all_regular,
     at_children,
     child_halves,
@@ -121,28 +121,14 @@ class RefinedMesh(RuledMesh):
 
     def _limits(self) -> Array:
         """Limit positions by the limit masks of what is at each vertex."""
-        lattice = self.rules.scheme.lattice
         points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
-        rules = self.rules
-        sharpness = Sharpness.of(self, rules, numbers.type_of(points))
-        if sharpness.number.exact or not _kernels.compiled(self.n_corners, 20):
+        rules, number = self.rules, numbers.type_of(points)
+        if number.exact or not _kernels.compiled(self.n_corners, 20):
+            sharpness = Sharpness.of(self, rules, number)
             result = limit_points(sharpness, rules, points, self.vertex_faces > 0)
+            result[rules.loose_vertices(self)] = np.nan
         else:
-            from limitsurf._kernels import refinement
-
-            result = np.empty_like(points)
-            masks = ring_weights(self, rules, sharpness.concerned)
-            for first, channels in channel_groups(points.shape[1]):
-                known = points, self.indices, self.vertex_faces, masks, (0,) * lattice.face_size
-                refinement.limit_points(*known, first, channels, result)
-            result[self.vertex_faces == 0] = np.nan
-            rough = sharpness.sharp_vertices
-            if rough.any():
-                near = MeshPart.of(self, rough[self.indices])
-                inner, own = sharpness.part(near), rough[near.vertices]
-                limits = limit_points(inner, rules, points[near.vertices], own)
-                result[near.vertices[own]] = limits[own]
-        result[rules.loose_vertices(self)] = np.nan
+            result = all_limit_points(self, rules, points)
         if balance:
             result = np.ldexp(result, -balance)
         return np.asarray(result.reshape(self.points.shape))
@@ -176,33 +162,16 @@ class RefinedMesh(RuledMesh):
 
     def _normals(self) -> Floats:
         """Limit normals by the tangent masks of what is at each vertex."""
-        lattice = self.rules.scheme.lattice
-        rules, sharpness = self.rules, Sharpness.of(self, self.rules, numbers.FLOAT64)
-        points = np.ldexp(self.points, kernels.balance(self.points))
+        rules, (points, _) = self.rules, _balanced(self.points)
+        if _kernels.compiled(self.n_corners, 60):
+            return all_limit_normals(self, rules, points, self.rounded)
+        sharpness = Sharpness.of(self, rules, numbers.FLOAT64)
         # what refinement rounded; a cage is exact
         errors = kernels.largest(points)[:, 0] * self.rounded
-        if not _kernels.compiled(self.n_corners, 60):
-            result = limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
-        else:
-            from limitsurf._kernels import refinement
-
-            by_vertex, seen = np.empty((self.n_vertices, 3)), sharpness.sharp_vertices
-            masks = normal_weights(self, rules, sharpness.concerned)
-            known = points, errors, self.indices, self.twin
-            refinement.limit_normals(*known, *masks, (0,) * lattice.face_size, seen, by_vertex)
-            result = by_vertex.take(self.indices, axis=0)
-            # sharp ones, and those for which the first pair of vectors will not do
-            rough = sharpness.sharp_vertices
-            rough[np.isnan(by_vertex[:, 0]) & (self.vertex_faces > 0)] = True
-            if rough.any():
-                near = MeshPart.of(self, rough[self.indices])
-                inner, own = sharpness.part(near), rough[near.vertices]
-                around = points[near.vertices], errors[near.vertices]
-                normals = limit_normals(inner, rules, *around, own)
-                own = own[near.mesh.indices]
-                result[near.corners[own]] = normals[own]
-        result.reshape(-1, lattice.face_size, 3)[rules.without_limit(self)] = np.nan
-        return np.asarray(result)
+        result = limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
+        size = rules.scheme.lattice.face_size
+        result.reshape(-1, size, 3)[rules.without_limit(self)] = np.nan
+        return result
 
     def with_points(self, points: numbers.Numbers) -> Self:
         """A copy with other points, (n_vertices, ...); limits are computed afresh."""
