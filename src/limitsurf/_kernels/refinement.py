@@ -443,6 +443,55 @@ def refined_triangles(
             result[vertex, c] += points[vertex, c]
 
 
+@unfused
+def _stepped(value: float, share: float, difference: float) -> float:
+    return value + share * difference
+
+
+@unfused
+def _mixed(share: float, value: float, other: float) -> float:
+    return share * value + (1 - share) * other
+
+
+@lean
+def sharpened(
+    points: Array,
+    vertices: Array,
+    smooth: Array,
+    ends: Array,
+    others: Array,
+    along: Array,
+    edges: Array,
+    tails: Array,
+    heads: Array,
+    midpoints: Array,
+    half: Array,
+    result: Array,
+) -> None:
+    """Make refined points of smooth rules those of sharp ones, each operation rounded by itself.
+
+    `vertices` (n,) move by a share towards their smooth points, and `ends` (m,) of sharp edges
+    towards the `others`; `edges` (k,) from `tails` to `heads` have a share of their midpoints,
+    where the weight of each end is ``half[0]``.
+    """
+    width = points.shape[1]
+    for i in range(len(vertices)):
+        vertex = vertices[i]
+        for c in range(width):
+            own = points[vertex, c]
+            result[vertex, c] = _stepped(own, smooth[i], result[vertex, c] - own)
+    for i in range(len(ends)):
+        end, other = ends[i], others[i]
+        for c in range(width):
+            step = points[other, c] - points[end, c]
+            result[end, c] = _stepped(result[end, c], along[i], step)
+    for i in range(len(edges)):
+        edge, tail, head = edges[i], tails[i], heads[i]
+        for c in range(width):
+            middle = half[0] * (points[tail, c] + points[head, c])
+            result[edge, c] = _mixed(midpoints[i], middle, result[edge, c])
+
+
 @lean
 def limit_points(
     points: Array,
@@ -489,11 +538,6 @@ def limit_points(
     for vertex in range(n_vertices):
         for c in range(first, last):
             result[vertex, c] += points[vertex, c]
-
-
-@unfused
-def _stepped(value: float, share: float, difference: float) -> float:
-    return value + share * difference
 
 
 @lean

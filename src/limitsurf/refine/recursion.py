@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, overload
 
 import numpy as np
@@ -14,7 +15,7 @@ from limitsurf.caching import cached_property
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.faces import IntArray
-from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, valid_mesh
+from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, kept, valid_mesh
 from limitsurf.channels import ChannelMesh
 from limitsurf.refine.limits import limit_normals, limit_points
 from limitsurf.refine.masks import all_limit_normals, all_limit_points
@@ -284,7 +285,7 @@ def refined(
     lattice = rules.scheme.lattice
     sharpness = Sharpness.of(mesh, rules, number)
     lineage = []
-    for _ in range(levels):
+    for level in range(levels):
         if operator:
             faces, vertices = refinement_stages(coarse, rules, sharpness, number, compiled)
             both = stacked([total, multiplied(faces, total, compiled)])
@@ -293,7 +294,12 @@ def refined(
         holes = children_of(coarse, holes, lattice)
         lineage.append(without_points(coarse))
         coarse = child_mesh(coarse, points, lattice)
-        sharpness = sharpness.children(coarse, lattice)
+        if level or number.exact:
+            sharpness = sharpness.children(coarse, lattice)
+        else:
+            first = partial(_first, mesh, sharpness, coarse, lattice)
+            sharpness, tags = kept(mesh, "first refinement", rules, first)
+            sharpness = sharpness.typed(coarse, number)
     if balance:
         points = np.ldexp(points, -balance)
     channels = {
@@ -312,21 +318,31 @@ def refined(
         up=mesh.up,
     )
     # valid as they are made: no edge is looked for
-    tags: dict[str, Any] = {**sharpness.tags()}
-    tags["holes"] = holes if levels else mesh.holes
-    tags["_channels"] = {
+    if levels != 1 or number.exact:
+        tags = read_only(sharpness.tags())
+    vars(fine).update(tags)
+    own = {
         name: (channel.points, channel.indices, mesh.channels[name][2])
         for name, channel in channels.items()
     }
-    vars(fine).update(read_only(tags))
+    vars(fine).update(read_only({"holes": holes if levels else mesh.holes, "_channels": own}))
+    bare = without_points(coarse)
     vars(fine).update(
         rules=rules,
-        origin=(sharpness, False),
+        origin=(sharpness.typed(bare, number), False),
         channel_meshes=channels,
-        _lineage=(*lineage, without_points(coarse)),
+        _lineage=(*lineage, bare),
         rounded=levels > 0 or (isinstance(mesh, RefinedMesh) and mesh.rounded),
     )
     return (fine, total) if operator else fine
+
+
+def _first(
+    mesh: Mesh, sharpness: Sharpness, coarse: Mesh, lattice: Lattice
+) -> tuple[Sharpness, dict[str, Any]]:
+    """The sharpness of the first refinement of a mesh, and the tags; it holds on to no faces."""
+    finer = sharpness.children(coarse, lattice)
+    return finer.typed(without_points(mesh), numbers.FLOAT64), read_only(finer.tags())
 
 
 def _corners(mesh: Mesh, levels: int) -> int:
