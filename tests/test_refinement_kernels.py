@@ -159,10 +159,11 @@ def test_random_cages(cage):
         assert close(one, other, size)
 
 
-def test_refinements_of_one_topology_share_it(use):
+@pytest.mark.parametrize("name", ["cube", "unequal_ring"])
+def test_refinements_of_one_topology_share_it(name, use):
     """As long as one is alive; then the memory is free again."""
     use(True)
-    mesh = cage("cube")
+    mesh = cage(name)
     one = ls.refined(mesh, 2)
     other = ls.refined(mesh.with_points(2 * mesh.points), 2)
     assert np.shares_memory(one.indices, other.indices)
@@ -171,7 +172,10 @@ def test_refinements_of_one_topology_share_it(use):
     assert list(mesh.connectivity.children) == ["quads"]
     del one, other
     assert not list(mesh.connectivity.children)
-    assert (ls.refined(mesh, 2).indices == ls.refined(cage("cube"), 2).indices).all()
+    again, fresh = ls.refined(mesh, 2), ls.refined(cage(name), 2)
+    assert (again.indices == fresh.indices).all()
+    assert (again.points == fresh.points).all()
+    assert (again.creases[1] == fresh.creases[1]).all()
 
 
 def test_points_of_a_cage_are_not_kept_alive():

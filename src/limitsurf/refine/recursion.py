@@ -285,7 +285,7 @@ def refined(
     lattice = rules.scheme.lattice
     sharpness = Sharpness.of(mesh, rules, number)
     lineage = []
-    for level in range(levels):
+    for _ in range(levels):
         if operator:
             faces, vertices = refinement_stages(coarse, rules, sharpness, number, compiled)
             both = stacked([total, multiplied(faces, total, compiled)])
@@ -293,13 +293,15 @@ def refined(
         points = refined_values(coarse, rules, sharpness, points, compiled)
         holes = children_of(coarse, holes, lattice)
         lineage.append(without_points(coarse))
-        coarse = child_mesh(coarse, points, lattice)
-        if level or number.exact:
-            sharpness = sharpness.children(coarse, lattice)
+        finer = child_mesh(coarse, points, lattice)
+        if number.exact:
+            sharpness = sharpness.children(finer, lattice)
         else:
-            first = partial(_first, mesh, sharpness, coarse, lattice)
-            sharpness, tags = kept(mesh, "first refinement", rules, first)
-            sharpness = sharpness.typed(coarse, number)
+            later = partial(_later, mesh, sharpness, finer, lattice)
+            sharpness = kept(coarse, "finer sharpness", rules, later).typed(finer, number)
+            # what is kept of the finer mesh is kept by the cage: as few as there are sharp edges
+            vars(finer)["_kept"] = kept(coarse, "finer", rules, dict)
+        coarse = finer
     if balance:
         points = np.ldexp(points, -balance)
     channels = {
@@ -318,9 +320,8 @@ def refined(
         up=mesh.up,
     )
     # valid as they are made: no edge is looked for
-    if levels != 1 or number.exact:
-        tags = read_only(sharpness.tags())
-    vars(fine).update(tags)
+    tags = partial(_tags, sharpness)
+    vars(fine).update(tags() if number.exact else kept(coarse, "tags", rules, tags))
     own = {
         name: (channel.points, channel.indices, mesh.channels[name][2])
         for name, channel in channels.items()
@@ -337,12 +338,14 @@ def refined(
     return (fine, total) if operator else fine
 
 
-def _first(
-    mesh: Mesh, sharpness: Sharpness, coarse: Mesh, lattice: Lattice
-) -> tuple[Sharpness, dict[str, Any]]:
-    """The sharpness of the first refinement of a mesh, and the tags; it holds on to no faces."""
-    finer = sharpness.children(coarse, lattice)
-    return finer.typed(without_points(mesh), numbers.FLOAT64), read_only(finer.tags())
+def _later(mesh: Mesh, sharpness: Sharpness, finer: Mesh, lattice: Lattice) -> Sharpness:
+    """The sharpness of the next refinement of a mesh; it does not hold on to the finer faces."""
+    return sharpness.children(finer, lattice).typed(without_points(mesh), numbers.FLOAT64)
+
+
+def _tags(sharpness: Sharpness) -> dict[str, Any]:
+    """Creases and corners of a refined mesh."""
+    return read_only(sharpness.tags())
 
 
 def _corners(mesh: Mesh, levels: int) -> int:
