@@ -641,6 +641,15 @@ def ring_rows(
                     after[k] = row[k]
 
 
+@inlined
+def _after(h: int, k: int, size: int) -> int:
+    """The k-th half-edge after h in its face of so many corners, 3 or 4."""
+    if size == 4:
+        return h & ~3 | (h + k & 3)
+    begin = h // 3 * 3
+    return begin + (h - begin + k) % 3
+
+
 # of vectors whose products neither overflow nor underflow
 _LEAST, _MOST = 1e-60, 1e60
 
@@ -712,16 +721,15 @@ def limit_normals(
         one, two = masks[at], masks[at + 1]
         for j in range(valence):
             ring[j] = h
-            begin = h // size * size
             for k in range(size - 2):
-                other = np.uint64(indices[begin + (h - begin + 1 + k) % size])
+                other = np.uint64(indices[_after(h, 1 + k, size)])
                 dx, dy, dz = points[other, 0] - x, points[other, 1] - y, points[other, 2] - z
                 largest = max(largest, max(abs(dx), abs(dy), abs(dz)))
                 at += 2
                 a, b = masks[at], masks[at + 1]
                 ax, ay, az = ax + a * dx, ay + a * dy, az + a * dz
                 bx, by, bz = bx + b * dx, by + b * dy, bz + b * dz
-            h = twin[begin + (h - begin + size - 1) % size]
+            h = twin[_after(h, size - 1, size)]
         noise = _noise(x, y, z, largest, rounded)
         noises = one * noise, two * noise
         fine, nx, ny, nz = _unit_normal((ax, ay, az), (bx, by, bz), noises)
