@@ -104,6 +104,30 @@ def test_limits_are_the_same(name, use):
     assert np.nanmax(np.abs(fine.limit_normals - expected[1]), initial=0) <= 1e-11
 
 
+@pytest.mark.parametrize("scale", [1e-300, 1e-80, 1e80, 1e300])
+def test_normals_at_any_scale(scale, use):
+    """Kernels leave the extremes to the reference."""
+    use(True)
+    fine = ls.refined(cage("unequal_ring"))
+    scaled = fine.with_points(scale * fine.points)
+    assert close(scaled.limit_normals, fine.limit_normals)
+    assert close(scaled.limit_points / scale, fine.limit_points)
+
+
+def test_masks_are_kept_and_hold_no_points(use):
+    use(True)
+    fine = ls.refined(cage("unequal_ring"))
+    expected = fine.limit_points, fine.limit_normals
+    other, points = fine.with_points(2 * fine.points), weakref.ref(fine.points.base)
+    known = {name: id(masks) for name, (_, masks) in vars(other)["_kept"].items()}
+    assert (other.limit_points == 2 * expected[0]).all()
+    assert np.array_equal(other.limit_normals, expected[1], equal_nan=True)
+    assert {"limit masks", "normal masks"} <= set(known)
+    assert known == {name: id(masks) for name, (_, masks) in vars(other)["_kept"].items()}
+    del fine
+    assert points() is None
+
+
 @pytest.mark.parametrize("triangles", ["smooth", "catmull-clark"])
 @pytest.mark.parametrize("shape", [(), (1,), (2,), (5,), (2, 2)])
 def test_any_number_of_channels(triangles, shape, use):
@@ -135,10 +159,11 @@ def test_random_cages(cage):
         assert close(one, other, size)
 
 
-def test_refinements_of_one_topology_share_it(use):
+@pytest.mark.parametrize("name", ["cube", "unequal_ring"])
+def test_refinements_of_one_topology_share_it(name, use):
     """As long as one is alive; then the memory is free again."""
     use(True)
-    mesh = cage("cube")
+    mesh = cage(name)
     one = ls.refined(mesh, 2)
     other = ls.refined(mesh.with_points(2 * mesh.points), 2)
     assert np.shares_memory(one.indices, other.indices)
@@ -147,7 +172,10 @@ def test_refinements_of_one_topology_share_it(use):
     assert list(mesh.connectivity.children) == ["quads"]
     del one, other
     assert not list(mesh.connectivity.children)
-    assert (ls.refined(mesh, 2).indices == ls.refined(cage("cube"), 2).indices).all()
+    again, fresh = ls.refined(mesh, 2), ls.refined(cage(name), 2)
+    assert (again.indices == fresh.indices).all()
+    assert (again.points == fresh.points).all()
+    assert (again.creases[1] == fresh.creases[1]).all()
 
 
 def test_points_of_a_cage_are_not_kept_alive():
@@ -207,8 +235,8 @@ def test_rings_refine_as_whole_meshes_do(whole, use, monkeypatch):
     monkeypatch.setattr(Rings, "of", none)
     for level, (point, normal) in enumerate(found):
         one, other = limits(level)
-        assert np.array_equal(point, one, equal_nan=True)
-        assert np.array_equal(normal, other, equal_nan=True)
+        assert close(point, one)
+        assert close(normal, other)
         assert close(point, others[level][0])
         assert close(normal, others[level][1], 100)
     assert {rings.edges.shape[1] for rings in met} >= {3, 4}

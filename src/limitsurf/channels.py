@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from limitsurf import numbers, tables
 from limitsurf._kernels.rationals import Digits, integers
 from limitsurf.caching import cached_property
-from limitsurf.cage.connectivity import Connectivity
+from limitsurf.cage.connectivity import Connectivity, read_only
 from limitsurf.cage.mesh import Mesh, kept, valid_mesh
 from limitsurf.rules import CORNER, SMOOTH, Rationals, RuledMesh, Rules, Sharpness, numbered
 from limitsurf.scheme.lattice import Lattice
@@ -102,7 +102,8 @@ class ChannelMesh(RuledMesh):
 
         The sharpness may be that of the next `coarser` mesh.
         """
-        result = valid_mesh(type(self), values, mesh.connectivity, holes=holes)
+        result = valid_mesh(type(self), values, mesh.connectivity)
+        result.holes = read_only(holes)
         result.base, result.rules, result.origin = self.base, self.rules, (sharpness, coarser)
         return result
 

@@ -13,13 +13,13 @@ Every function passes over the faces once, and fills the arrays that it is given
 
 from __future__ import annotations
 
-from math import sqrt
+from math import ceil, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf._kernels.doubt import NOISE, UNIT
+from limitsurf._kernels.doubt import NOISE, SCALED
 from limitsurf._kernels.jit import inlined, lean, unfused
 
 Array = NDArray[Any]
@@ -443,6 +443,55 @@ def refined_triangles(
             result[vertex, c] += points[vertex, c]
 
 
+@unfused
+def _stepped(value: float, share: float, difference: float) -> float:
+    return value + share * difference
+
+
+@unfused
+def _mixed(share: float, value: float, other: float) -> float:
+    return share * value + (1 - share) * other
+
+
+@lean
+def sharpened(
+    points: Array,
+    vertices: Array,
+    smooth: Array,
+    ends: Array,
+    others: Array,
+    along: Array,
+    edges: Array,
+    tails: Array,
+    heads: Array,
+    midpoints: Array,
+    half: Array,
+    result: Array,
+) -> None:
+    """Make refined points of smooth rules those of sharp ones, each operation rounded by itself.
+
+    `vertices` (n,) move by a share towards their smooth points, and `ends` (m,) of sharp edges
+    towards the `others`; `edges` (k,) from `tails` to `heads` have a share of their midpoints,
+    where the weight of each end is ``half[0]``.
+    """
+    width = points.shape[1]
+    for i in range(len(vertices)):
+        vertex = vertices[i]
+        for c in range(width):
+            own = points[vertex, c]
+            result[vertex, c] = _stepped(own, smooth[i], result[vertex, c] - own)
+    for i in range(len(ends)):
+        end, other = ends[i], others[i]
+        for c in range(width):
+            step = points[other, c] - points[end, c]
+            result[end, c] = _stepped(result[end, c], along[i], step)
+    for i in range(len(edges)):
+        edge, tail, head = edges[i], tails[i], heads[i]
+        for c in range(width):
+            middle = half[0] * (points[tail, c] + points[head, c])
+            result[edge, c] = _mixed(midpoints[i], middle, result[edge, c])
+
+
 @lean
 def limit_points(
     points: Array,
@@ -465,265 +514,179 @@ def limit_points(
     for vertex in range(n_vertices):
         for c in range(first, last):
             result[vertex, c] = 0.0
-    for h in range(len(indices)):
-        begin = h // size * size
-        tail, head = np.uint64(indices[h]), np.uint64(indices[begin + (h - begin + 1) % size])
-        near = weights[vertex_faces[tail], 0]
-        if size == 3:
-            for c in range(first, last):
-                result[tail, c] += near * (points[head, c] - points[tail, c])
-            continue
-        opposite = np.uint64(indices[begin + (h - begin + 2) % size])
-        far = weights[vertex_faces[tail], 1]
+    for begin in range(0, len(indices), size):
+        # unsigned: never counted from the end
+        i, j = np.uint64(indices[begin]), np.uint64(indices[begin + 1])
+        k, m = np.uint64(indices[begin + 2]), np.uint64(indices[begin + size - 1])
+        one, two = vertex_faces[i], vertex_faces[j]
+        three, four = vertex_faces[k], vertex_faces[m]
         for c in range(first, last):
-            own = points[tail, c]
-            step = near * (points[head, c] - own) + far * (points[opposite, c] - own)
-            result[tail, c] += step
+            x, y, z, w = points[i, c], points[j, c], points[k, c], points[m, c]
+            if size == 3:
+                result[i, c] += weights[one, 0] * (y - x)
+                result[j, c] += weights[two, 0] * (z - y)
+                result[k, c] += weights[three, 0] * (x - z)
+                continue
+            step = weights[one, 0] * (y - x) + weights[one, 1] * (z - x)
+            result[i, c] += step
+            step = weights[two, 0] * (z - y) + weights[two, 1] * (w - y)
+            result[j, c] += step
+            step = weights[three, 0] * (w - z) + weights[three, 1] * (x - z)
+            result[k, c] += step
+            step = weights[four, 0] * (x - w) + weights[four, 1] * (y - w)
+            result[m, c] += step
     for vertex in range(n_vertices):
         for c in range(first, last):
             result[vertex, c] += points[vertex, c]
 
 
-@unfused
-def _stepped(value: float, share: float, difference: float) -> float:
-    return value + share * difference
-
-
-@unfused
-def _mixed(share: float, value: float, rest: float, other: float) -> float:
-    return share * value + rest * other
-
-
-@inlined
-def _in_ring(corner: int, face: int, N: int) -> int:
-    """Place in a ring of N faces of a corner of one of these, counted from the middle."""
-    corner &= 3
-    if corner == 0:
-        return 0
-    if corner == 3:
-        return 1 if face == N - 1 else 3 + 2 * face
-    return 2 * face + corner
-
-
 @lean
-def ring_limits(
-    points: Array,
-    rings: Array,
-    first: Array,
-    faces: Array,
-    ends: Array,
-    edges: Array,
-    own: Array,
-    weights: tuple[Array, Array, Array, Array],
-    room: Array,
-    result: Array,
+def row_limits(
+    points: Array, vertices: Array, starts: Array, columns: Array, weights: Array, result: Array
 ) -> None:
-    """Limits of semi-sharp vertices (n, d) by refining the `rings` around them, (n, 1 + 2 N).
+    """Limits of `vertices` (n,) by rows of weights on differences from them, into (V, d).
 
-    The arrays of ``refine/rings.py``; edges (n, N) and own (n,), how sharp they are, end as 0.
-    `weights` are those of a face point (4,), of edge neighbours and face points in a smooth vertex
-    (2,), of face points in edge points, of the ends in a midpoint and of neighbours along a crease
-    (3,), and those of the ring in the limit. ``room`` (2, 1 + 2 N, d) is to work in. What refined
-    points take over from `refined_points` is rounded as there, the rest operation by operation.
+    Row i has the entries from ``starts[i]`` to ``starts[i + 1]``, of `columns` and `weights`. Each
+    operation is rounded by itself.
     """
-    centre, smooth, limit = weights[0], weights[1], weights[3]
-    near, far, half, beside = smooth[0], smooth[1], weights[2][1], weights[2][2]
-    weight = weights[2][0] / 2 + weights[2][0] / 2
-    N = faces.shape[1]
-    d = points.shape[1]
-    ring, fine = room[0], room[1]
-    for i in range(len(rings)):
-        for k in range(1 + 2 * N):
-            for c in range(d):
-                ring[k, c] = points[rings[i, k], c]
-        level = 0
-        while True:
-            sharp = still = falling = 0
-            for j in range(N):
-                sharp += edges[i, j] > 0
-                still += edges[i, j] > 1
-            if sharp == 0 and not own[i] > 0:
-                break
-            order = ends[min(level, 1), i]
-            total = 0.0
-            for j in order:
-                if 0 < edges[i, j] <= 1:
-                    total += edges[i, j]
-                    falling += 1
-            if 0 < own[i] <= 1:
-                total += own[i]
-                falling += 1
-            # rules as in ``rules.py``: smooth, dart, crease, corner
-            parent = 3 if own[i] > 0 else min(sharp, 3)
-            child = 3 if own[i] > 1 else min(still, 3)
-            share = 1.0
-            if parent != child and parent > 1:
-                share = min(total / max(falling, 1), 1.0)
-            rest = 1 - share
-            own_share = 1.0 if parent <= 1 else rest if child <= 1 else 0.0
-            for j in range(N):
-                turn = 0 if level else first[i, j]
-                for c in range(d):
-                    fine[2 + 2 * j, c] = 0.0
-                for k in range(4):
-                    at = _in_ring(k - turn, j, N)
-                    for c in range(d):
-                        fine[2 + 2 * j, c] += centre[k] * ring[at, c]
-            for c in range(d):
-                fine[0, c] = 0.0
-            for j in faces[i]:
-                for c in range(d):
-                    here = ring[0, c]
-                    step = near * (ring[1 + 2 * j, c] - here) + far * (fine[2 + 2 * j, c] - here)
-                    fine[0, c] += step
-            for c in range(d):
-                fine[0, c] += ring[0, c]
-                fine[0, c] = _stepped(ring[0, c], own_share, fine[0, c] - ring[0, c])
-            for j in order:
-                size = edges[i, j]
-                part = share if size > 0 and parent == 2 else 0.0
-                if size > 1 and child == 2 and parent == 3:
-                    part += rest
-                if part != 0:
-                    part *= beside
-                    for c in range(d):
-                        step = ring[1 + 2 * j, c] - ring[0, c]
-                        fine[0, c] = _stepped(fine[0, c], part, step)
-            for j in range(N):
-                e, before = 1 + 2 * j, 2 * N if j == 0 else 2 * j
-                size = edges[i, j]
-                middle = min(size, 1.0)
-                for c in range(d):
-                    both = ring[0, c] + ring[e, c]
-                    outer = (0.5 - weight) * both
-                    found = outer + weight * (fine[e + 1, c] + fine[before, c])
-                    if size > 0:
-                        found = _mixed(middle, half * both, 1 - middle, found)
-                    fine[e, c] = found
-                edges[i, j] = max(size - 1, 0.0)
-            own[i] = max(own[i] - 1, 0.0)
-            ring, fine = fine, ring
-            level += 1
-        for c in range(d):
-            step = 0.0
-            for k in range(1, 1 + 2 * N):
-                step = _stepped(step, limit[k], ring[k, c] - ring[0, c])
-            result[i, c] = ring[0, c] + step
-
-
-@inlined
-def _collected(
-    sums: Array, touched: Array, count: int, column: int, share: float, value: float
-) -> int:
-    """Add to a sum, which is taken down if it is new; the number of sums."""
-    if touched[1, column] == 0:
-        touched[1, column] = 1
-        touched[0, count] = column
-        count += 1
-    sums[column] = _stepped(sums[column], share, value)
-    return count
+    for i in range(len(vertices)):
+        vertex = vertices[i]
+        for c in range(points.shape[1]):
+            own, step = points[vertex, c], 0.0
+            for k in range(starts[i], starts[i + 1]):
+                step = _stepped(step, weights[k], points[columns[k], c] - own)
+            result[vertex, c] = own + step
 
 
 @lean
 def ring_rows(
     masks: Array,
-    numbers: Array,
-    first: Array,
-    place: Array,
-    faces: Array,
-    ends: Array,
     edges: Array,
     own: Array,
-    weights: tuple[Array, Array, Array, Array],
-    sums: Array,
-    touched: Array,
+    weights: Array,
+    room: Array,
     result: Array,
 ) -> None:
-    """Masks of vertices once all is smooth as weights of the `rings` before, (m, n, 1 + 2 N).
+    """Masks of vertices once all is smooth as weights of the rings before, (m, n, 1 + 2 N).
 
-    The arrays of ``refine/rings.py``; sharpness is whole. `numbers` (2, n, 1 + 2 N) lists the ring
-    by the numbers of its vertices, in the mesh and in all refinements, ``place`` (n, N) where in
-    `faces` each face is. `weights` are those of a face point (4,); of the vertex, its neighbours
-    and face points in a smooth vertex (3,); of the vertex and its neighbours along a crease (2,);
-    of the ends and face points in an edge point, and of the ends in a midpoint (3,). ``sums`` and
-    ``touched`` (2, .) have room for 1 + 3 N. Added up in the order of the products of the sparse
-    matrices of ``refine/limits.py``, each operation rounded by itself.
+    Of how sharp the edges (n, N) and the vertices (n,) are. `weights` (6,) are those of a corner in
+    its face point; of edge neighbours and face points in a smooth vertex; of face points in an edge
+    point; of the ends in a midpoint; and of neighbours along a crease. ``room`` (2, 1 + 2 N) is to
+    work in.
     """
-    centre, smooth, crease, edge = weights[0], weights[1], weights[2], weights[3]
-    N = faces.shape[1]
-    R = 1 + 2 * N
+    centre, near, far = weights[0], weights[1], weights[2]
+    across, half, beside = weights[3], weights[4], weights[5]
+    N = edges.shape[1]
+    row, faces = room[0], room[1]
     for i in range(len(edges)):
-        depth = own[i]
+        deepest = own[i]
         for j in range(N):
-            depth = max(depth, edges[i, j])
+            deepest = max(deepest, edges[i, j])
         for which in range(len(masks)):
-            row = result[which, i]
-            for k in range(R):
-                row[k] = masks[which, k]
-            for level in range(int(depth) - 1, -1, -1):
-                sharp = 3 if own[i] > level else 0
+            for k in range(1 + 2 * N):
+                result[which, i, k] = masks[which, k]
+        for level in range(ceil(deepest) - 1, -1, -1):
+            sharp = still = falling = 0
+            total = 0.0
+            for j in range(N):
+                size = edges[i, j] - level
+                sharp += size > 0
+                still += size > 1
+                if 0 < size <= 1:
+                    total += size
+                    falling += 1
+            size = own[i] - level
+            if 0 < size <= 1:
+                total += size
+                falling += 1
+            # rules as in ``rules.py``: smooth, dart, crease, corner
+            parent = 3 if size > 0 else min(sharp, 3)
+            child = 3 if size > 1 else min(still, 3)
+            share = 1.0
+            if parent != child and parent > 1:
+                share = min(total / max(falling, 1), 1.0)
+            rest = 1 - share
+            smooth = 1.0 if parent <= 1 else rest if child <= 1 else 0.0
+            for which in range(len(masks)):
+                after = result[which, i]
+                middle = after[0]  # what is left for the vertex: its weights add up to this
                 for j in range(N):
-                    sharp += edges[i, j] > level
-                for k in range(R + N):
-                    sums[k] = 0.0
-                    touched[1, k] = 0
-                count = 0
-                for k in numbers[1, i]:
-                    share = row[k]
-                    if share == 0:
-                        continue
-                    j = (k - 1) >> 1
-                    if k == 0:
-                        if sharp > 2:
-                            count = _collected(sums, touched, count, 0, share, 1.0)
-                        elif sharp == 2:
-                            count = _collected(sums, touched, count, 0, share, crease[0])
-                            for e in ends[min(level, 1), i]:
-                                if edges[i, e] > level:
-                                    at = 1 + 2 * e
-                                    count = _collected(sums, touched, count, at, share, crease[1])
-                        else:
-                            if smooth[0] != 0:
-                                count = _collected(sums, touched, count, 0, share, smooth[0])
-                            for f in faces[i]:
-                                at = 1 + 2 * f
-                                count = _collected(sums, touched, count, at, share, smooth[1])
-                                count = _collected(sums, touched, count, R + f, share, smooth[2])
-                    elif k & 1:
-                        one, two = 0, k
-                        if level == 0:
-                            for at in numbers[0, i]:
-                                if at == 0 or at == k:
-                                    one, two = at, k - at
-                                    break
-                        weight = edge[2] if edges[i, j] > level else edge[0]
-                        count = _collected(sums, touched, count, one, share, weight)
-                        count = _collected(sums, touched, count, two, share, weight)
-                        if not edges[i, j] > level:
-                            before = N - 1 if j == 0 else j - 1
-                            f, g = (j, before) if place[i, j] < place[i, before] else (before, j)
-                            count = _collected(sums, touched, count, R + f, share, edge[1])
-                            count = _collected(sums, touched, count, R + g, share, edge[1])
-                    else:
-                        count = _collected(sums, touched, count, R + j, share, 1.0)
-                for k in range(R):
-                    row[k] = 0.0
-                for t in range(count - 1, -1, -1):
-                    k = touched[0, t]
-                    if k < R:
-                        row[k] += sums[k]
-                        continue
-                    j = k - R
-                    turn = 0 if level else first[i, j]
-                    for corner in range(4):
-                        at = _in_ring(corner - turn, j, N)
-                        row[at] = _stepped(row[at], sums[k], centre[corner])
+                    give = after[0] * smooth * far
+                    faces[j] = after[2 + 2 * j] + give
+                    middle -= give
+                for j in range(N):
+                    size = edges[i, j] - level
+                    part = share if size > 0 and parent == 2 else 0.0
+                    if size > 1 and child == 2 and parent == 3:
+                        part += rest
+                    give = after[0] * (smooth * near + part * beside)
+                    middle -= give
+                    # of an edge point, so much is a midpoint
+                    whole = after[1 + 2 * j]
+                    straight = min(max(size, 0.0), 1.0) * whole
+                    curved = whole - straight
+                    ends = half * straight + (0.5 - across) * curved
+                    middle += ends
+                    row[1 + 2 * j] = give + ends
+                    faces[j] += across * curved
+                    faces[N - 1 if j == 0 else j - 1] += across * curved
+                for j in range(N):
+                    give = centre * faces[j]
+                    middle += give
+                    row[1 + 2 * j] += give
+                    row[2 + 2 * j] = give
+                    row[1 if j == N - 1 else 3 + 2 * j] += give
+                row[0] = middle
+                for k in range(1 + 2 * N):
+                    after[k] = row[k]
+
+
+@inlined
+def _after(h: int, k: int, size: int) -> int:
+    """The k-th half-edge after h in its face of so many corners, 3 or 4."""
+    if size == 4:
+        return h & ~3 | (h + k & 3)
+    begin = h // 3 * 3
+    return begin + (h - begin + k) % 3
+
+
+# of vectors whose products neither overflow nor underflow
+_LEAST, _MOST = 1e-60, 1e60
+
+
+@inlined
+def _unit_normal(
+    a: tuple[float, float, float], b: tuple[float, float, float], noise: tuple[float, float]
+) -> tuple[bool, float, float, float]:
+    """Whether there is no doubt of the unit vector along a x b, and that vector.
+
+    A sufficient condition: no component is asked about, only the largest ones of a and b, which
+    are at least 1 / sqrt(3) of their lengths.
+    """
+    nx, ny, nz = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    one, two = max(abs(a[0]), abs(a[1]), abs(a[2])), max(abs(b[0]), abs(b[1]), abs(b[2]))
+    fine = min(one, two) > _LEAST and max(one, two) < _MOST
+    fine &= one > noise[0] and two > noise[1]
+    fine &= max(abs(nx), abs(ny), abs(nz)) > SCALED * (noise[0] * two + noise[1] * one)
+    scale = 1 / sqrt(nx * nx + ny * ny + nz * nz)
+    return fine, nx * scale, ny * scale, nz * scale
+
+
+@inlined
+def _noise(x: float, y: float, z: float, largest: float, rounded: int) -> float:
+    """Bound of the errors of differences from a point, by the largest, as in the reference.
+
+    A point is in error by its own size, if it is `rounded`, and others by that and the difference.
+    One per mille is for the rounding of this bound.
+    """
+    own = rounded * max(abs(x), abs(y), abs(z))
+    return 1.001 * NOISE * ((1 + rounded) * largest + 2 * own)
 
 
 @lean
 def limit_normals(
     points: Array,
-    errors: Array,
+    rounded: int,
     indices: Array,
     twin: Array,
     vertex_faces: Array,
@@ -731,57 +694,101 @@ def limit_normals(
     masks: Array,
     corners: tuple[int, ...],
     seen: Array,
+    ring: Array,
+    doubtful: Array,
     result: Array,
-) -> None:
-    """Unit limit normals (V, 3) of the vertices but those already `seen`.
+) -> int:
+    """Unit limit normals, (H, 3), at the corners of the vertices but those already `seen`.
 
-    By number of faces at a vertex, `start` is where two masks begin, over its edge neighbours and,
-    in quads, face corners counter-clockwise, itself first; or -1. Faces have as many corners as
-    `corners` is long. NaN where the vectors might be dependent
-    within their rounding errors; `errors` are those of the points, as in the reference.
+    By number of faces at a vertex, `start` is where two masks begin: the sums of their sizes, -1 if
+    there are none, then pairs of weights of its edge neighbours and, in quads, face corners
+    counter-clockwise. Faces have as many corners as `corners` is long. ``ring`` has room for the
+    largest number of faces. ``rounded`` is 1 where points are rounded, and 0 of a cage. Normals are
+    NaN where there are no masks, and at vertices that become `doubtful` (V,), as many as are
+    returned, where the reference has to decide whether there is one.
     """
     size = len(corners)
-    stride = size - 2
-    for vertex in range(len(points)):
-        for c in range(3):
-            result[vertex, c] = np.nan
+    count = 0
     for first in range(len(indices)):
         vertex = indices[first]
         if seen[vertex]:
             continue
         seen[vertex] = True
         valence = vertex_faces[vertex]
-        if start[valence] < 0:
-            continue
         x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
-        ax = ay = az = bx = by = bz = noise = other_noise = 0.0
-        h, at = first, start[valence] + 1
-        beside = at + stride * valence + 1
-        for _ in range(valence):
-            begin = h // size * size
-            for k in range(stride):
-                other = indices[begin + (h - begin + 1 + k) % size]
+        ax = ay = az = bx = by = bz = largest = 0.0
+        h, at = first, start[valence]
+        one, two = masks[at], masks[at + 1]
+        for j in range(valence):
+            ring[j] = h
+            for k in range(size - 2):
+                other = np.uint64(indices[_after(h, 1 + k, size)])
                 dx, dy, dz = points[other, 0] - x, points[other, 1] - y, points[other, 2] - z
-                far = max(abs(dx), abs(dy), abs(dz)) + errors[vertex] + errors[other]
-                a, b = masks[at + k], masks[beside + k]
-                noise, other_noise = noise + abs(a) * far, other_noise + abs(b) * far
+                largest = max(largest, max(abs(dx), abs(dy), abs(dz)))
+                at += 2
+                a, b = masks[at], masks[at + 1]
                 ax, ay, az = ax + a * dx, ay + a * dy, az + a * dz
                 bx, by, bz = bx + b * dx, by + b * dy, bz + b * dz
-            at += stride
-            beside += stride
-            h = twin[begin + (h - begin + size - 1) % size]
-        noise, other_noise = NOISE * noise, NOISE * other_noise
-        # largest component first: neither overflow nor underflow in the squares
-        a, b = max(abs(ax), abs(ay), abs(az)), max(abs(bx), abs(by), abs(bz))
-        if not (a > noise and b > other_noise):
-            continue
-        ax, ay, az = ax / a, ay / a, az / a
-        bx, by, bz = bx / b, by / b, bz / b
-        scale = sqrt(ax * ax + ay * ay + az * az) * sqrt(bx * bx + by * by + bz * bz)
-        nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        far = max(abs(nx), abs(ny), abs(nz))
-        if not far > UNIT * (noise / a + other_noise / b) * scale:
-            continue
-        nx, ny, nz = nx / far, ny / far, nz / far
-        scale = sqrt(nx * nx + ny * ny + nz * nz)
-        result[vertex, 0], result[vertex, 1], result[vertex, 2] = nx / scale, ny / scale, nz / scale
+            h = twin[_after(h, size - 1, size)]
+        noise = _noise(x, y, z, largest, rounded)
+        noises = one * noise, two * noise
+        fine, nx, ny, nz = _unit_normal((ax, ay, az), (bx, by, bz), noises)
+        if not fine:
+            nx = ny = nz = np.nan
+            if one >= 0:
+                doubtful[vertex] = True
+                count += 1
+        for j in range(valence):
+            corner = np.uint64(ring[j])
+            result[corner, 0], result[corner, 1], result[corner, 2] = nx, ny, nz
+    return count
+
+
+@lean
+def row_normals(
+    points: Array,
+    rounded: int,
+    vertices: Array,
+    starts: Array,
+    columns: Array,
+    weights: Array,
+    state: Array,
+    corner_starts: Array,
+    corners: Array,
+    doubtful: Array,
+    result: Array,
+) -> int:
+    """Unit limit normals in n sectors by rows of pairs of weights, as those of `limit_normals`.
+
+    `vertices` (n,) are where they are, and `weights` (., 2) are on differences from these, as in
+    `row_limits`; `corners` from ``corner_starts[i]`` on are what they consist of. In `state` (n,) 0
+    there is a normal along the cross product; in 1 there is none, but that there may be one where
+    one of the vectors is 0; in 2 there is none.
+    """
+    count = 0
+    for i in range(len(vertices)):
+        vertex = vertices[i]
+        x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
+        ax = ay = az = bx = by = bz = largest = one = two = 0.0
+        for k in range(starts[i], starts[i + 1]):
+            other, a, b = columns[k], weights[k, 0], weights[k, 1]
+            dx, dy, dz = points[other, 0] - x, points[other, 1] - y, points[other, 2] - z
+            largest = max(largest, max(abs(dx), abs(dy), abs(dz)))
+            one, two = one + abs(a), two + abs(b)
+            ax, ay, az = ax + a * dx, ay + a * dy, az + a * dz
+            bx, by, bz = bx + b * dx, by + b * dy, bz + b * dz
+        noise = _noise(x, y, z, largest, rounded)
+        one, two = one * noise, two * noise
+        fine, nx, ny, nz = _unit_normal((ax, ay, az), (bx, by, bz), (one, two))
+        lost = not fine
+        if state[i] == 1:
+            lost = max(abs(ax), abs(ay), abs(az)) <= one or max(abs(bx), abs(by), abs(bz)) <= two
+        if state[i] < 2 and lost:
+            doubtful[vertex] = True
+            count += 1
+        if state[i] > 0 or not fine:
+            nx = ny = nz = np.nan
+        for k in range(corner_starts[i], corner_starts[i + 1]):
+            h = corners[k]
+            result[h, 0], result[h, 1], result[h, 2] = nx, ny, nz
+    return count

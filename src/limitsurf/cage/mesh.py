@@ -382,7 +382,10 @@ def valid_mesh(kind: type[M], points: NDArray[Any], faces: Connectivity, **tags:
     """
     mesh = object.__new__(kind)
     mesh.points, mesh.connectivity, mesh._kept = read_only(points), faces, {}
-    vars(mesh).update(_checked(faces, **tags) if tags else _NO_TAGS)
+    if tags.keys() <= set(CHOICES):
+        vars(mesh).update(_NO_TAGS, **_choices(**tags))
+    else:
+        vars(mesh).update(_checked(faces, **tags))
     return mesh
 
 
@@ -402,14 +405,7 @@ def _checked(
     up: Up | None = None,
 ) -> dict[str, Any]:
     """What a mesh has besides points and faces, checked, by the names of its attributes."""
-    choices = {
-        "scheme": scheme,
-        "boundary": checks.choice(boundary, "boundary", BOUNDARY),
-        "creasing": checks.choice(creasing, "creasing", CREASING),
-        "triangles": checks.choice(triangles, "triangles", TRIANGLES),
-        "units": checks.units(units),
-        "up": checks.choice(up, "up", UP),
-    }
+    choices = _choices(scheme, boundary, creasing, triangles, units, up)
     tags = {
         "creases": checks.crease_tags(cage, creases),
         "corners": checks.corner_tags(cage, corners),
@@ -424,6 +420,25 @@ def _checked(
         name: checks.face_data(cage, name, values) for name, values in (face_data or {}).items()
     }
     return {**choices, **read_only(tags), **read_only({"_channels": found, "_face_data": data})}
+
+
+def _choices(
+    scheme: Any = None,
+    boundary: Boundary | None = None,
+    creasing: Creasing | None = None,
+    triangles: Triangles | None = None,
+    units: float | None = None,
+    up: Up | None = None,
+) -> dict[str, Any]:
+    """The `CHOICES`, checked, by their names."""
+    return {
+        "scheme": scheme,
+        "boundary": checks.choice(boundary, "boundary", BOUNDARY),
+        "creasing": checks.choice(creasing, "creasing", CREASING),
+        "triangles": checks.choice(triangles, "triangles", TRIANGLES),
+        "units": checks.units(units),
+        "up": checks.choice(up, "up", UP),
+    }
 
 
 _NO_TAGS: dict[str, Any] = read_only(

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import _kernels, numbers, tables
 from limitsurf._kernels import reference as kernels
-from limitsurf.cage.connectivity import read_only
-from limitsurf.cage.mesh import Mesh
 from limitsurf.refine.operators import entries, identity, sparse_operator, stacked
 from limitsurf.refine.rings import Rings
-from limitsurf.refine.stages import irrational, refined_values, refinement_stages, smooth_valences
+from limitsurf.refine.stages import irrational, refined_values, refinement_stages
 from limitsurf.rules import PENDING, Rules, Sectors, Sharpness
 from limitsurf.topology import MeshPart, child_halves, child_mesh, vertex_numbers
-
-if TYPE_CHECKING:
-    from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
 
@@ -38,8 +33,7 @@ def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arra
         except TypeError:
             what = f"vertex {vertex_numbers(sharpness.mesh)[vertex[fans[0]]]} has {faces} faces"
             raise TypeError(irrational(what, rules)) from None
-        if rules.scheme.sector(kind, faces).carried:  # the last point is the middle of two
-            mask = np.append(mask[:-1], [mask[-1] / 2] * 2)
+        mask = _of_ring(mask, rules, kind, faces)
         ring = sectors.ring(kind, faces, fans)[:, 1:]
         if faces > tables.MOST_FACES:
             step = (mask[1:, None] * (points[ring] - own[:, None])).sum(axis=1)
@@ -51,9 +45,6 @@ def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arra
     pending = np.zeros(len(wanted), dtype=bool)
     pending[vertex[sectors.kind == PENDING]] = True
     pending &= wanted
-    for rings in Rings.of(sectors, rules, np.flatnonzero(pending[vertex])):
-        at = rings.vertices[:, 0]
-        result[at], pending[at] = rings.limits(points), False
     if pending.any():
         near = MeshPart.of(sharpness.mesh, sharpness.neighbours(pending[sharpness.mesh.indices]))
         inner = sharpness.part(near)
@@ -69,36 +60,45 @@ def limit_points(sharpness: Sharpness, rules: Rules, points: Array, wanted: Arra
     return result
 
 
-def _normal_operator(
+def _of_ring(mask: Array, rules: Rules, kind: str, faces: int) -> Array:
+    """A mask as weights of what `Sectors.ring` gives, where the last point is the middle of two."""
+    carried = rules.scheme.sector(kind, faces).carried
+    return np.append(mask[:-1], [mask[-1] / 2] * 2) if carried else mask
+
+
+def limit_rows(rules: Rules, kind: str, faces: int) -> Array:
+    """The mask of the limit position over the ring, for a `sector_operator` of one row a fan."""
+    mask = tables.limit_mask(rules.scheme, kind, faces, numbers.FLOAT64)
+    return _of_ring(mask, rules, kind, faces)[None]
+
+
+def sector_operator(
     sharpness: Sharpness,
     rules: Rules,
     wanted: Array,
-    masks: Callable[[Scheme, str, int], Array],
+    masks: Callable[[Rules, str, int], Array],
     count: int,
 ) -> Any:
     """Operator (count n_fans, n_vertices) on differences from a vertex, in regular faces.
 
-    It gives pairs of vectors for each fan of the `Sectors`, all first ones, then all second ones:
-    `count` is 4 if `masks` are those of `tables.normal_masks`, and 8 of `tables.collapsed_masks`.
-    A fan without a normal has no entries, nor have others than those `wanted` (n_fans,) bool.
+    It applies the `masks` (count or 0, ring) of the sector of each fan of the `Sectors`, to all
+    fans the first, then to all fans the second; those that are not `wanted` (n_fans,) bool have no
+    entries.
     """
     mesh, lattice = sharpness.mesh, rules.scheme.lattice
     sectors, n = Sectors.of(sharpness, lattice), len(wanted)
     parts = [(np.zeros(0, int), np.zeros(0, int), np.zeros(0))]
     for kind, faces, fans in sectors.groups(np.flatnonzero(wanted & (sectors.kind >= 0))):
         ring = sectors.ring(kind, faces, fans)
-        rows = masks(rules.scheme, kind, faces)
-        for which, mask in enumerate(rows.reshape(-1, rows.shape[2])):
+        for which, mask in enumerate(masks(rules, kind, faces)):
             used = np.flatnonzero(mask != 0)
             values = np.broadcast_to(mask[used], (len(fans), len(used)))
             row = np.repeat(which * n + fans, len(used))
             parts.append((row, ring[:, used].ravel(), values.ravel()))
     # where something is semi-sharp, the limit is that after one more refinement
     pending = np.flatnonzero(wanted & (sectors.kind == PENDING))
-    whole = (np.floor(x) == x for x in (sharpness.edge_sharpness, sharpness.vertex_sharpness))
-    for rings in Rings.of(sectors, rules, pending) if all(x.all() for x in whole) else ():
-        rows = masks(rules.scheme, "interior", rings.edges.shape[1])
-        weights = rings.rows(rows.reshape(-1, rows.shape[2]))
+    for rings in Rings.of(sectors, rules, pending):
+        weights = rings.rows(masks(rules, "interior", rings.edges.shape[1]))
         vector, i, k = np.nonzero(weights)
         parts.append((vector * n + rings.fans[i], rings.vertices[i, k], weights[vector, i, k]))
         pending = np.setdiff1d(pending, rings.fans)
@@ -112,12 +112,24 @@ def _normal_operator(
         fan = np.full(len(child_fans.vertex), -1)
         fan[child_fans.fan[child_halves(near.mesh.connectivity, first, lattice)[0]]] = pending
         both = stacked([identity(near.mesh.n_vertices, numbers.FLOAT64), faces_stage])
-        finer = _normal_operator(later, rules, fan >= 0, masks, count)
+        finer = sector_operator(later, rules, fan >= 0, masks, count)
         rows, columns, values = entries((finer @ stage) @ both)
         k, row = np.divmod(rows, len(fan))
         parts.append((k * n + fan[row], near.vertices[columns], values))
     rows, columns, values = (np.concatenate(x) for x in zip(*parts, strict=True))
     return sparse_operator(rows, columns, values, (count * n, mesh.n_vertices))
+
+
+def _normal_rows(rules: Rules, kind: str, faces: int) -> Array:
+    """Two pairs of vectors, (4 or 0, ring)."""
+    pairs = tables.normal_masks(rules.scheme, kind, faces)
+    return pairs.reshape(-1, pairs.shape[2])
+
+
+def _collapsed_rows(rules: Rules, kind: str, faces: int) -> Array:
+    """Four pairs of vectors, (8, ring)."""
+    pairs = tables.collapsed_masks(rules.scheme, kind, faces)
+    return pairs.reshape(-1, pairs.shape[2])
 
 
 def limit_normals(
@@ -130,11 +142,11 @@ def limit_normals(
     fans = Sectors.of(sharpness, rules.scheme.lattice).fans
 
     def vectors(
-        some: Array, masks: Callable[[Scheme, str, int], Array], count: int
+        some: Array, masks: Callable[[Rules, str, int], Array], count: int
     ) -> list[tuple[Array, Array, Array]]:
         chosen = np.zeros(len(fans.vertex), dtype=bool)
         chosen[some] = True
-        operator = _normal_operator(sharpness, rules, chosen, masks, count)
+        operator = sector_operator(sharpness, rules, chosen, masks, count)
         own = np.tile(fans.vertex, count)
         vector, size, error = _from_own(operator, points, errors, own)
         each = vector, kernels.NOISE * (size + error), kernels.NOISE * error
@@ -147,14 +159,14 @@ def limit_normals(
 
     result = np.full((len(fans.vertex), 3), np.nan)
     some = np.flatnonzero(wanted[fans.vertex])
-    found = vectors(some, tables.normal_masks, 4)
+    found = vectors(some, _normal_rows, 4)
     # the second where the first pair is dependent
     for k in range(2):
         rows = np.flatnonzero(np.isnan(result[some, 0]))
         result[some[rows]] = crossed(found, k, rows)
     lost = some[np.isnan(result[some, 0])]
     if len(lost):
-        found = vectors(lost, tables.collapsed_masks, 8)
+        found = vectors(lost, _collapsed_rows, 8)
         first, second = ((np.abs(found[j][0]) <= found[j][2]).all(axis=1) for j in (6, 7))
         for k, case in enumerate((first & second, first & ~second, second & ~first)):
             result[lost[case]] = crossed(found, k, np.asarray(case))
@@ -185,31 +197,6 @@ def face_normals(mesh: Mesh, points: Array, errors: Array) -> Array:
         found = kernels.unit_normals(a[0][lost], b[0][lost], (a[1][lost], b[1][lost]))
         result[lost] = np.where((out[2] & back[2])[lost, None], np.nan, found)
     return result
-
-
-def ring_weights(mesh: Mesh, rules: Rules, rough: Array) -> Array:
-    """Weights of what each face brings to a limit, by number of faces at a vertex.
-
-    Of its edge neighbour and, where that is in the ring, of the corner beyond.
-    """
-    most, valences = smooth_valences(mesh, rough)
-    weights = np.zeros((most + 1, len(rules.scheme.lattice.orbits)))
-    for N in valences:
-        mask = tables.limit_mask(rules.scheme, "interior", N, numbers.FLOAT64)
-        weights[N] = mask[1 : 1 + weights.shape[1]]
-    return read_only(weights)
-
-
-def normal_weights(mesh: Mesh, rules: Rules, rough: Array) -> tuple[Array, Array, Array]:
-    """Number of faces at a vertex, where its masks begin, -1 for none, and all masks."""
-    most, valences = smooth_valences(mesh, rough)
-    start, masks = np.full(most + 1, -1), [np.zeros(0)]
-    for N in valences:
-        found = tables.normal_masks(rules.scheme, "interior", N)[:1].ravel()
-        if len(found):
-            start[N] = sum(map(len, masks))
-            masks.append(found)
-    return read_only((mesh.vertex_faces, start, np.concatenate(masks)))
 
 
 def _from_own(

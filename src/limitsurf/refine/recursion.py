@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, overload
 
 import numpy as np
@@ -16,21 +17,15 @@ from limitsurf.caching import cached_property
 from limitsurf.cage.checks import checked_integer, users_level
 from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.faces import IntArray
-from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, valid_mesh
+from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, kept, valid_mesh
 from limitsurf.channels import ChannelMesh
 from limitsurf.refine import dual
-from limitsurf.refine.limits import (
-    face_normals,
-    limit_normals,
-    limit_points,
-    normal_weights,
-    ring_weights,
-)
+from limitsurf.refine.limits import face_normals, limit_normals, limit_points
+from limitsurf.refine.masks import all_limit_normals, all_limit_points
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
-from limitsurf.refine.stages import channel_groups, refined_values, refinement_stages
+from limitsurf.refine.stages import refined_values, refinement_stages
 from limitsurf.rules import RuledMesh, Rules, Sharpness
 from limitsurf.topology import (
-    MeshPart,
     all_regular,
     at_children,
     child_halves,
@@ -142,31 +137,17 @@ class RefinedMesh(RuledMesh):
 
     def _limits(self) -> Array:
         """Limit positions by the limit masks of what is at each vertex."""
-        lattice = self.rules.scheme.lattice
         if self.rules.scheme.local:
             used = (self.vertex_faces > 0).reshape(-1, *(1,) * (self.points.ndim - 1))
             return np.where(used, self.points, np.nan)
         points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
-        rules = self.rules
-        sharpness = Sharpness.of(self, rules, numbers.type_of(points))
-        if sharpness.number.exact or not _kernels.compiled(self.n_corners, 20):
+        rules, number = self.rules, numbers.type_of(points)
+        if number.exact or not _kernels.compiled(self.n_corners, 20):
+            sharpness = Sharpness.of(self, rules, number)
             result = limit_points(sharpness, rules, points, self.vertex_faces > 0)
+            result[rules.loose_vertices(self)] = np.nan
         else:
-            from limitsurf._kernels import refinement
-
-            result = np.empty_like(points)
-            masks = ring_weights(self, rules, sharpness.concerned)
-            for first, channels in channel_groups(points.shape[1]):
-                known = points, self.indices, self.vertex_faces, masks, (0,) * lattice.face_size
-                refinement.limit_points(*known, first, channels, result)
-            result[self.vertex_faces == 0] = np.nan
-            rough = sharpness.sharp_vertices
-            if rough.any():
-                near = MeshPart.of(self, rough[self.indices])
-                inner, own = sharpness.part(near), rough[near.vertices]
-                limits = limit_points(inner, rules, points[near.vertices], own)
-                result[near.vertices[own]] = limits[own]
-        result[rules.loose_vertices(self)] = np.nan
+            result = all_limit_points(self, rules, points)
         if balance:
             result = np.ldexp(result, -balance)
         return np.asarray(result.reshape(self.points.shape))
@@ -203,35 +184,20 @@ class RefinedMesh(RuledMesh):
 
     def _normals(self) -> Floats:
         """Limit normals by the tangent masks of what is at each vertex."""
-        lattice = self.rules.scheme.lattice
-        rules, sharpness = self.rules, Sharpness.of(self, self.rules, numbers.FLOAT64)
-        points = np.ldexp(self.points, kernels.balance(self.points))
+        rules, (points, _) = self.rules, _balanced(self.points)
+        local = rules.scheme.local
+        if not local and _kernels.compiled(self.n_corners, 60):
+            return all_limit_normals(self, rules, points, self.rounded)
         # what refinement rounded; a cage is exact
         errors = kernels.largest(points)[:, 0] * self.rounded
-        if rules.scheme.local:
+        if local:
             result = face_normals(self, points, errors)
-        elif not _kernels.compiled(self.n_corners, 60):
-            result = limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
         else:
-            from limitsurf._kernels import refinement
-
-            by_vertex, seen = np.empty((self.n_vertices, 3)), sharpness.sharp_vertices
-            masks = normal_weights(self, rules, sharpness.concerned)
-            known = points, errors, self.indices, self.twin
-            refinement.limit_normals(*known, *masks, (0,) * lattice.face_size, seen, by_vertex)
-            result = by_vertex.take(self.indices, axis=0)
-            # sharp ones, and those for which the first pair of vectors will not do
-            rough = sharpness.sharp_vertices
-            rough[np.isnan(by_vertex[:, 0]) & (self.vertex_faces > 0)] = True
-            if rough.any():
-                near = MeshPart.of(self, rough[self.indices])
-                inner, own = sharpness.part(near), rough[near.vertices]
-                around = points[near.vertices], errors[near.vertices]
-                normals = limit_normals(inner, rules, *around, own)
-                own = own[near.mesh.indices]
-                result[near.corners[own]] = normals[own]
-        result.reshape(-1, lattice.face_size, 3)[rules.without_limit(self)] = np.nan
-        return np.asarray(result)
+            sharpness = Sharpness.of(self, rules, numbers.FLOAT64)
+            result = limit_normals(sharpness, rules, points, errors, self.vertex_faces > 0)
+        size = rules.scheme.lattice.face_size
+        result.reshape(-1, size, 3)[rules.without_limit(self)] = np.nan
+        return result
 
     def with_points(self, points: numbers.Numbers) -> Self:
         """A copy with other points, (n_vertices, ...); limits are computed afresh."""
@@ -356,8 +322,15 @@ def refined(
         points = refined_values(coarse, rules, sharpness, points, compiled)
         holes = children_of(coarse, holes, lattice)
         lineage.append(without_points(coarse))
-        coarse = child_mesh(coarse, points, lattice)
-        sharpness = sharpness.children(coarse, lattice)
+        finer = child_mesh(coarse, points, lattice)
+        if number.exact:
+            sharpness = sharpness.children(finer, lattice)
+        else:
+            later = partial(_later, mesh, sharpness, finer, lattice)
+            sharpness = kept(coarse, "finer sharpness", rules, later).typed(finer, number)
+            # what is kept of the finer mesh is kept by the cage: as few as there are sharp edges
+            vars(finer)["_kept"] = kept(coarse, "finer", rules, dict)
+        coarse = finer
     if balance:
         points = np.ldexp(points, -balance)
     channels = {
@@ -376,22 +349,24 @@ def refined(
         up=mesh.up,
     )
     # valid as they are made: no edge is looked for
-    tags: dict[str, Any] = {**sharpness.tags()}
-    tags["holes"] = holes if levels else mesh.holes
-    tags["_face_data"] = {
+    tags = partial(_tags, sharpness)
+    vars(fine).update(tags() if number.exact else kept(coarse, "tags", rules, tags))
+    data = {
         name: np.repeat(values, _descendants(mesh, levels, lattice), axis=0)
         for name, values in mesh.face_data.items()
     }
-    tags["_channels"] = {
+    own = {
         name: (channel.points, channel.indices, mesh.channels[name][2])
         for name, channel in channels.items()
     }
-    vars(fine).update(read_only(tags))
+    holes = holes if levels else mesh.holes
+    vars(fine).update(read_only({"holes": holes, "_channels": own, "_face_data": data}))
+    bare = without_points(coarse)
     vars(fine).update(
         rules=rules,
-        origin=(sharpness, False),
+        origin=(sharpness.typed(bare, number), False),
         channel_meshes=channels,
-        _lineage=(*lineage, without_points(coarse)),
+        _lineage=(*lineage, bare),
         rounded=levels > 0 or (isinstance(mesh, RefinedMesh) and mesh.rounded),
     )
     return (fine, total) if operator else fine
@@ -439,6 +414,16 @@ def _dual_refined(
         rounded=levels > 0 or (isinstance(mesh, RefinedMesh) and mesh.rounded),
     )
     return (fine, total) if operator else fine
+
+
+def _later(mesh: Mesh, sharpness: Sharpness, finer: Mesh, lattice: Lattice) -> Sharpness:
+    """The sharpness of the next refinement of a mesh; it does not hold on to the finer faces."""
+    return sharpness.children(finer, lattice).typed(without_points(mesh), numbers.FLOAT64)
+
+
+def _tags(sharpness: Sharpness) -> dict[str, Any]:
+    """Creases and corners of a refined mesh."""
+    return read_only(sharpness.tags())
 
 
 def _corners(mesh: Mesh, levels: int) -> int:

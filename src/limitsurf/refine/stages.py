@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import _kernels, numbers, tables
 from limitsurf.cage.connectivity import read_only
-from limitsurf.cage.mesh import Mesh
+from limitsurf.cage.mesh import Mesh, kept
 from limitsurf.numbers import NumberType
 from limitsurf.refine.operators import csr, sparse_operator
 from limitsurf.rules import DART, Rules, Sharpness
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 Array = NDArray[Any]
+_Sharp: TypeAlias = tuple[Array, Array, Array, Array, Array]
 
 
 def refinement_stages(
@@ -284,12 +285,9 @@ def refined_values(
         return np.asarray(vertices @ np.concatenate([values, faces @ values]))
     from limitsurf._kernels import refinement
 
-    smooth, _, along = (x.astype(float, copy=False) for x in sharpness.vertex_masks)
-    middle = sharpness.edge_masks.astype(float, copy=False)
-    _, crease_edge, crease_vertex = tables.rule_weights(rules.scheme, numbers.FLOAT64)
     lattice = rules.scheme.lattice
     result = np.empty((child_vertices(mesh.connectivity, lattice), values.shape[1]))
-    masks = _smooth_masks(mesh, rules, sharpness.concerned[smooth == 0])
+    masks, sharp = kept(mesh, "stage", rules, lambda: _compiled_masks(mesh, rules, sharpness))
     given, around = (read_only(values), mesh.indices), (mesh.twin, mesh.corner_edge)
     if lattice.face_points:
         offsets = mesh.connectivity.varying_offsets
@@ -301,19 +299,27 @@ def refined_values(
         refine = refinement.refined_triangles
     for first, channels in channel_groups(values.shape[1]):
         refine(*known, first, channels, result)
-    # what is sharp moves less towards the smooth point, and along creases
-    place, (end, other) = sharpness.concerned, sharpness.sharp_ends
-    result[place] = values[place] + smooth[:, None] * (result[place] - values[place])
+    refinement.sharpened(given[0], *sharp[0], *sharp[1], result)
+    return result
+
+
+def _compiled_masks(
+    mesh: Mesh, rules: Rules, sharpness: Sharpness
+) -> tuple[tuple[Array, Array, Array, Array], tuple[_Sharp, _Sharp]]:
+    """What the kernels `refined_points` and `sharpened` need to know beside the faces."""
+    smooth, _, along = (x.astype(float, copy=False) for x in sharpness.vertex_masks)
+    _, half, crease = tables.rule_weights(rules.scheme, numbers.FLOAT64)
+    end, other = sharpness.sharp_ends
     on = np.flatnonzero(along)
-    step = (along[on] * crease_vertex[1])[:, None] * (values[other[on]] - values[end[on]])
-    np.add.at(result, end[on], step)
     # the points of edges without a twin are midpoints
     side = sharpness.sharp_edges
     inner = np.flatnonzero(mesh.twin[side] >= 0)
-    edge, share = mesh.n_vertices + mesh.corner_edge[side[inner]], middle[inner, None]
-    ends = crease_edge * (values[end[inner]] + values[other[inner]])
-    result[edge] = share * ends + (1 - share) * result[edge]
-    return result
+    edge = mesh.n_vertices + mesh.corner_edge[side[inner]]
+    middle = sharpness.edge_masks.astype(float, copy=False)[inner]
+    vertices = sharpness.concerned, smooth, end[on], other[on], along[on] * crease[1]
+    edges = edge, end[inner], other[inner], middle, half
+    masks = _smooth_masks(mesh, rules, sharpness.concerned[smooth == 0])
+    return masks, (vertices, edges)
 
 
 def channel_groups(count: int) -> Iterator[tuple[int, tuple[int, ...]]]:
