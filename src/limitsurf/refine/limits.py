@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from limitsurf import _kernels, numbers, tables
 from limitsurf._kernels import reference as kernels
+from limitsurf.cage.mesh import Mesh
 from limitsurf.refine.operators import entries, identity, sparse_operator, stacked
 from limitsurf.refine.rings import Rings
 from limitsurf.refine.stages import irrational, refined_values, refinement_stages
