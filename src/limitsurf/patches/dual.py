@@ -19,7 +19,7 @@ from limitsurf.cage.connectivity import Fans
 from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
 from limitsurf.patches.points import Rows
-from limitsurf.patches.quads import Squares, first_squares
+from limitsurf.patches.dual_squares import Squares, first_squares
 from limitsurf.patches.table import NO_LIMIT, REGULAR, PatchTable
 from limitsurf.refine.dual import Rim, corner_rows, masks, rim_rows
 from limitsurf.rules import Rules
@@ -88,15 +88,15 @@ class DualPatchTable(PatchTable):
         # quads are split first, others are so many limit faces
         size, count = self.lattice.face_size, len(self.lattice.children)
         corner = np.arange(cage.n_corners) - cage.offsets[cage.corner_face]
-        quad = cage.sizes == size
-        splits = np.cumsum(quad) - 1
+        whole_face = cage.sizes == size
+        splits = np.cumsum(whole_face) - 1
         n_codes = len(self.codes)
         limit = np.ones(cage.n_faces, dtype=bool)
         limit[cage.holes] = False
-        more = np.full(count * int(quad.sum()), NO_LIMIT, dtype=np.int32)
+        more = np.full(count * int(whole_face.sum()), NO_LIMIT, dtype=np.int32)
         self.codes = np.append(self.codes, more)
-        self.codes[limit_faces[:-1][quad & limit]] = -2 - splits[quad & limit]
-        whole = quad[cage.corner_face]
+        self.codes[limit_faces[:-1][whole_face & limit]] = -2 - splits[whole_face & limit]
+        whole = whole_face[cage.corner_face]
         part = np.array(self.lattice.parts)[corner % size]
         slot = limit_faces[cage.corner_face] + corner
         slot[whole] = n_codes + count * splits[cage.corner_face[whole]] + part[whole]

@@ -159,10 +159,14 @@ class Step:
                 "corners, which no mesh has; the limit can be evaluated there, but meshes cannot "
                 "be refined"
             )
-        quads = np.concatenate(sides)[np.argsort(edge, kind="stable")]
-        indices = np.concatenate([corners, quads.ravel(), around])
-        counts = np.concatenate([mesh.sizes, np.full(len(quads), 4), sizes])
-        roles = [np.full(len(corners), 2), np.tile([1, 3], 2 * len(quads)), np.zeros(len(around))]
+        of_edges = np.concatenate(sides)[np.argsort(edge, kind="stable")]
+        indices = np.concatenate([corners, of_edges.ravel(), around])
+        counts = np.concatenate([mesh.sizes, np.full(len(of_edges), 4), sizes])
+        roles = [
+            np.full(len(corners), 2),
+            np.tile([1, 3], 2 * len(of_edges)),
+            np.zeros(len(around)),
+        ]
         return counts, indices, np.concatenate(roles).astype(np.int8)
 
     @cached_property
@@ -201,9 +205,9 @@ def parents(lineage: Sequence[Mesh], rules: Rules, lattice: Lattice) -> tuple[Ar
     uv = np.full((cage.n_vertices, 2), np.nan)
     domain = np.array(lattice.corners, dtype=float)
     corner = np.arange(cage.n_corners) - cage.offsets[cage.corner_face]
-    quad = cage.sizes[cage.corner_face] == lattice.face_size
-    limit = first_limit_face(cage, lattice)[cage.corner_face] + np.where(quad, 0, corner)
-    turn = np.where(quad, corner, 0)
+    whole_face = cage.sizes[cage.corner_face] == lattice.face_size
+    limit = first_limit_face(cage, lattice)[cage.corner_face] + np.where(whole_face, 0, corner)
+    turn = np.where(whole_face, corner, 0)
     if len(lineage) == 1:
         hole = np.isin(cage.corner_face, cage.holes)
         # the last to be written stays: the first face that has a limit
@@ -212,8 +216,8 @@ def parents(lineage: Sequence[Mesh], rules: Rules, lattice: Lattice) -> tuple[Ar
             uv[cage.indices[corners]] = domain[turn[corners]]
         return face, uv[:, 0], uv[:, 1]
     # quads are four squares, limit faces of others one
-    size = np.where(quad, 0.5, 1.0)
-    middle = np.where(quad[:, None], 0.25 + domain[turn] / 2, 0.5)
+    size = np.where(whole_face, 0.5, 1.0)
+    middle = np.where(whole_face[:, None], 0.25 + domain[turn] / 2, 0.5)
     for k, mesh in enumerate(lineage[1:]):
         more = mesh.n_vertices - len(limit)
         limit, turn = (np.append(x, np.full(more, fill)) for x, fill in ((limit, -1), (turn, 0)))
