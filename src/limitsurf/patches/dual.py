@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from limitsurf.cage.connectivity import Fans
 from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
-from limitsurf.patches.points import Rows
 from limitsurf.patches.dual_squares import Squares, first_squares
+from limitsurf.patches.points import Rows
 from limitsurf.patches.table import NO_LIMIT, REGULAR, PatchTable
 from limitsurf.refine.dual import Rim, corner_rows, masks, rim_rows
 from limitsurf.rules import Rules
