@@ -152,7 +152,7 @@ def pytest_configure(config: pytest.Config) -> None:
         scheme = copy.copy(tables.SCHEMES["catmull-clark"])
         for mask, wrong in WICKED[wicked].items():
             object.__setattr__(scheme, mask, wrong)
-        tables.SCHEMES["catmull-clark"] = scheme
+        tables.SCHEMES._known["catmull-clark"] = scheme
     elif wicked:
         WICKED_RULES[wicked]()
 

@@ -333,8 +333,13 @@ def test_data_of_faces_of_all_sizes_go_with_their_children():
 @pytest.mark.parametrize(
     ("data", "error", "text"),
     [
-        ({"n": [1, 2]}, ls.MeshError, r"face_data 'n': got shape \(2,\), need \(6, ...\)"),
+        ({"n": [1, 2]}, ls.MeshError, r"face_data 'n': got shape \(2,\), need \(6,\), a number"),
+        ({"n": [["a", "b"]] * 6}, ls.MeshError, r"got shape \(6, 2\)"),
+        ({"n": np.zeros((6, 0))}, ls.MeshError, r"got shape \(6, 0\)"),
+        ({"n": [[1], [1, 2]] * 3}, ls.MeshError, "face_data 'n': values do not form an array"),
         ({"n": [None] * 6}, TypeError, "need numbers or texts"),
+        ({"n": [b"a"] * 6}, TypeError, "need numbers or texts"),
+        ({3: [1] * 6}, TypeError, "face_data: names must be texts, got 3"),
         ([1] * 6, TypeError, "face_data: need a mapping, got list"),
     ],
 )
@@ -427,3 +432,62 @@ def test_other_tags_leave_the_rest():
         mesh.with_tags(crease={(0, 1): 2.0})
     with pytest.raises(ls.MeshError, match="no such edge"):
         mesh.with_tags(creases={(0, 7): 2.0})
+
+
+def test_data_of_faces_go_with_dual_schemes():
+    mesh = painted().with_tags(scheme="doo-sabin")
+    assert ls.refined(mesh, 0).face_data["number"].tolist() == list(range(6))
+    fine = ls.refined(mesh, 1)
+    found = fine.face_data["number"]
+    assert found[:6].tolist() == list(range(6))
+    # each other face takes after a face that has its first vertex
+    first = fine.indices[fine.offsets[:-1]]
+    assert (found == mesh.corner_face[first]).all()
+
+
+def test_texts_of_pandas_are_texts():
+    given = np.array(list("aabbcc"), dtype=object)
+    assert ls.Mesh(PLACES, BOX, face_data={"n": given}).face_data["n"].dtype.kind == "U"
+
+
+def test_usd_says_that_it_has_no_data_of_faces(tmp_path):
+    pytest.importorskip("pxr")
+    with pytest.warns(UserWarning, match=r"data of faces are left out: 'group', 'material', 'num"):
+        ls.write(tmp_path / "box.usda", painted())
+
+
+def test_names_that_take_the_memory_are_left_out(tmp_path):
+    path = tmp_path / "long.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\ng " + "x" * 5000 + "\n" + "f 1 2 3\n" * 20000)
+    with pytest.warns(UserWarning, match=r"line 4: got the group .* of 5000 letters"):
+        assert not ls.read(path).face_data
+
+
+def test_crowds_are_refused_at_once():
+    rng = np.random.default_rng(0)
+    crowd = ls.Mesh(rng.random((300_000, 3)) * 1e-3, [[0, 1, 2]])
+    with pytest.raises(MemoryError, match="choose a smaller tolerance"):
+        ls.merged(crowd, 1.0)
+    assert ls.merged(ls.Mesh(*box_apart()), True).n_vertices == 8
+
+
+def test_channels_without_a_rule_are_left_out_of_files(tmp_path):
+    mesh = ls.Mesh(
+        PLACES, BOX, scheme="doo-sabin",
+        channels={"uv": (np.zeros((1, 2)), np.zeros(24, int), "corners_plus1")},
+    )  # fmt: skip
+    with pytest.warns(UserWarning, match="left out: scheme 'doo-sabin' has no rule for channel"):
+        assert ls.to_trimesh(ls.LimitSurface(mesh), n=1).vertices.shape[1] == 3
+
+
+def test_given_data_and_holes_go_with_the_faces_of_a_dataset():
+    pyvista = pytest.importorskip("pyvista")
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
+    data = pyvista.PolyData(points, [3, 0, 0, 1, 3, 0, 1, 2, 3, 0, 2, 3])
+    with pytest.warns(UserWarning, match="less than 3 corners"):
+        mesh = ls.from_pyvista(data, face_data={"n": [7, 8, 9]}, holes=[1])
+    assert mesh.face_data["n"].tolist() == [8, 9]
+    assert mesh.holes.tolist() == [0]
+    with pytest.raises(ls.MeshError, match="face_data 'n'"), pytest.warns(UserWarning):  # noqa: PT030
+        ls.from_pyvista(data, face_data={"n": [7]})
+    assert ls.from_pyvista(data.extract_cells([1, 2]), face_data=None).n_faces == 2

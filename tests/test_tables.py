@@ -290,7 +290,8 @@ def test_shipped_tables_need_neither_symbols_nor_digits_nor_a_cache(cache):
         print(*sys.modules)
         for scheme in SHIPPED_SCHEMES:
             for s in SHIPPED_SECTORS:
-                eigen_table(scheme, scheme.sector(s.kind, s.faces, s.position))
+                if s.kind in scheme.kinds:
+                    eigen_table(scheme, scheme.sector(s.kind, s.faces, s.position))
     """
     modules = run(code).split()
     assert "limitsurf.tables" in modules

@@ -66,7 +66,8 @@ class ChannelMesh(RuledMesh):
         if dual and mode not in _DUAL_BOUNDARY:
             raise ValueError(
                 f"scheme {rules.scheme.name!r} has no rule for channel {name!r}, which is "
-                f"interpolated as {mode!r}: it knows {' and '.join(map(repr, _DUAL_BOUNDARY))}"
+                f"interpolated as {mode!r}: it knows {' and '.join(map(repr, _DUAL_BOUNDARY))}; "
+                "give it as one of these, or leave it out, mesh.with_tags(channels=None)"
             )
         if mesh.connectivity.compiled:
             from limitsurf._kernels import connectivity

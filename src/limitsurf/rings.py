@@ -421,6 +421,8 @@ class RingValues:
         while True:
             size = np.zeros(len(state.edges))
             np.maximum.at(size, ring, np.abs(here.grid).max(axis=(1, 2, 3), initial=0))
+            for around in (state.edges, state.faces):  # the vertex moves by all of the ring
+                size = np.maximum(size, np.abs(around).max(axis=(1, 2), initial=0))
             size = kernels.scale_by_two(size, state.exponent)
             state = state.refined(self._masks)
             fine = here.refined(self._masks, state)

@@ -491,7 +491,7 @@ class LimitFaces:
     def at_vertex(self, vertex: ArrayLike) -> tuple[IntArray, Floats, Floats]:
         """Where vertices of the mesh have their limits: limit face, u and v of one face there.
 
-        Of the faces at a vertex it is the first in the mesh that is no hole.
+        Of the faces at a vertex it is the first in the mesh that is no hole, if there is one.
 
         Parameters
         ----------
@@ -528,7 +528,7 @@ class LimitFaces:
     def at_edge(self, ends: ArrayLike, t: ArrayLike = 0.5) -> tuple[IntArray, Floats, Floats]:
         """Where edges of the mesh are on the surface: limit face, u and v of one face there.
 
-        Of the faces at an edge it is the first in the mesh that is no hole.
+        Of the faces at an edge it is the first in the mesh that is no hole, if there is one.
 
         Parameters
         ----------

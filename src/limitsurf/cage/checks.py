@@ -364,12 +364,22 @@ def channel(cage: Connectivity, name: str, given: Any) -> Channel:
     return values, rows, interpolation
 
 
-def face_data(cage: Connectivity, name: str, given: Any) -> NDArray[Any]:
-    """A copy of values, one for each face: numbers or texts."""
-    values = np.array(complete(given, f"face_data {name!r}"))
-    if values.dtype.kind not in "biufUS":
+def face_data(cage: Connectivity, name: Any, given: Any) -> NDArray[Any]:
+    """A copy of values, one for each face or a row of numbers for each; texts as such."""
+    if not isinstance(name, str):
+        raise TypeError(f"face_data: names must be texts, got {name!r}")
+    try:
+        values = np.array(complete(given, f"face_data {name!r}"))
+    except ValueError as error:
+        raise MeshError(f"face_data {name!r}: values do not form an array: {error}") from None
+    if values.dtype == object and all(isinstance(x, str) for x in values.ravel()):
+        values = values.astype(str)
+    if values.dtype.kind not in "biufU":
         raise TypeError(f"face_data {name!r}: need numbers or texts, got {values.dtype}")
-    if values.shape[:1] != (cage.n_faces,):
-        need = f"need ({cage.n_faces}, ...), a value for each face"
+    if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):
+        values = values.astype(np.float64)
+    of_numbers = values.ndim == 2 and values.shape[1] > 0 and values.dtype.kind != "U"
+    if not (values.ndim == 1 or of_numbers) or len(values) != cage.n_faces:
+        need = f"need ({cage.n_faces},), a number or text a face, or ({cage.n_faces}, k) numbers"
         raise MeshError(f"face_data {name!r}: got shape {values.shape}, {need}")
     return values

@@ -81,8 +81,8 @@ class Mesh:
         Face-varying data: for each corner the row of ``values`` that it takes. ``interpolation``
         is "none", "corners_only", "corners_plus1", "corners_plus2", "boundaries" or "all". Values
         may be NaN, where faces have none.
-    face_data : mapping {name: (n_faces, ...)}, optional
-        Values of faces, numbers or texts, such as groups, materials or identities. They are carried
+    face_data : mapping {name: (n_faces,) or (n_faces, k)}, optional
+        Of each face a number, a row of numbers or a text: groups, materials, identities. They are carried
         along: by refined meshes and tessellations, and by files that have a place for them.
     units : float, optional
         The metres that one unit of the points is. It is kept for files; nothing is scaled by it.
@@ -110,7 +110,7 @@ class Mesh:
     scheme, boundary, creasing, triangles, units, up
         As given.
     channels : read-only mapping {name: (values, face_indices, interpolation)}
-    face_data : read-only mapping {name: (n_faces, ...)}
+    face_data : read-only mapping {name: (n_faces,) or (n_faces, k)}
 
     Raises
     ------

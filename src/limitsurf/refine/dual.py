@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any, Self, TypeAlias
 
 import numpy as np
@@ -21,7 +22,7 @@ from limitsurf import numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.cage.checks import MeshError
-from limitsurf.cage.connectivity import Connectivity, Fans
+from limitsurf.cage.connectivity import Connectivity, Fans, read_only
 from limitsurf.cage.mesh import Mesh, valid_mesh
 from limitsurf.numbers import NumberType
 from limitsurf.options import Rules
@@ -177,6 +178,12 @@ class Step:
         found[indices, roles] = np.arange(len(indices))
         return found
 
+    @property
+    def parent(self) -> Array:
+        """The face of the mesh that each refined face takes after: that of its first corner."""
+        counts, indices, _ = self.faces
+        return np.asarray(self.mesh.corner_face[indices[np.cumsum(counts) - counts]])
+
     def child(self, points: Array) -> Mesh:
         """The refined mesh with given points."""
         sizes, indices, _ = self.faces
@@ -313,7 +320,21 @@ def masks(scheme: Any, n: int, number: NumberType, where: str) -> Array:
             "there are no exact points; take float64, as in "
             "mesh.with_points(mesh.points.astype(float))"
         )
-    return number.array(list(scheme.mask(n)))
+    return _mask(scheme, n, number)
+
+
+@lru_cache(maxsize=256)
+def _mask(scheme: Any, n: int, number: NumberType) -> Array:
+    return read_only(number.array(list(scheme.mask(n))))
+
+
+@lru_cache(maxsize=256)
+def _mirrors(scheme: Any, k: int, number: NumberType) -> Array | None:
+    """The ratios of `DualScheme.rim`; None where they are irrational, but numbers exact."""
+    ratios = scheme.rim(k)
+    if number.exact and not all(isinstance(r, Fraction) for r in ratios):
+        return None
+    return read_only(number.array(list(ratios)))
 
 
 def corner_rows(mesh: Mesh, rules: Rules, number: NumberType) -> Rows:
@@ -345,15 +366,14 @@ def rim_rows(
     found = []
     for k in np.unique(rim.faces).tolist():
         here = np.flatnonzero(rim.faces == k)
-        ratios = scheme.rim(k)
-        if number.exact and not all(isinstance(r, Fraction) for r in ratios):
+        r = _mirrors(scheme, k, number)
+        if r is None:
             name = vertex_numbers(mesh)[rim.vertex[here[0]]]
             raise TypeError(
                 f"vertex {name} is on the boundary and has {k} faces, where the points beyond it "
                 f"are irrational under scheme {scheme.name!r}: there are no exact points; take "
                 "float64, as in mesh.with_points(mesh.points.astype(float))"
             )
-        r = number.array(list(ratios))
         one, last = number.one, len(r) - 1
         # c + d + r (c - d) - w, with c and d as Chaikin has them
         ends, vertex = rim.ends[here], rim.vertex[here]

@@ -267,8 +267,9 @@ def refined(
         inner edges of two triangles on the same three vertices join the same midpoints, and
         ``edges`` has them both. Dual schemes make a vertex of each corner of a face, and faces of
         faces, edges and vertices, in this order; the first step also makes points beyond
-        boundaries, and the boundary of the refined mesh has no limit.
-        Children of holes are holes, and so are those of boundary faces under boundary="none".
+        boundaries, and the boundary of the refined mesh has no limit; vertices of no face are gone.
+        Children of holes are holes, under dual schemes the faces of faces alone, and so are those
+        of boundary faces under boundary="none".
         Creases and corners carry their sharpness on, and channels are refined with their seams.
         It also has `parent_face`, `parent_u`, `parent_v`, `limit_points` and `limit_normals`.
 
@@ -388,8 +389,10 @@ def _dual_refined(
             stacklevel=users_level(),
         )
     coarse, lineage, own = mesh, [], rules
+    face = np.arange(mesh.n_faces)
     for _ in range(levels):
         step = dual.Step.of(coarse, own)
+        face = face[step.parent]
         matrix = step.operator(own, number)
         points, total = matrix @ points, None if total is None else matrix @ total
         lineage.append(without_points(coarse))
@@ -404,6 +407,7 @@ def _dual_refined(
         boundary=own.boundary if levels else mesh.boundary,
         holes=mesh.holes,
         channels=None if levels else mesh.channels,
+        face_data={name: values[face] for name, values in mesh.face_data.items()},
         units=mesh.units,
         up=mesh.up,
     )

@@ -76,11 +76,11 @@ def info(cage: Cage, as_json: bool) -> None:
       limitsurf info cage.obj --json
 
     Keys of --json: cage; vertices, unused_vertices, edges, boundary_edges, apart_edges (which lie
-    on another one of the boundary), nonmanifold_edges,
-    faces, components, closed; face_sizes, valences, boundary_faces, nonmanifold_faces (how
-    often which number of corners, or of faces at a vertex, occurs); creases, corners (number,
-    infinite, least, most); holes; channels (of each name values, numbers, interpolation); scheme,
-    units (metres), up (as the cage says, else null); schemes (of each mesh in a USD file, if they
+    on another one of the boundary), nonmanifold_edges, faces, components, closed; face_sizes,
+    valences, boundary_faces, nonmanifold_faces (how often which number of corners, or of faces at a
+    vertex, occurs); creases, corners (number, infinite, least, most); holes; channels (of each name
+    values, numbers, interpolation); face_data (names); scheme, units (metres), up (as the cage
+    says, else null); schemes (of each mesh in a USD file, if they
     differ, else null); rules (of each that the scheme has value, by_default); limit_faces; patches
     (how many limit faces are covered how); special_corners (kind, faces, patches); no_surface (why
     there is none, else null).
@@ -300,7 +300,7 @@ def _with_others(
 ) -> tuple[str, ...]:
     """The channels that were asked for, and others that a format holds; a warning of the rest."""
     from limitsurf.shell.io.formats import USD, WITH_UV
-    from limitsurf.shell.io.polygons import texture
+    from limitsurf.shell.io.polygons import known_channels, texture
 
     held = {texture(surface.mesh)} if suffix in WITH_UV else set()
     found, lost = [], []
@@ -314,7 +314,7 @@ def _with_others(
     if lost:
         text = f"a file of type {suffix} cannot hold everything, left out: {', '.join(lost)}"
         warnings.warn(text, stacklevel=1)
-    return (*found, *channels)
+    return (*known_channels(surface, found), *channels)
 
 
 @main.command()

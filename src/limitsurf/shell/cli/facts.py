@@ -49,6 +49,7 @@ def cage_facts(
             }
             for name, (values, _, interpolation) in mesh.channels.items()
         },
+        "face_data": list(mesh.face_data),
         "scheme": mesh.scheme if mesh.scheme is None else getattr(mesh.scheme, "name", mesh.scheme),
         "schemes": schemes,
         "units": mesh.units,
@@ -152,6 +153,8 @@ def told(facts: Facts) -> Iterator[tuple[str, str]]:
         yield "holes", f"{facts['holes']}"
     for name, channel in facts["channels"].items():
         yield f"channel {name}", f"{channel['values']} values, {channel['interpolation']}"
+    if facts["face_data"]:
+        yield "data of faces", ", ".join(facts["face_data"])
     for name, scheme in (facts["schemes"] or {}).items():
         yield f"scheme of {name}", scheme
     if facts["units"] is not None:

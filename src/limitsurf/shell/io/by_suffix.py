@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import tempfile
+import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from io import TextIOWrapper
@@ -12,7 +13,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from limitsurf.cage.checks import MeshError
+from limitsurf.cage.checks import MeshError, users_level
 from limitsurf.cage.mesh import Mesh
 from limitsurf.shell import files
 from limitsurf.shell.files import Path, replacing
@@ -100,8 +101,8 @@ def read(
     smoothtriangles, facevaryinginterpolateboundary) are read. Texture coordinates ``vt`` become the
     channel "uv", with the interpolation of its tag or "corners_plus1"; a corner at the same vertex
     as the one before it, with other texture coordinates, is another one. Weights and colours of
-    vertices, groups, names, materials, lines and free-form statements are left out, with a warning,
-    and normals without. Of tags given twice the last one holds. Where there is no tag for the
+    vertices, files of materials, lines and free-form statements are left out, with a warning, and
+    normals without. Of tags given twice the last one holds. Where there is no tag for the
     boundary it is left open, as None: OpenSubdiv's own readers then take "edge_only".
 
     **USD** (with ``pip install "limitsurf[usd]"``). All meshes that are shown (visible, neither
@@ -226,7 +227,7 @@ def read(
             found = joined(found, tolerance, losses)
             losses.warn(2)
         elif merge is None:
-            warn_if_apart(name, found, "merge=True")
+            warn_if_apart(name, found)
         return found
     except MeshError as error:
         if str(error).startswith(name):
@@ -295,7 +296,7 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     suffix                 numbers    of a cage                                 needs
     =====================  =========  ========================================  ============
     ``.obj``               float64    all but channels beside "uv"              nothing
-    ``.usd .usda .usdc``   float32    everything                                ``[usd]``
+    ``.usd .usda .usdc``   float32    everything but data of faces              ``[usd]``
     ``.ply``               float64    polygons, "uv"                            nothing
     ``.off``               float64    polygons                                  nothing
     ``.stl``               float32    triangles                                 ``[formats]``
@@ -383,6 +384,11 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
             warn_of_loss(name, kind, x, uv=True, tags=True, data=obj.named(x))
         elif kind in formats.USD:
             content = _usd().content(x, kind)
+            if x.face_data:
+                names = ", ".join(map(repr, x.face_data))
+                warnings.warn(
+                    f"{name}: data of faces are left out: {names}", stacklevel=users_level()
+                )
             points = float_points(x) if isinstance(x, Mesh) else x.points
             warn_of_rounding(name, kind, x, points, points.astype(np.float32), 3)
         else:

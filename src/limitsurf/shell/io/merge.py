@@ -68,9 +68,9 @@ def merged(mesh: Mesh, tolerance: float = 0.0) -> Mesh:
 
 def checked(merge: Merge) -> float | None:
     """The tolerance that an argument `merge` asks for; None if nothing is to be joined."""
-    if merge is None or merge is False:
+    if merge is None or (isinstance(merge, bool | np.bool_) and not merge):
         return None
-    tolerance = 0.0 if merge is True else merge
+    tolerance: Any = 0.0 if isinstance(merge, bool | np.bool_) else merge
     if not isinstance(tolerance, (int, float, np.integer, np.floating)) or not (
         0 <= tolerance < math.inf
     ):
@@ -80,7 +80,7 @@ def checked(merge: Merge) -> float | None:
 
 def joined(mesh: Mesh, tolerance: float, losses: Losses) -> Mesh:
     """What `merged` returns, telling `losses` of faces that change."""
-    checked(tolerance)
+    tolerance = checked(tolerance) or 0.0
     if tolerance and mesh.points.dtype != np.float64:
         raise ValueError("a tolerance is for points of float64: round them first")
     flat = mesh.points.reshape(mesh.n_vertices, -1)
@@ -144,10 +144,11 @@ def apart(mesh: Mesh) -> int:
     return int((np.bincount(number)[number] > 1).sum())
 
 
-def warn_if_apart(name: str, mesh: Mesh, advice: str) -> None:
+def warn_if_apart(name: str, mesh: Mesh) -> None:
     """Warn of edges that meet but are not joined."""
     number = apart(mesh)
     if number:
         total = int(mesh.boundary_edge.sum())
         text = f"{name}: {number} of {total} boundary edges lie on another one, with vertices of "
-        warnings.warn(f"{text}their own: {advice} joins them", stacklevel=users_level())
+        text += "their own: join them by merge=True, or --merge 0"
+        warnings.warn(text, stacklevel=users_level())

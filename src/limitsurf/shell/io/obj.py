@@ -69,6 +69,7 @@ LEFT_OUT = {
     for keyword in keywords.split()
 }
 SPACE = np.isin(np.arange(256), list(b" \t\n\v\f"))  # (256,) bool, by byte
+_NAMES = 1 << 26  # bytes that the names of all faces may take, beside those in proportion to a file
 VERTEX, TEXTURE, FACE, TAG, OTHER = range(5)
 
 
@@ -327,7 +328,7 @@ def parse(name: str, data: bytes, *, strict: bool = False) -> Mesh:
         interpolation=tags.options.pop("uv", INTERPOLATED),
         place=lambda face: file.place(faces[face]),
         lost_tags=tags.lost,
-        face_data=_names_of_faces(file, faces),
+        face_data=_names_of_faces(file, faces, losses),
         **tags.arrays(),
         **tags.options,
     )
@@ -336,7 +337,9 @@ def parse(name: str, data: bytes, *, strict: bool = False) -> Mesh:
     return mesh
 
 
-def _names_of_faces(file: Statements, faces: IntArray) -> dict[str, NDArray[np.str_]]:
+def _names_of_faces(
+    file: Statements, faces: IntArray, losses: Losses
+) -> dict[str, NDArray[np.str_]]:
     """What faces belong to, "" before the first statement that says it, by its name."""
     others = file.of(OTHER)
     keywords, found = _keywords(file, others), {}
@@ -345,6 +348,13 @@ def _names_of_faces(file: Statements, faces: IntArray) -> dict[str, NDArray[np.s
         known = np.searchsorted(at, faces)
         if known.any():
             names = ["", *map(file.label, at.tolist())]
+            if 4 * max(map(len, names)) * len(faces) > max(_NAMES, 64 * len(file.text)):
+                longest = max(names, key=len)
+                text = f"got the {name} {_shortened(longest)} of {len(longest)} letters: "
+                losses.add(
+                    name, file.place(at[0]), text + f"long ones {name}s take too much memory"
+                )
+                continue
             found[name] = np.array(names)[known]
     return found
 

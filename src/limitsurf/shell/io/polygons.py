@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import memory
-from limitsurf.cage.checks import MeshError
+from limitsurf.cage.checks import MeshError, users_level
 from limitsurf.cage.mesh import CHOICES, Mesh
 from limitsurf.shell.io.losses import Losses, finite_points, tagged, with_gaps
 
 if TYPE_CHECKING:
     from limitsurf.query import Polygons, Tessellation
+    from limitsurf.surface import LimitSurface
 
 IntArray: TypeAlias = NDArray[np.int64]
 INTERPOLATED = "corners_plus1"  # how channels are interpolated of which a file does not say it
@@ -97,10 +98,24 @@ def tessellated(x: Any, n: int | None) -> Any:
 
     if isinstance(x, LimitSurface):
         name = texture(x.mesh)
-        return tessellate(x, 8 if n is None else n, channels=[] if name is None else [name])
+        channels = [] if name is None else known_channels(x, [name])
+        return tessellate(x, 8 if n is None else n, channels=channels)
     if n is not None:
         raise ValueError(f"n is for a LimitSurface, got {type(x).__name__}")
     return x
+
+
+def known_channels(surface: LimitSurface, names: Sequence[str]) -> list[str]:
+    """Those of some channels that the scheme has a rule for; a warning of the others."""
+    found = []
+    for name in names:
+        try:
+            surface.of_channel(name)
+        except ValueError as error:
+            warnings.warn(f"left out: {error}", stacklevel=users_level())
+        else:
+            found.append(name)
+    return found
 
 
 def warn_of_loss(
@@ -214,9 +229,14 @@ def close(points: NDArray[np.float64], tolerance: float) -> tuple[IntArray, IntA
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
-    tree, n = KDTree(points), len(points)
-    pairs = int(tree.count_neighbors(tree, tolerance))
-    memory.refuse_beyond(pairs, 48, "pairs of close vertices", "choose a smaller tolerance")
+    n, what = len(points), ("pairs of close vertices", "choose a smaller tolerance")
+    # those in one cell of such a grid are close: where they are many, counting them takes long
+    with np.errstate(over="ignore", invalid="ignore"):
+        cell = np.floor(points / (tolerance / max(points.shape[1], 1) ** 0.5))
+    _, crowd = np.unique(cell, axis=0, return_counts=True)
+    memory.refuse_beyond(int((crowd * (crowd - 1) // 2).sum()), 48, *what)
+    tree = KDTree(points)
+    memory.refuse_beyond(int(tree.count_neighbors(tree, tolerance)), 48, *what)
     ends = tree.query_pairs(tolerance, output_type="ndarray").T
     graph = coo_array((np.ones(ends.shape[1], dtype=bool), tuple(ends)), shape=(n, n))
     _, label = connected_components(graph, directed=False)
@@ -274,9 +294,10 @@ def mesh_of(
         sizes = np.bincount(face, minlength=len(faces))[faces]
         indices, rows = indices[kept], rows[kept]
         place = _renumbered(place, np.flatnonzero(faces))
-        given = tags.get("face_data", {}).items()
-        tags["face_data"] = {name: np.asarray(values)[faces] for name, values in given}
-        if "holes" in tags and lost_tags is not None:
+        tags["face_data"] = {
+            name: _kept(values, faces) for name, values in (tags.get("face_data") or {}).items()
+        }
+        if tags.get("holes") is not None:
             tags["holes"] = renumbered_holes(tags["holes"], faces)
 
     def lost(vertices: IntArray, why: str) -> None:
@@ -307,6 +328,12 @@ def _corners(sizes: IntArray, indices: IntArray, rows: IntArray, merge: bool) ->
 def _in_range(indices: IntArray, points: NDArray[Any]) -> bool:
     """Whether there are indices, and all of them of points."""
     return len(indices) > 0 and bool(0 <= indices.min() <= indices.max() < len(points))
+
+
+def _kept(values: Any, faces: NDArray[np.bool_]) -> Any:
+    """Values of the faces that stay; as they are if they are not of all, which `Mesh` says."""
+    array = np.asarray(values)
+    return array[faces] if array.shape[:1] == faces.shape else values
 
 
 def renumbered_holes(holes: Any, kept: NDArray[np.bool_]) -> IntArray:

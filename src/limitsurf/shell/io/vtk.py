@@ -63,7 +63,8 @@ def from_pyvista(dataset: Any, *, merge: Merge = None, **tags: Any) -> Mesh:
     losses = Losses("from_pyvista", strict=False)
     tolerance = checked(merge)
     sizes, indices, numbers = _dataset_faces(dataset)
-    tags["face_data"] = {**vtk_reader.cell_data(dataset, numbers)[0], **tags.get("face_data", {})}
+    data, _ = vtk_reader.cell_data(dataset, numbers)
+    tags["face_data"] = {**data, **(tags.get("face_data") or {})}
     uv = vtk_reader.texture(dataset)
     if uv is not None and len(uv) != len(dataset.points):
         losses.add("uv", "", f"got {len(uv)} texture coordinates, need {len(dataset.points)}")
