@@ -1,6 +1,7 @@
 """Doo and Sabin's surfaces: reference numbers, volumes, curves, spectra, and what is refused."""
 
 import json
+import pickle
 from fractions import Fraction as F
 
 import numpy as np
@@ -262,11 +263,12 @@ def test_closed_forms_are_the_tables(n):
     assert np.allclose(masks, table.tangent_masks)
 
 
-def test_near_poles_nothing_is_lost():
+@pytest.mark.parametrize("engine", ["reference", "compiled"])
+def test_near_poles_nothing_is_lost(engine):
     """At 1e-300 from a vertex of 9 and of 50 faces, and from the middle of a heptagon."""
     for name in ("bipyramid_9", "prism_7", "flower_64"):
         mesh = of_zoo(name)
-        s, rng = ls.LimitSurface(mesh), np.random.default_rng(1)
+        s, rng = ls.LimitSurface(mesh, engine=engine), np.random.default_rng(1)
         odd = s.limit_faces.corner >= 0
         face = np.flatnonzero(odd)[:3] if odd.any() else np.arange(3)
         for u in (1e-3, 1e-30, 1e-300):
@@ -279,6 +281,61 @@ def test_near_poles_nothing_is_lost():
             assert np.abs(a - b).max() <= 4 * u + 1e-12
             assert np.abs(s.normal(face, u * x, u) - s.normal(face, 0, 0)).max() <= 20 * u + 1e-12
         assert np.isfinite(s.evaluate(face, 1e-300, 1e-300)).all()
+
+
+def grid(n, **tags):
+    """Of n x n quads, two of them one hexagon, with points of a few binary digits."""
+    i = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    quads = np.stack([i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]], axis=-1)
+    quads = quads.reshape(-1, 4).tolist()
+    (a, b, c, d), (_, _, e, f) = quads[:2]
+    points = np.argwhere(i >= 0) + np.random.default_rng(n).integers(-8, 9, (len(i) ** 2, 2)) / 32
+    points = np.column_stack([points, np.random.default_rng(0).integers(0, 64, len(points)) / 64])
+    return ls.Mesh(points, [[a, b, c, e, f, d], *quads[2:]], **tags)
+
+
+@pytest.mark.parametrize("scheme", ["doo-sabin", "bilinear"])
+def test_kernels_know_faces_of_one_and_of_four_pieces(scheme):
+    """Against Fractions on either side of the lines between pieces, and on these."""
+    mesh = grid(6)
+    s = ls.LimitSurface(mesh, scheme=scheme, engine="compiled")
+    places = np.array([0, 0.25, 0.5, 1, 2.0**-40, 0.5 - 2.0**-40, 0.5 + 2.0**-40, 0.625])
+    rng, n = np.random.default_rng(0), 60
+    face, u, v = rng.integers(6, len(s.limit_faces), n), *rng.choice(places, (2, n))
+    exact = [np.array([F(x) for x in q.tolist()], dtype=object) for q in (u, v)]
+    for nu in [(0, 0), *ORDERS]:
+        true = s.evaluate(face, *exact, nu=nu)
+        unknown = np.array([[x != x for x in row] for row in true])
+        rows = s.weights(face, u, v, nu=nu)
+        for found in (s.evaluate(face, u, v, nu=nu), rows @ mesh.points):
+            assert np.array_equal(np.isnan(found), unknown)
+            error = np.array((np.where(unknown, 0, found) - np.where(unknown, 0, true)), float)
+            assert np.abs(error).max() <= (1e-14 if nu == (0, 0) else 1e-12) * 4
+    line = s.evaluate(face[:, None], 0.5, places)
+    for k, v in enumerate(places.tolist()):
+        assert np.abs(line[:, k] - s.evaluate(face, 0.5, v)).max() <= 4e-14  # a grid, and not
+
+
+def test_kernels_beside_polygons_with_very_many_corners():
+    """Whose points have too many weights: rows are by NumPy, positions are not."""
+    turn = 2 * np.pi * np.arange(300) / 300
+    ring = np.column_stack([np.cos(turn), np.sin(turn), np.cos(3 * turn) / 8])
+    i, j = np.arange(300), np.roll(np.arange(300), -1)
+    around = [np.stack([i + a, j + a, j + a + 300, i + a + 300], 1)[:, ::-1] for a in (0, 300, 600)]
+    points = np.concatenate([ring * r for r in (1, 1.1, 1.2, 1.3)])
+    mesh = ls.Mesh(points, [i, *np.concatenate(around)], scheme="doo-sabin")
+    kernels, numpy = (ls.LimitSurface(mesh, engine=e) for e in ("compiled", "reference"))
+    rng, n = np.random.default_rng(0), 500
+    query = rng.integers(0, len(kernels.limit_faces), n), rng.random(n), rng.random(n)
+    assert np.abs(kernels.evaluate(*query) - numpy.evaluate(*query)).max() <= 1e-14
+    assert np.abs(kernels.normal(*query) - numpy.normal(*query)).max() <= 1e-11
+    assert abs(kernels.weights(*query) - numpy.weights(*query)).max() <= 1e-14
+
+
+def test_kernels_survive_a_pickle():
+    s = ls.LimitSurface(grid(4), scheme="doo-sabin", engine="compiled")
+    before = s.evaluate(3, 0.3, 0.7)
+    assert np.array_equal(pickle.loads(pickle.dumps(s)).evaluate(3, 0.3, 0.7), before)
 
 
 def test_curvature_grows_like_a_logarithm():

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from limitsurf import _kernels, basis, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
+from limitsurf.engine.monomials import Cover, Monomials, holding
 from limitsurf.engine.results import Results
 from limitsurf.numbers import FLOAT64
 from limitsurf.patches import REGULAR, STRIP, PatchTable
@@ -109,12 +110,14 @@ class Packing:
     ) -> None:
         from limitsurf._kernels import evaluation
 
-        self._patches, self._own = patches, own
+        self._patches, self._own, self._spline = patches, own, scheme.spline
         self._copied = np.zeros(0, dtype=np.int64)
-        self._sectors, self._spline = eigen_tables, scheme.spline
-        shape = _kernels.shape(scheme.spline.directions)
+        self._native = holding(scheme.spline)
+        shape = _kernels.shape(self._native.directions)
         assert shape is not None
         self._shape = _kernels.evaluating(shape)
+        self._cover = Cover.of(patches, eigen_tables, scheme)
+        self._controls, self._sectors = self._cover.controls, self._cover.tables
         self.tables, self._n_rows, self._n_fine = self._tables()
         self.patches = self._covering(strips, which)
         # of `evaluation.Room`, in numbers; and what single queries leave behind for the next
@@ -123,26 +126,26 @@ class Packing:
     def _covering(self, strips: tables.StripTables, which: Array) -> evaluation.Patches:
         from limitsurf._kernels import evaluation
 
-        patches = self._patches
-        regular, strip = patches.controls[REGULAR], patches.controls[STRIP]
-        packed = patches.kind.astype(np.int64) << evaluation.KIND
-        packed |= patches.turn.astype(np.int64) << evaluation.TURN
-        row = patches.row.astype(np.int64)
-        row[patches.kind == STRIP] += len(regular)
+        patches, cover = self._patches, self._cover
+        regular, strip = self._controls[REGULAR], self._controls[STRIP]
+        packed = cover.kind.astype(np.int64) << evaluation.KIND
+        packed |= cover.turn.astype(np.int64) << evaluation.TURN
+        row = cover.row.astype(np.int64)
+        row[cover.kind == STRIP] += len(regular)
         for kind, rings in patches.rings.items():
-            here = np.flatnonzero(patches.kind == kind)
+            here = np.flatnonzero(cover.kind == kind)
             number = rings.ring * self.tables.kinds[kind, evaluation.FACES] + rings.position
-            row[here] = number[patches.row[here]]
+            row[here] = number[cover.row[here]]
         packed |= row
-        for kind in range(len(patches.controls)):
-            here = np.flatnonzero(patches.kind == kind)
-            beyond = np.any(patches.controls[kind] >= patches.n_vertices, axis=1)
-            packed[here] |= beyond[patches.row[here]].astype(np.int64) << evaluation.FAR
-        info = patches.codes.astype(np.int64)
+        for kind, controls in enumerate(self._controls):
+            here = np.flatnonzero(cover.kind == kind)
+            beyond = np.any(controls >= patches.n_vertices, axis=1)
+            packed[here] |= beyond[cover.row[here]].astype(np.int64) << evaluation.FAR
+        info = cover.codes.astype(np.int64)
         inside = info >= 0
         info[inside] = packed[info[inside]]
         near = np.full(len(regular) + len(strip), -1, dtype=np.int64)
-        far = np.flatnonzero((packed >> evaluation.FAR & 1 == 1) & (patches.kind <= STRIP))
+        far = np.flatnonzero((packed >> evaluation.FAR & 1 == 1) & (cover.kind <= STRIP))
         if len(far) <= max(_COPIED, _COPIED_SHARE * patches.n_limit_faces):
             self._copied = packed[far] & evaluation.ROW
             near[self._copied] = self._n_fine + np.arange(len(far)) * (self._shape.REFINED + 2)
@@ -168,7 +171,8 @@ class Packing:
             if table is not None and table.size <= _LARGEST
         ]
         n, levels = len(self._sectors), evaluation.STEP + evaluation.STEPS
-        wide = _rounded(max((table.size - 1 for _, table in kept), default=0))
+        # (at least what rows of derivatives in `evaluation.Room` have)
+        wide = _rounded(max(max(table.size - 1, 6) for _, table in kept)) if kept else 0
         chains = max((len(table.chains) for _, table in kept), default=0)
         pairs = max((len(table.pairs) for _, table in kept), default=0)
         kinds = np.zeros((n, evaluation.FIELDS), dtype=np.int64)
@@ -187,6 +191,7 @@ class Packing:
             np.zeros((n, pairs), dtype=np.int64),
         )
         rows = patches = 0
+        places = [self._native.exponents.index(powers) for powers in self._spline.exponents]
         for k, table in kept:
             size = table.size - 1
             kinds[k, evaluation.SIZE] = size
@@ -198,10 +203,10 @@ class Packing:
             kinds[k, [evaluation.ALONG, evaluation.ACROSS]] = first, second
             kinds[k, evaluation.FLIP] = table.rates[0, 1:3].prod() < 0
             kinds[k, evaluation.PATCH] = patches
-            kinds[k, evaluation.LEVELS] = 1
-            patches += len(self._patches.controls[k])
-            rows += len(self._patches.controls[k]) * (_rounded(size) + 3)
-            made.pieces[k, :, :, :size] = table.pieces[:, :, 1:]
+            kinds[k, evaluation.LEVELS] = self._cover.splines
+            patches += len(self._controls[k])
+            rows += len(self._controls[k]) * (_rounded(size) + 3)
+            made.pieces[k][:, places, :size] = table.pieces[:, :, 1:]
             for lead in (1, 2):
                 made.ratios[k, lead - 1, :, :size] = _powers(table, lead)
                 value = table.rates[0, lead]
@@ -209,12 +214,12 @@ class Packing:
             made.mantissas[k], made.exponents[k] = _mantissas(table)
             made.sizes[k, :size] = table.coefficient_sizes(np.ones((1, table.size)))[0, 1:]
             for place, nu in enumerate(TERMS[1:], start=1):
-                made.corners[k, place, :size] = basis.corner_derivative(table, nu)
+                made.corners[k, place, :size] = _corner_derivative(table, nu)
             made.angles[k, : len(table.pairs)] = table.angles
             made.chains[k, : len(table.chains)] = table.chains - 1
             made.pairs[k, : len(table.pairs)] = table.pairs - 1
-        fine = patches * (self._shape.REFINED + 2)
-        for k, rings in self._patches.rings.items():
+        fine = patches * (self._shape.REFINED + 2) * self._cover.splines
+        for k, rings in self._patches.rings.items() if self._cover.splines else ():
             sector = self._patches.sectors[k]
             assert sector is not None
             sharp = sector.open or sector.kind == "dart"
@@ -251,7 +256,7 @@ class Packing:
         copies = fine[self._n_fine :].reshape(-1, each, width)
         ids = self.patches.ids.reshape(-1, shape.POINTS)
         coefficients.copies(ids, shape.OWN, self._copied, high, extras, copies)
-        for kind, around in rings.items():
+        for kind, around in rings.items() if self._cover.splines else ():
             self._spread(kind, around, fine)
         sums = np.empty((coefficients.SIX, evaluation.LANES))
         for kind, table in enumerate(self._sectors):
@@ -260,15 +265,18 @@ class Packing:
             ].tolist()
             if table is None or begin < 0:
                 continue
-            ids = patches.controls[kind]
-            blocks = modes[begin : begin + len(ids) * (size + 3)]
-            matrix = _projections(table, shape)
+            ids = self._controls[kind]
+            blocks = modes[begin : begin + len(ids) * (size + 3)].reshape(-1, size + 3, width)
+            matrix = _projections(table, shape, self._cover.splines)
             near = np.zeros(matrix.shape[1] * evaluation.LANES)
-            grids = fine[patch * each : (patch + len(ids)) * each].reshape(-1, each, width)
+            grids = np.zeros((len(ids), 2, width))  # no refined points, which are not read
+            if self._cover.splines:
+                grids = fine[patch * each : (patch + len(ids)) * each].reshape(-1, each, width)
             coefficients.coefficients(
-                ids, high, extras, errors, matrix, blocks.reshape(len(ids), -1, width), grids,
-                near, sums,
+                ids, high, extras, errors, matrix, blocks, grids, near, sums,
             )  # fmt: skip
+            if isinstance(table, Monomials):  # polynomials are known whichever of them comes first
+                blocks[:, -1, 1] = 1
         return evaluation.Points(high, extras, errors, modes.reshape(-1), fine)
 
     def _spread(self, kind: int, values: RingValues, fine: Array) -> None:
@@ -305,11 +313,11 @@ class Packing:
         ]
 
     @cached_property
-    def _controls(self) -> rows.Controls:
+    def _columns(self) -> rows.Controls:
         from limitsurf._kernels import evaluation, rows
 
         patches, kinds = self._patches, self.tables.kinds
-        special = patches.controls[STRIP + 1 :]
+        special = self._controls[STRIP + 1 :]
         first = np.cumsum(
             [0] * (STRIP + 2) + [control.size for control in special[:-1]], dtype=np.int64
         )
@@ -335,10 +343,10 @@ class Packing:
     def _patterns(self) -> rows.Patterns:
         from limitsurf._kernels import evaluation, rows
 
-        controls = self._controls
+        controls = self._columns
         known = self.tables.kinds[:, evaluation.MODES] >= 0
         blocks = [self.patches.ids.reshape(-1, self._shape.POINTS)]
-        blocks += [ids for ids, kept in zip(self._patches.controls, known, strict=True) if kept]
+        blocks += [ids for ids, kept in zip(self._controls, known, strict=True) if kept]
         one = np.ones(controls.n_vertices, np.int64)
         each = np.concatenate([one, np.diff(controls.indptr)])
         terms = [each[ids].sum(axis=1) for ids in blocks]
@@ -394,15 +402,15 @@ class Packing:
         """
         from limitsurf._kernels import evaluation
 
-        result = np.zeros(len(self._patches.kind), dtype=bool)
+        result = np.zeros(len(self._cover.kind), dtype=bool)
         known = self.tables.kinds[:, evaluation.MODES] >= 0
         _, wide = self._over_vertices
-        for kind, controls in enumerate(self._patches.controls):
-            here = np.flatnonzero(self._patches.kind == kind)
+        for kind, controls in enumerate(self._controls):
+            here = np.flatnonzero(self._cover.kind == kind)
             if kind > STRIP and not known[kind]:
                 result[here] = True
             elif wide.any():
-                result[here] = wide[controls[self._patches.row[here]]].any(axis=1)
+                result[here] = wide[controls[self._cover.row[here]]].any(axis=1)
         return result
 
     def weights(
@@ -414,7 +422,7 @@ class Packing:
         knows.
         """
         with _kernels.preparing:
-            known = self.patches, self.tables, self._controls, self._patterns
+            known = self.patches, self.tables, self._columns, self._patterns
         from limitsurf._kernels import evaluation, rows
 
         total, order = queries[0].size, max(_TOTALS[term] for term in terms)
@@ -615,6 +623,8 @@ class Packing:
                     found = basis.eigen_weights(table, place, powers, order)
                     if np.abs(found.exponent).max() > 900:
                         return None
+                    if sum(nu):
+                        found.rows[place.level < 0] = _corner_derivative(table, order)
                     scaled = kernels.scale_by_two(found.rows, found.exponent[:, None])
                     parts.append(factors[turn] * scaled)
             rows.append(parts[0] if len(parts) == 1 else np.sum(parts, axis=0))
@@ -714,18 +724,26 @@ def _left(table: tables.EigenTable) -> Array:
     return np.asarray(table.coefficients(np.eye(table.size)[None])[0])
 
 
+def _corner_derivative(table: tables.EigenTable, nu: tuple[int, int]) -> Array:
+    """Weights (K - 1,) of coefficients in a derivative at the corner; NaN if it has none."""
+    if isinstance(table, Monomials):
+        return table.corner(nu)
+    return basis.corner_derivative(table, nu)
+
+
 @lru_cache(maxsize=1024)
-def _projections(table: tables.EigenTable, shape: Any) -> Array:
-    """Left eigenvectors, then refined points, as rows over K control points; filled up.
+def _projections(table: tables.EigenTable, shape: Any, refined: bool) -> Array:
+    """Left eigenvectors, then points if `refined`, as rows over K control points; filled up.
 
     The refined points are those of the three regular pieces.
     """
     from limitsurf._kernels.coefficients import SIX
 
-    size = table.size
-    result = np.zeros((-(-(size + shape.REFINED) // SIX) * SIX, _rounded(size)))
+    size, more = table.size, shape.REFINED * refined
+    result = np.zeros((-(-(size + more) // SIX) * SIX, _rounded(size)))
     result[:size, :size] = _left(table)
-    result[size + shape.PIECES, :size] = table.refined.reshape(-1, size)
+    if refined:
+        result[size + shape.PIECES, :size] = table.refined.reshape(-1, size)
     return result
 
 

@@ -14,6 +14,7 @@ from limitsurf import _kernels, numbers, tables
 from limitsurf.caching import cached_property
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.groups import Groups
+from limitsurf.engine.monomials import holding
 from limitsurf.engine.packing import Packing
 from limitsurf.patches import PatchTable, patch_table
 from limitsurf.rules import Rules, Sharpness
@@ -71,7 +72,13 @@ class Topology:
     @cached_property
     def shape(self) -> str | None:
         """Which compiled kernels there are for the patches, if any."""
-        return _kernels.shape(self.rules.scheme.spline.directions)
+        return _kernels.shape(holding(self.rules.scheme.spline).directions)
+
+    @property
+    def splines(self) -> bool:
+        """Whether compiled kernels have the spline itself, not only its polynomials."""
+        spline = self.rules.scheme.spline
+        return holding(spline).directions == spline.directions
 
     @property
     def packing(self) -> Packing:

@@ -282,7 +282,7 @@ class EigenTable:
 
     def coefficient_sizes(self, sizes: Array) -> Array:
         """Sizes (P, K) of what adds up to these coefficients, from those of the points (P, K)."""
-        ring = self.sector.ring
+        ring = self.links.shape[1]
         modes = self.ring.sizes(sizes[:, :ring])
         outer = sizes[:, ring:] @ np.abs(self.outer.T) + modes @ np.abs(self.links.T)
         return np.asarray(np.concatenate([modes, outer], axis=1)[:, self.order])
