@@ -82,8 +82,8 @@ class Mesh:
         is "none", "corners_only", "corners_plus1", "corners_plus2", "boundaries" or "all". Values
         may be NaN, where faces have none.
     face_data : mapping {name: (n_faces,) or (n_faces, k)}, optional
-        Of each face a number, a row of numbers or a text: groups, materials, identities. They are carried
-        along: by refined meshes and tessellations, and by files that have a place for them.
+        Of each face a number, a row of numbers or a text: groups, materials, identities. They are
+        carried along by refined meshes, tessellations, and files that have a place for them.
     units : float, optional
         The metres that one unit of the points is. It is kept for files; nothing is scaled by it.
     up : {"y", "z"}, optional
