@@ -11,7 +11,7 @@ import zoo
 import zoo_triangles
 
 import limitsurf as ls
-from limitsurf.query import closest
+from limitsurf.query import closest, nearest
 from limitsurf.query.index import Cells
 
 CUBE = zoo.cube()
@@ -423,3 +423,37 @@ def test_channels_are_surfaces_too():
     assert np.allclose(twice.upper, 2 * once.upper, rtol=0, atol=4e-6)
     with pytest.raises(ValueError, match=r"values of shape \(n, 3\)"):
         ls.feet(surface, [[0.0, 0, 0]], within=1, channel="one")
+
+
+def test_a_thin_surface_ends():
+    # squared distances along its folds are long and narrow valleys, along no parameter
+    rng = np.random.default_rng(0)
+    points, faces, *_ = zoo_triangles.ZOO["torus_3x4"]()
+    points = np.asarray(points, dtype=float)
+    points = (points + rng.normal(size=points.shape) * np.ptp(points, axis=0).max() / 2) * [
+        1, 0.01, 1,
+    ]  # fmt: skip
+    surface = made((points, faces), scheme="loop")
+    asked = points.mean(axis=0) + rng.normal(size=(4, 3))[:2] * np.ptp(points, axis=0) * 0.3
+    found = ls.closest_point(surface, asked)
+    u, v = np.meshgrid(*2 * [np.linspace(0, 1, 65)])
+    u, v = u[u + v <= 1], v[u + v <= 1]
+    near = surface.evaluate(np.arange(len(surface.limit_faces))[:, None], u, v).reshape(-1, 3)
+    brute = np.sqrt(((near - asked[:, None]) ** 2).sum(axis=2)).min(axis=1)
+    assert (found.distance <= brute + 1e-13).all()
+    assert (found.distance >= brute - 1e-3).all()
+
+
+def test_memory_does_not_grow_with_pairs(monkeypatch):
+    surface = ls.LimitSurface(ls.refined(ls.Mesh(*CUBE), levels=2), engine="reference")
+    monkeypatch.setattr(nearest, "_BATCH", 256)
+    seen = []
+
+    def count(self, pairs):
+        seen.append((len(pairs), sum(map(len, self._pending[0]))))
+
+    monkeypatch.setattr(nearest.Search, "_cells", count)
+    ls.feet(surface, np.full((120, 3), 0.5), within=2.0)  # all cells of all
+    counts, pending = np.transpose(seen)
+    assert counts.sum() >= 120 * len(surface.limit_faces)
+    assert pending.max() <= 4 * 256

@@ -112,7 +112,9 @@ def closest_point(
     they are too far, or have one foot, which Newton's method finds; so nothing nearer is missed.
     (Where faces are squeezed into a curve, along which there are feet without end, small cells are
     left to Newton's method alone.) A point that is as far from many places, as the centre of a
-    ball, costs more.
+    ball, costs more: from 2000 cells of one point on, its cells that cannot be nearer by more than
+    rounding are left to Newton's method as well, and for every 2000 more by twice that. So a
+    search ends, and what it found is nearest up to that, 1e-12 after 20 000 cells.
 
     A sign is that of the side of the foot: of its normal, of the sum of both normals on an edge, of
     the normals around a vertex by their angles (Baerentzen and Aanaes 2005). All this is derived in

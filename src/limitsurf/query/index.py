@@ -163,23 +163,11 @@ class Cells:
         tree = cKDTree(points, balanced_tree=False, compact_nodes=False) if len(points) else None
         return tree, middle
 
-    def near(self, points: Array, within: Array) -> tuple[Array, Array]:
-        """Pairs of points (Q, 3) and leaves whose boxes are within distances (Q,): two (P,)."""
-        levels = self.levels
-        query = np.repeat(np.arange(len(points)), len(levels[0][0]))
-        node = np.tile(np.arange(len(levels[0][0])), len(points))
-        square = within**2
-        for depth, (lower, upper) in enumerate(levels):
-            if depth:
-                node = (_WIDTH * node[:, None] + np.arange(_WIDTH)).ravel()
-                query = np.repeat(query, _WIDTH)
-                inside = node < len(lower)
-                node, query = node[inside], query[inside]
-            at = points[query]
-            gap = np.maximum(np.maximum(lower[node] - at, at - upper[node]), 0)
-            keep = np.flatnonzero(np.einsum("qd,qd->q", gap, gap) <= square[query])
-            query, node = query[keep], node[keep]
-        return query, self.order[node]
+    def children(self, node: Array, query: Array, level: int) -> tuple[Array, Array]:
+        """Boxes that those of a level hold, and the queries of each, (n,) both."""
+        node = (_WIDTH * node[:, None] + np.arange(_WIDTH)).ravel()
+        inside = node < len(self.levels[level + 1][0])
+        return node[inside], np.repeat(query, _WIDTH)[inside]
 
 
 def checked_surface(surface: Any, channel: str | None = None) -> LimitSurface:
