@@ -11,7 +11,7 @@ import zoo
 import zoo_triangles
 
 import limitsurf as ls
-from limitsurf.query import closest, nearest
+from limitsurf.query import closest, nearest, sides
 from limitsurf.query.index import Cells
 
 CUBE = zoo.cube()
@@ -401,6 +401,8 @@ def test_bounds_refuse():
         ls.bounds(surface, 0, [0.5, 0.2])
     with pytest.raises(ValueError, match="above 0"):
         ls.bounds(surface, tolerance=0.0)
+    with pytest.raises(TypeError, match="tolerance must be a number, got str"):
+        ls.bounds(surface, tolerance="x")
     box = ls.bounds(made((*CUBE, {"holes": [0]})))
     assert np.isinf(box.lower[0]).all()
     assert np.isfinite(box.lower[1:]).all()
@@ -457,3 +459,29 @@ def test_memory_does_not_grow_with_pairs(monkeypatch):
     counts, pending = np.transpose(seen)
     assert counts.sum() >= 120 * len(surface.limit_faces)
     assert pending.max() <= 4 * 256
+
+
+@pytest.mark.parametrize(
+    ("name", "nu"), [("cube", (1, 0)), ("pole", (1, 1)), ("loop_dart", (0, 1))]
+)
+def test_bounds_of_derivatives_beside_special_corners(name, nu):
+    surface = CAGES[name]()
+    for low, high in ((1e-4, 0.05), (0.001, 0.0011)):
+        u, v = np.meshgrid(*2 * [np.linspace(low, high, 9)])
+        box = ls.bounds(surface, 0, [low, high], [low, high], nu=nu, tolerance=1e-3)
+        slope = surface.evaluate(0, u.ravel(), v.ravel(), nu=nu)
+        assert (box.lower <= slope.min(axis=0)).all()
+        assert (box.upper >= slope.max(axis=0)).all()
+        assert np.isfinite(box.lower).all()
+    assert (box.upper - box.lower <= np.ptp(slope, axis=0) * 1.5 + 3e-3).all()
+
+
+def test_points_on_a_closed_surface_are_outside(monkeypatch):
+    cage = ls.Mesh(*CUBE, creases=SHARP)
+    surface = ls.LimitSurface(ls.refined(cage, levels=1), engine="reference")
+    monkeypatch.setattr(sides, "tessellate", None)  # no need of solid angles
+    on = surface.evaluate(*places(surface, 60, 0))
+    found = ls.closest_point(surface, on, signed=True)
+    assert (np.signbit(found.distance) == 0).all()
+    far = ls.closest_point(surface, [[0.5, 0.5, 0.5], [9, 9, 9]], signed=True, max_distance=0.1)
+    assert (far.distance == np.inf).all()

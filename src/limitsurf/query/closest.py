@@ -86,7 +86,8 @@ def closest_point(
     channel : str, optional
         A face-varying channel of three columns, to search instead of the points.
     workers : int
-        Threads, as for `LimitSurface.evaluate`; answers do not depend on it.
+        Threads, as for `LimitSurface.evaluate`; answers do not depend on it. (They may depend in
+        their last digits, within what is said of distances, on what else is asked with a point.)
 
     Returns
     -------
@@ -117,7 +118,8 @@ def closest_point(
     search ends, and what it found is nearest up to that, 1e-12 after 20 000 cells.
 
     A sign is that of the side of the foot: of its normal, of the sum of both normals on an edge, of
-    the normals around a vertex by their angles (Baerentzen and Aanaes 2005). All this is derived in
+    the normals around a vertex by their angles (Baerentzen and Aanaes 2005); points on the surface,
+    up to rounding, are outside. All this is derived in
     ``derivations/closest.py``.
 
     Examples
@@ -157,16 +159,16 @@ def closest_point(
     point[known] = surface.evaluate(*places, workers=workers)
     normal[known] = surface.normal(*places, workers=workers)
     distance[known] = _lengths(flat[known] - point[known])
-    if signed:
-        feet_ = places, point[known], normal[known]
-        signs = np.ones(len(flat))
-        signs[known] = sides(surface, flat[known], *feet_)
     beyond = np.flatnonzero(distance > most)
     face[beyond], distance[beyond] = -1, np.inf
     for x in (u, v, point, normal):
         x[beyond] = np.nan
     if signed:
-        distance = distance * signs
+        known = np.flatnonzero(face >= 0)
+        distance[known] *= sides(
+            surface, cells, flat[known], (face[known], u[known], v[known]),
+            point[known], normal[known],
+        )  # fmt: skip
     distance, face, u, v = (x.reshape(shape)[()] for x in (distance, face, u, v))
     point, normal = (x.reshape(*shape, 3) for x in (point, normal))
     return ClosestPoints(point, distance, face, u, v, normal)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.patches import NO_LIMIT
 from limitsurf.query.index import Cells
+from limitsurf.query.nearest import SAME
 from limitsurf.query.tessellation import tessellate
 from limitsurf.surface import LimitSurface
 
@@ -19,6 +21,9 @@ _NEAR = 2.0**-16  # of a face: as far from a vertex a cone stands for the faces 
 _SPOKES = 8  # triangles of such a cone in each face
 _CLEAR = 1e-9  # cosines that say on which side of a plane something is
 _SEGMENTS = 16  # of faces, where a side is told by the solid angle that they cover
+_AT_ONCE = 1 << 16  # triangles times points that are in memory at once
+
+_triangles: WeakKeyDictionary[LimitSurface, Array] = WeakKeyDictionary()  # (3, n, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,6 +219,7 @@ def around_vertex(surface: LimitSurface, cells: Cells, around: Shared, points: A
 
 def sides(
     surface: LimitSurface,
+    cells: Cells,
     points: Array,
     places: tuple[Array, Array, Array],
     foot: Array,
@@ -224,7 +230,7 @@ def sides(
     By the normal of the foot; on edges by the sum of those of both sides, at vertices by the sum of
     those of a cone of narrow triangles, each times its angle (Baerentzen and Aanaes, "Signed
     distance computation using the angle weighted pseudonormal", IEEE TVCG 2005). Where these say
-    nothing, by the solid angle that the surface covers.
+    nothing, by the solid angle that the surface covers. What is on the surface is outside.
     """
     direction = np.nan_to_num(normal)
     around = shared(surface, *places)
@@ -244,7 +250,9 @@ def sides(
         lengths = [np.sqrt((x**2).sum(axis=1)) for x in (away, direction)]
         cosine = (away * direction).sum(axis=1) / (lengths[0] * lengths[1])
     side = np.where(cosine < 0, -1.0, 1.0)
-    doubt = np.flatnonzero(~(np.abs(cosine) > _CLEAR) & (size[:, 0] > 0))
+    on = np.ldexp(size[:, 0], cells.power) <= SAME
+    side[on] = 1
+    doubt = np.flatnonzero(~(np.abs(cosine) > _CLEAR) & ~on)
     if len(doubt):
         side[doubt] = np.where(np.abs(_covered(surface, points[doubt])) > 0.5, -1.0, 1.0)
     return side
@@ -264,14 +272,17 @@ def _cone(rim: Array, tip: Array) -> Array:
 
 def _covered(surface: LimitSurface, points: Array) -> Array:
     """How many times a surface goes around points (Q, 3), by the solid angle of triangles on it."""
-    pieces = tessellate(surface, _SEGMENTS, normals=False)
-    corners = pieces.points[pieces.indices[pieces.triangles]]
+    if surface not in _triangles:
+        pieces = tessellate(surface, _SEGMENTS, normals=False)
+        _triangles[surface] = np.moveaxis(pieces.points[pieces.indices[pieces.triangles]], 1, 0)
+    corners = _triangles[surface]
     found = np.empty(len(points))
-    for k, point in enumerate(points):
-        arm = corners - point
-        a, b, c = np.moveaxis(arm, 1, 0)
-        la, lb, lc = (np.sqrt((x**2).sum(axis=1)) for x in (a, b, c))
-        volume = (a * np.cross(b, c)).sum(axis=1)
-        below = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
-        found[k] = np.arctan2(volume, below).sum() / (2 * np.pi)
+    step = max(_AT_ONCE // max(corners.shape[1], 1), 1)
+    for start in range(0, len(points), step):
+        part = slice(start, start + step)
+        a, b, c = corners[:, None] - points[part, None]
+        la, lb, lc = (np.sqrt((x**2).sum(axis=2)) for x in (a, b, c))
+        volume = (a * np.cross(b, c)).sum(axis=2)
+        below = la * lb * lc + (a * b).sum(2) * lc + (b * c).sum(2) * la + (c * a).sum(2) * lb
+        found[part] = np.arctan2(volume, below).sum(axis=1) / (2 * np.pi)
     return found
