@@ -485,3 +485,13 @@ def test_points_on_a_closed_surface_are_outside(monkeypatch):
     assert (np.signbit(found.distance) == 0).all()
     far = ls.closest_point(surface, [[0.5, 0.5, 0.5], [9, 9, 9]], signed=True, max_distance=0.1)
     assert (far.distance == np.inf).all()
+
+
+def test_points_of_no_face_do_not_count():
+    asked = queries(made(CUBE), 6)
+    points = np.concatenate([CUBE[0], [[1e12] * 3]])
+    one, other = (ls.closest_point(made((p, CUBE[1])), asked) for p in (CUBE[0], points))
+    for name in ("distance", "face", "u", "v"):
+        assert (getattr(one, name) == getattr(other, name)).all()
+    box = ls.bounds(made((points, CUBE[1])), tolerance=1e-6)
+    assert (box.upper - box.lower < 1).all()

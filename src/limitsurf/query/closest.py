@@ -107,8 +107,8 @@ def closest_point(
 
     Notes
     -----
-    Distances are within 1e-13 of the largest coordinate. Limit faces are cut into Bezier cells
-    (`SurfaceIndex`), which are the surface exactly; around special corners their rings go as deep
+    Distances are within 1e-13 of the largest coordinate of the points that the surface depends on.
+    Limit faces are cut into Bezier cells (`SurfaceIndex`), which are the surface exactly; around special corners their rings go as deep
     as it takes. Cells are halved until the Bernstein coefficients of the squared distance say that
     they are too far, or have one foot, which Newton's method finds; so nothing nearer is missed.
     (Where faces are squeezed into a curve, along which there are feet without end, small cells are
