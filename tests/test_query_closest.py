@@ -495,3 +495,28 @@ def test_points_of_no_face_do_not_count():
         assert (getattr(one, name) == getattr(other, name)).all()
     box = ls.bounds(made((points, CUBE[1])), tolerance=1e-6)
     assert (box.upper - box.lower < 1).all()
+
+
+def test_feet_are_no_saddles():
+    # z = x y, from above: a saddle in the middle of a face, then on an edge
+    for shift in (5.5, 5.0):
+        i, j = (x.ravel() - y for x, y in zip(np.mgrid[:12, :12], (5.5, shift), strict=True))
+        surface = made((np.stack([i, j, i * j], axis=1), zoo.grid(11, 11)[1]))
+        found = ls.feet(surface, [[0, 0, 2.0]], within=2.1)
+        assert np.allclose(found.distance, [3**0.5] * 2, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("scheme", ["catmull-clark", "doo-sabin", "bilinear"])
+def test_feet_are_reported_once(scheme):
+    surface = made(zoo.prism(5), scheme=scheme)
+    if scheme == "doo-sabin":
+        at = [(0, 0.0, 0.5), (0, 0.0, 0.0), (0, 1.0, 1.0)]
+    else:
+        at = [(0, 1.0, 0.5), (0, 1.0, 1.0), (1, 0.3, 1.0), (0, 0.4, 0.0)]
+    face, u, v = np.transpose(at)
+    on, normal = (f(face.astype(int), u, v) for f in (surface.evaluate, surface.normal))
+    if scheme == "bilinear":
+        on, normal = on[:3], normal[:3]
+    found = ls.feet(surface, on + 0.01 * normal, within=0.0100001)
+    assert np.diff(found.offsets).tolist() == [1] * len(on)
+    assert np.abs(found.point - on).max() < 1e-9

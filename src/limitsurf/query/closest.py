@@ -13,7 +13,15 @@ from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.nearest import POINT, SAME, Feet, Search, in_plane
-from limitsurf.query.sides import around_vertex, beside_edge, refuse_open, shared, sides
+from limitsurf.query.sides import (
+    Shared,
+    around_vertex,
+    beside_edge,
+    falls_nearby,
+    refuse_open,
+    shared,
+    sides,
+)
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -108,9 +116,10 @@ def closest_point(
     Notes
     -----
     Distances are within 1e-13 of the largest coordinate of the points that the surface depends on.
-    Limit faces are cut into Bezier cells (`SurfaceIndex`), which are the surface exactly; around special corners their rings go as deep
-    as it takes. Cells are halved until the Bernstein coefficients of the squared distance say that
-    they are too far, or have one foot, which Newton's method finds; so nothing nearer is missed.
+    Limit faces are cut into Bezier cells (`SurfaceIndex`), which are the surface exactly; around
+    special corners their rings go as deep as it takes. Cells are halved until the Bernstein
+    coefficients of the squared distance say that they are too far, or have one foot, which Newton's
+    method finds; so nothing nearer is missed.
     (Where faces are squeezed into a curve, along which there are feet without end, small cells are
     left to Newton's method alone.) A point that is as far from many places, as the centre of a
     ball, costs more: from 2000 cells of one point on, its cells that cannot be nearer by more than
@@ -308,13 +317,67 @@ def _local(surface: LimitSurface, cells: Cells, feet: Feet, points: Array) -> Fe
         goes[at] = (low[at] >= -_LEVEL) & (stays[at] | (high[at] > _STEEP))
         own = np.unique(around.owner)
         stays[own] = goes[own]
+    _leave_saddles(surface, cells, feet, points, around, stays)
+    if len(around.owner):
         # all of the same place are the one on the smallest limit face
         order = np.lexsort((around.u, around.v, around.face, around.owner))
         owner, first = np.unique(around.owner[order], return_index=True)
         for array, values in ((feet.face, around.face), (feet.u, around.u), (feet.v, around.v)):
             array[owner] = values[order[first]]
     feet = feet[np.flatnonzero(stays)]
-    return feet[_once(feet)]
+    feet = feet[_once(feet)]
+    return feet[_apart(surface, cells, feet)]
+
+
+def _leave_saddles(
+    surface: LimitSurface, cells: Cells, feet: Feet, points: Array, around: Shared, stays: Array
+) -> None:
+    """Of feet beside vertices, in `stays`, those from which the distance falls some way are not."""
+    inner = stays.copy()
+    inner[around.owner[around.corner]] = False
+    own, sides_ = np.flatnonzero(inner), inner[around.owner]
+    owner = np.concatenate([own, around.owner[sides_]])
+    face, u, v = (
+        np.concatenate([getattr(feet, x)[own], getattr(around, x)[sides_]])
+        for x in ("face", "u", "v")
+    )
+    distance = feet.distance[owner]
+    few, rounding = _STAYS * (1 + distance), 4 * SAME * (1 + distance)
+    falls = falls_nearby(surface, cells, (face, u, v), points[feet.query[owner]], few, rounding)
+    stays[owner[falls]] = False
+
+
+def _apart(surface: LimitSurface, cells: Cells, feet: Feet) -> Array:
+    """Feet, less those that others on a smaller limit face are too, across lines of no edge.
+
+    These are between the limit faces of one face of the cage; all sides in lattices of faces.
+    """
+    lattice, limit_faces = cells.lattice, surface.limit_faces
+    edges = np.array(lattice.edges, dtype=float)
+    place = np.stack([np.ones(len(feet.u)), feet.u, feet.v])
+    on = (edges @ place).min(axis=0, initial=np.inf) <= _ALIKE
+    on &= lattice.dual | (limit_faces.corner[feet.face] >= 0)
+    which = np.flatnonzero(on)
+    point = surface.evaluate(feet.face[which], feet.u[which], feet.v[which]).reshape(-1, 3)
+    order = np.lexsort((feet.face[which], feet.distance[which], feet.query[which]))
+    which, point = which[order], np.ldexp(point[order], cells.power)
+    again = np.zeros(len(which), dtype=bool)
+    one = np.zeros(len(which)) if lattice.dual else limit_faces.face[feet.face[which]]
+    for step in range(1, len(which)):
+        a, b = which[:-step], which[step:]
+        near = feet.query[a] == feet.query[b]
+        near &= feet.distance[b] - feet.distance[a] <= 4 * SAME * (1 + feet.distance[a])
+        if not near.any():
+            break
+        near &= np.abs(point[:-step] - point[step:]).max(axis=1) <= 16 * _STAYS
+        near &= (one[:-step] == one[step:]) & (feet.face[a] != feet.face[b])
+        # (the later in this order is not always that on the larger face)
+        later = feet.face[b] > feet.face[a]
+        again[step:] |= near & later
+        again[:-step] |= near & ~later
+    drop = np.zeros(len(feet.u), dtype=bool)
+    drop[which[again]] = True
+    return np.flatnonzero(~drop)
 
 
 def _snap(surface: LimitSurface, cells: Cells, feet: Feet, level: Array) -> None:

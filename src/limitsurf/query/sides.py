@@ -18,6 +18,7 @@ from limitsurf.surface import LimitSurface
 Array = NDArray[Any]
 
 _NEAR = 2.0**-16  # of a face: as far from a vertex a cone stands for the faces around it
+_WAYS = 16  # in which distances are compared around a place
 _SPOKES = 8  # triangles of such a cone in each face
 _CLEAR = 1e-9  # cosines that say on which side of a plane something is
 _SEGMENTS = 16  # of faces, where a side is told by the solid angle that they cover
@@ -34,7 +35,7 @@ class Shared:
     face: Array
     u: Array
     v: Array
-    corner: Array  # whether it is a vertex of the cage
+    corner: Array  # whether it is a vertex of the cage, or the middle of a face
 
     def some(self, which: Array) -> Shared:
         """Some of them."""
@@ -77,10 +78,7 @@ def refuse_open(surface: LimitSurface) -> None:
 
 
 def shared(surface: LimitSurface, face: Array, u: Array, v: Array) -> Shared:
-    """All limit faces that places (Q,) on sides of limit faces belong to; none for others.
-
-    Places on lines inside faces of the cage, between the limit faces of one, are not on sides.
-    """
+    """All limit faces that places (Q,) on sides of limit faces belong to; none for others."""
     lattice, mesh = surface.topology.lattice, surface.mesh
     none = np.zeros(0, dtype=np.int64)
     if lattice.dual:
@@ -110,8 +108,31 @@ def shared(surface: LimitSurface, face: Array, u: Array, v: Array) -> Shared:
     h, x = h[vertex][which], x[vertex][which]
     here = mesh.indices[np.where(x == 0, h, mesh.next_corner[h])]
     parts.append(_around(surface, at_vertex, here))
+    parts.append(_within(surface, face, u, v))
     joined = {n: np.concatenate([getattr(p, n) for p in parts]) for n in Shared.__annotations__}
     return Shared(**joined)
+
+
+def _within(surface: LimitSurface, face: Array, u: Array, v: Array) -> Shared:
+    """Limit faces of a face of the cage at places on the lines between them, and in its middle."""
+    mesh, limit_faces = surface.mesh, surface.limit_faces
+    number, cage = limit_faces.corner[face], limit_faces.face[face]
+    n, first = mesh.sizes[cage], limit_faces.first[cage]
+    inside = (number >= 0) & (u > 0) & (v > 0)
+    line = np.flatnonzero(inside & ((u == 1) != (v == 1)))
+    x = np.where(u == 1, v, u)[line]
+    one = (number - (u < 1))[line] % n[line]
+    owner, other = np.repeat(line, 2), np.stack([one, (one + 1) % n[line]], axis=1).ravel()
+    ends = np.ones(len(x))
+    at = np.stack([np.stack([ends, x], axis=1), np.stack([x, ends], axis=1)], axis=1).reshape(-1, 2)
+    middle = np.flatnonzero(inside & (u == 1) & (v == 1))
+    each = n[middle]
+    every = np.arange(each.sum()) - np.repeat(np.cumsum(each) - each, each)
+    middle = np.repeat(middle, each)
+    owner = np.concatenate([owner, middle])
+    found = first[owner] + np.concatenate([other, every])
+    us, vs = np.concatenate([at, np.ones((len(middle), 2))]).T
+    return Shared(owner, found, us, vs, np.arange(len(owner)) >= len(at))
 
 
 def _beside(surface: LimitSurface, owner: Array, half: Array, x: Array) -> Shared:
@@ -200,6 +221,35 @@ def beside_edge(surface: LimitSurface, cells: Cells, around: Shared, points: Arr
         into = np.nan_to_num(into / np.sqrt((into**2).sum(axis=1, keepdims=True)))
     away = np.abs((gap * step).sum(axis=1)), -(gap * into).sum(axis=1)
     return np.asarray(np.maximum(*away))
+
+
+def falls_nearby(
+    surface: LimitSurface,
+    cells: Cells,
+    places: tuple[Array, Array, Array],
+    points: Array,
+    few: Array,
+    rounding: Array,
+) -> Array:
+    """Whether distances to points (n, 3) fall on some way from places in their limit faces, (n,).
+
+    By more than `few` (n,) times the way; half of squared distances by more than `rounding` also.
+    """
+    face, u, v = places
+    turn = np.pi * np.arange(_WAYS) / (_WAYS / 2)
+    ways = np.round(np.stack([np.cos(turn), np.sin(turn)], axis=1), 9)
+    to = np.stack([u, v], axis=1)[:, None] + _NEAR * ways
+    edges = np.array(cells.lattice.edges)
+    one = np.concatenate([np.ones((*to.shape[:2], 1)), to], axis=2)
+    own, way = np.nonzero((one @ edges.T >= 0).all(axis=2))
+    start, end = (
+        np.ldexp(surface.evaluate(face[k], x, y).reshape(-1, 3), cells.power)
+        for k, x, y in ((slice(None), u, v), (own, *to[own, way].T))
+    )
+    arm, gap = end - start[own], (start - points)[own]
+    more = (arm * (gap + arm / 2)).sum(axis=1)
+    falls = more < -few[own] * np.sqrt((arm**2).sum(axis=1)) - rounding[own]
+    return np.bincount(own[falls], minlength=len(face)) > 0
 
 
 def around_vertex(surface: LimitSurface, cells: Cells, around: Shared, points: Array) -> Array:
