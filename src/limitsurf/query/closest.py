@@ -124,7 +124,7 @@ def closest_point(
     left to Newton's method alone.) A point that is as far from many places, as the centre of a
     ball, costs more: from 2000 cells of one point on, its cells that cannot be nearer by more than
     rounding are left to Newton's method as well, and for every 2000 more by twice that. So a
-    search ends, and what it found is nearest up to that, 1e-12 after 20 000 cells.
+    search ends, and what it found is nearest up to that, 2e-12 after 20 000 cells.
 
     A sign is that of the side of the foot: of its normal, of the sum of both normals on an edge, of
     the normals around a vertex by their angles (Baerentzen and Aanaes 2005); points on the surface,
