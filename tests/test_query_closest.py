@@ -520,3 +520,14 @@ def test_feet_are_reported_once(scheme):
     found = ls.feet(surface, on + 0.01 * normal, within=0.0100001)
     assert np.diff(found.offsets).tolist() == [1] * len(on)
     assert np.abs(found.point - on).max() < 1e-9
+
+
+@pytest.mark.parametrize("scheme", ["catmull-clark", "doo-sabin"])
+def test_feet_on_boundaries(scheme):
+    surface = made(zoo.grid(3, 3)[:2], scheme=scheme)
+    asked = [[-2, 1.3, 0.5], [-1, -1, 0.3], [1.5, 5, 0]]
+    found, near = ls.feet(surface, asked, within=5), ls.closest_point(surface, asked)
+    assert np.diff(found.offsets).min() == 1
+    first = found.offsets[:-1]
+    assert np.allclose(found.distance[first], near.distance, rtol=0, atol=1e-14)
+    assert (found.face[first] == near.face).all()

@@ -350,19 +350,19 @@ def _leave_saddles(
 def _apart(surface: LimitSurface, cells: Cells, feet: Feet) -> Array:
     """Feet, less those that others on a smaller limit face are too, across lines of no edge.
 
-    These are between the limit faces of one face of the cage; all sides in lattices of faces.
+    These are between the limit faces of one face of the cage.
     """
-    lattice, limit_faces = cells.lattice, surface.limit_faces
-    edges = np.array(lattice.edges, dtype=float)
+    limit_faces = surface.limit_faces
+    edges = np.array(cells.lattice.edges, dtype=float)
     place = np.stack([np.ones(len(feet.u)), feet.u, feet.v])
     on = (edges @ place).min(axis=0, initial=np.inf) <= _ALIKE
-    on &= lattice.dual | (limit_faces.corner[feet.face] >= 0)
+    on &= limit_faces.corner[feet.face] >= 0
     which = np.flatnonzero(on)
     point = surface.evaluate(feet.face[which], feet.u[which], feet.v[which]).reshape(-1, 3)
     order = np.lexsort((feet.face[which], feet.distance[which], feet.query[which]))
     which, point = which[order], np.ldexp(point[order], cells.power)
     again = np.zeros(len(which), dtype=bool)
-    one = np.zeros(len(which)) if lattice.dual else limit_faces.face[feet.face[which]]
+    one = limit_faces.face[feet.face[which]]
     for step in range(1, len(which)):
         a, b = which[:-step], which[step:]
         near = feet.query[a] == feet.query[b]

@@ -80,9 +80,6 @@ def refuse_open(surface: LimitSurface) -> None:
 def shared(surface: LimitSurface, face: Array, u: Array, v: Array) -> Shared:
     """All limit faces that places (Q,) on sides of limit faces belong to; none for others."""
     lattice, mesh = surface.topology.lattice, surface.mesh
-    none = np.zeros(0, dtype=np.int64)
-    if lattice.dual:
-        return Shared(none, none, none.astype(float), none.astype(float), none.astype(bool))
     corner = surface.limit_faces.corner[face]
     first = mesh.offsets[surface.limit_faces.face[face]]
     own, half, along = [], [], []
