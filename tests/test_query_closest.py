@@ -520,6 +520,14 @@ def test_feet_are_reported_once(scheme):
     found = ls.feet(surface, on + 0.01 * normal, within=0.0100001)
     assert np.diff(found.offsets).tolist() == [1] * len(on)
     assert np.abs(found.point - on).max() < 1e-9
+    # and all along sides, where rounding puts feet beside them
+    rng = np.random.default_rng(0)
+    face, (u, v) = rng.integers(0, len(surface.limit_faces), 40), rng.random((2, 40))
+    u = np.where(np.arange(40) % 2, u, np.round(u))
+    v = np.where(np.arange(40) % 2, np.round(v), v)
+    on, normal = (f(face, u, v) for f in (surface.evaluate, surface.normal))
+    found = ls.feet(surface, on + 0.01 * normal, within=0.0100001)
+    assert np.diff(found.offsets).tolist() == [1] * 40
 
 
 @pytest.mark.parametrize("scheme", ["catmull-clark", "doo-sabin"])

@@ -348,21 +348,16 @@ def _leave_saddles(
 
 
 def _apart(surface: LimitSurface, cells: Cells, feet: Feet) -> Array:
-    """Feet, less those that others on a smaller limit face are too, across lines of no edge.
-
-    These are between the limit faces of one face of the cage.
-    """
-    limit_faces = surface.limit_faces
+    """Feet, less those beside sides that others on a smaller limit face across are too."""
     edges = np.array(cells.lattice.edges, dtype=float)
     place = np.stack([np.ones(len(feet.u)), feet.u, feet.v])
     on = (edges @ place).min(axis=0, initial=np.inf) <= _ALIKE
-    on &= limit_faces.corner[feet.face] >= 0
     which = np.flatnonzero(on)
     point = surface.evaluate(feet.face[which], feet.u[which], feet.v[which]).reshape(-1, 3)
     order = np.lexsort((feet.face[which], feet.distance[which], feet.query[which]))
     which, point = which[order], np.ldexp(point[order], cells.power)
     again = np.zeros(len(which), dtype=bool)
-    one = limit_faces.face[feet.face[which]]
+    cage = surface.limit_faces.face[feet.face[which]]
     for step in range(1, len(which)):
         a, b = which[:-step], which[step:]
         near = feet.query[a] == feet.query[b]
@@ -370,7 +365,8 @@ def _apart(surface: LimitSurface, cells: Cells, feet: Feet) -> Array:
         if not near.any():
             break
         near &= np.abs(point[:-step] - point[step:]).max(axis=1) <= 16 * _STAYS
-        near &= (one[:-step] == one[step:]) & (feet.face[a] != feet.face[b])
+        near &= feet.face[a] != feet.face[b]
+        near[near] = _touch(surface, cage[:-step][near], cage[step:][near])
         # (the later in this order is not always that on the larger face)
         later = feet.face[b] > feet.face[a]
         again[step:] |= near & later
@@ -378,6 +374,18 @@ def _apart(surface: LimitSurface, cells: Cells, feet: Feet) -> Array:
     drop = np.zeros(len(feet.u), dtype=bool)
     drop[which[again]] = True
     return np.flatnonzero(~drop)
+
+
+def _touch(surface: LimitSurface, one: Array, other: Array) -> Array:
+    """Whether faces of the cage (n,) have vertices in common with others, or are the same."""
+    mesh = surface.mesh
+    known = np.sort(mesh.indices * mesh.n_faces + mesh.corner_face)
+    each = mesh.sizes[one]
+    owner = np.repeat(np.arange(len(one)), each)
+    step = np.arange(len(owner)) - np.repeat(np.cumsum(each) - each, each)
+    key = mesh.indices[mesh.offsets[one][owner] + step] * mesh.n_faces + other[owner]
+    there = known[np.minimum(np.searchsorted(known, key), len(known) - 1)] == key
+    return np.bincount(owner[there], minlength=len(one)) > 0
 
 
 def _snap(surface: LimitSurface, cells: Cells, feet: Feet, level: Array) -> None:
