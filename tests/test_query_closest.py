@@ -11,7 +11,7 @@ import zoo
 import zoo_triangles
 
 import limitsurf as ls
-from limitsurf.query import closest
+from limitsurf.query import closest, nearest, sides
 from limitsurf.query.index import Cells
 
 CUBE = zoo.cube()
@@ -401,6 +401,8 @@ def test_bounds_refuse():
         ls.bounds(surface, 0, [0.5, 0.2])
     with pytest.raises(ValueError, match="above 0"):
         ls.bounds(surface, tolerance=0.0)
+    with pytest.raises(TypeError, match="tolerance must be a number, got str"):
+        ls.bounds(surface, tolerance="x")
     box = ls.bounds(made((*CUBE, {"holes": [0]})))
     assert np.isinf(box.lower[0]).all()
     assert np.isfinite(box.lower[1:]).all()
@@ -423,3 +425,117 @@ def test_channels_are_surfaces_too():
     assert np.allclose(twice.upper, 2 * once.upper, rtol=0, atol=4e-6)
     with pytest.raises(ValueError, match=r"values of shape \(n, 3\)"):
         ls.feet(surface, [[0.0, 0, 0]], within=1, channel="one")
+
+
+def test_a_thin_surface_ends():
+    # squared distances along its folds are long and narrow valleys, along no parameter
+    rng = np.random.default_rng(0)
+    points, faces, *_ = zoo_triangles.ZOO["torus_3x4"]()
+    points = np.asarray(points, dtype=float)
+    points = (points + rng.normal(size=points.shape) * np.ptp(points, axis=0).max() / 2) * [
+        1, 0.01, 1,
+    ]  # fmt: skip
+    surface = made((points, faces), scheme="loop")
+    asked = points.mean(axis=0) + rng.normal(size=(4, 3))[:2] * np.ptp(points, axis=0) * 0.3
+    found = ls.closest_point(surface, asked)
+    u, v = np.meshgrid(*2 * [np.linspace(0, 1, 65)])
+    u, v = u[u + v <= 1], v[u + v <= 1]
+    near = surface.evaluate(np.arange(len(surface.limit_faces))[:, None], u, v).reshape(-1, 3)
+    brute = np.sqrt(((near - asked[:, None]) ** 2).sum(axis=2)).min(axis=1)
+    assert (found.distance <= brute + 1e-13).all()
+    assert (found.distance >= brute - 1e-3).all()
+
+
+def test_memory_does_not_grow_with_pairs(monkeypatch):
+    surface = ls.LimitSurface(ls.refined(ls.Mesh(*CUBE), levels=2), engine="reference")
+    monkeypatch.setattr(nearest, "_BATCH", 256)
+    seen = []
+
+    def count(self, pairs):
+        seen.append((len(pairs), sum(map(len, self._pending[0]))))
+
+    monkeypatch.setattr(nearest.Search, "_cells", count)
+    ls.feet(surface, np.full((50, 3), 0.5), within=2.0)  # all cells of all
+    counts, pending = np.transpose(seen)
+    assert counts.sum() >= 50 * len(surface.limit_faces)
+    assert pending.max() <= 4 * 256
+
+
+@pytest.mark.parametrize(
+    ("name", "nu"), [("cube", (1, 0)), ("pole", (1, 1)), ("loop_dart", (0, 1))]
+)
+def test_bounds_of_derivatives_beside_special_corners(name, nu):
+    surface = CAGES[name]()
+    for low, high in ((1e-4, 0.05), (0.001, 0.0011)):
+        u, v = np.meshgrid(*2 * [np.linspace(low, high, 9)])
+        box = ls.bounds(surface, 0, [low, high], [low, high], nu=nu, tolerance=1e-3)
+        slope = surface.evaluate(0, u.ravel(), v.ravel(), nu=nu)
+        assert (box.lower <= slope.min(axis=0)).all()
+        assert (box.upper >= slope.max(axis=0)).all()
+        assert np.isfinite(box.lower).all()
+    assert (box.upper - box.lower <= np.ptp(slope, axis=0) * 1.5 + 3e-3).all()
+
+
+def test_points_on_a_closed_surface_are_outside(monkeypatch):
+    cage = ls.Mesh(*CUBE, creases=SHARP)
+    surface = ls.LimitSurface(ls.refined(cage, levels=1), engine="reference")
+    monkeypatch.setattr(sides, "tessellate", None)  # no need of solid angles
+    on = surface.evaluate(*places(surface, 60, 0))
+    found = ls.closest_point(surface, on, signed=True)
+    assert (np.signbit(found.distance) == 0).all()
+    far = ls.closest_point(surface, [[0.5, 0.5, 0.5], [9, 9, 9]], signed=True, max_distance=0.1)
+    assert (far.distance == np.inf).all()
+
+
+def test_points_of_no_face_do_not_count():
+    asked = queries(made(CUBE), 6)
+    points = np.concatenate([CUBE[0], [[1e12] * 3]])
+    one, other = (ls.closest_point(made((p, CUBE[1])), asked) for p in (CUBE[0], points))
+    for name in ("distance", "face", "u", "v"):
+        assert (getattr(one, name) == getattr(other, name)).all()
+    box = ls.bounds(made((points, CUBE[1])), tolerance=1e-6)
+    assert (box.upper - box.lower < 1).all()
+
+
+def test_feet_are_no_saddles():
+    # z = x y, from above: a saddle in the middle of a face, then on an edge
+    for shift in (5.5, 5.0):
+        i, j = (x.ravel() - y for x, y in zip(np.mgrid[:12, :12], (5.5, shift), strict=True))
+        surface = made((np.stack([i, j, i * j], axis=1), zoo.grid(11, 11)[1]))
+        found = ls.feet(surface, [[0, 0, 2.0]], within=2.1)
+        assert np.allclose(found.distance, [3**0.5] * 2, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("scheme", ["catmull-clark", "doo-sabin", "bilinear"])
+def test_feet_are_reported_once(scheme):
+    surface = made(zoo.prism(5), scheme=scheme)
+    if scheme == "doo-sabin":
+        at = [(0, 0.0, 0.5), (0, 0.0, 0.0), (0, 1.0, 1.0)]
+    else:
+        at = [(0, 1.0, 0.5), (0, 1.0, 1.0), (1, 0.3, 1.0), (0, 0.4, 0.0)]
+    face, u, v = np.transpose(at)
+    on, normal = (f(face.astype(int), u, v) for f in (surface.evaluate, surface.normal))
+    if scheme == "bilinear":
+        on, normal = on[:3], normal[:3]
+    found = ls.feet(surface, on + 0.01 * normal, within=0.0100001)
+    assert np.diff(found.offsets).tolist() == [1] * len(on)
+    assert np.abs(found.point - on).max() < 1e-9
+    # and all along sides, where rounding puts feet beside them
+    rng = np.random.default_rng(0)
+    face, (u, v) = rng.integers(0, len(surface.limit_faces), 40), rng.random((2, 40))
+    u = np.where(np.arange(40) % 2, u, np.round(u))
+    v = np.where(np.arange(40) % 2, np.round(v), v)
+    on, normal = (f(face, u, v) for f in (surface.evaluate, surface.normal))
+    found = ls.feet(surface, on + 0.01 * normal, within=0.0100001)
+    assert np.diff(found.offsets).tolist() == [1] * 40
+
+
+@pytest.mark.parametrize("scheme", ["catmull-clark", "doo-sabin"])
+def test_feet_on_boundaries(scheme):
+    surface = made(zoo.grid(3, 3)[:2], scheme=scheme)
+    asked = [[-2, 1.3, 0.5], [-1, -1, 0.3], [1.5, 5, 0]]
+    found, near = ls.feet(surface, asked, within=5), ls.closest_point(surface, asked)
+    assert np.diff(found.offsets).min() == 1
+    first = found.offsets[:-1]
+    assert np.allclose(found.distance[first], near.distance, rtol=0, atol=1e-14)
+    assert (found.face[first] == near.face).all()

@@ -71,8 +71,8 @@ def bounds(
         Ranges (..., 2), least and most, which broadcast with `face`; in triangles what of them is
         on the face. All of the face by default.
     nu : (int, int)
-        Order of the derivative in u and in v to bound, instead of the position. Where it has none
-        at a special corner, or is not known to be bounded there, the box is infinite.
+        Order of the derivative in u and in v to bound, instead of the position. The box of a range
+        that touches a special corner is infinite: there it may have none, or grow without bounds.
     tolerance : float, optional
         By how much a box may be too large on each side, in the units of the points. By default as
         much as it is after little work: for whole faces the hulls of their cells.
@@ -105,6 +105,9 @@ def bounds(
     surface = checked_surface(surface, channel)
     index = Cells.of(surface, threads(workers))
     order = checked_order(nu)
+    real = isinstance(tolerance, (int, float, np.integer, np.floating))
+    if tolerance is not None and (isinstance(tolerance, bool) or not real):
+        raise TypeError(f"tolerance must be a number, got {type(tolerance).__name__}")
     if tolerance is not None and not tolerance > 0:
         raise ValueError(f"tolerance must be above 0, got {tolerance}")
     ranges = [_range(name, x) for name, x in (("u", u), ("v", v))]
@@ -166,9 +169,7 @@ class _Boxes:
         frame[:, 1, 0], frame[:, 2, 1] = index.size[leaf].T
         cell = ~corner
         at = leaf[cell]
-        steep = (2 * self._form.degree / np.abs(index.size[at])) ** self._order
-        np.maximum.at(self._lost, box[cell], _LOST * steep.prod(axis=1))
-        points = self._derived(index.points[at], index.size[at])
+        points = self._derived(box[cell], index.points[at], index.size[at])
         self._cells(*self._clipped(box[cell], points, frame[cell]))
         self._corners(box[corner], leaf[corner] - n)
         power, lost = -index.power, self._lost[:, None]
@@ -178,8 +179,10 @@ class _Boxes:
                 for x, way in ((self.lower - lost, -np.inf), (self.upper + lost, np.inf))
             )
 
-    def _derived(self, points: Array, size: Array) -> Array:
+    def _derived(self, box: Array, points: Array, size: Array) -> Array:
         """Coefficients of the derivative in u and v of cells (n, ., 3) of sizes (n, 2)."""
+        steep = (2 * self._form.degree / np.abs(size)) ** self._order
+        np.maximum.at(self._lost, box, _LOST * steep.prod(axis=1))
         _, s, t, *_ = self._form.derivatives
         for matrix, times, axis in ((s, self._order[0], 0), (t, self._order[1], 1)):
             for _ in range(times):
@@ -289,17 +292,22 @@ class _Boxes:
             frame[:, 1, 0], frame[:, 2, 1] = (size * half).T
             within, meets = self._where(box, frame)
             box, which, leaf, within = (x[meets] for x in (box, which, leaf, within))
+            at = origin[meets] + size[meets] * ends[meets]
+            on = ((at >= self._low[box]) & (at <= self._high[box])).all(axis=1)
             if any(self._order):
-                self._add(box, np.full((len(box), 3), -np.inf), np.full((len(box), 3), np.inf))
-                return
+                deep = on | (ring >= _MOST)
+                endless = np.full((int(deep.sum()), 3), np.inf)
+                self._add(box[deep], -endless, endless)
+                box, which, leaf = box[~deep], which[~deep], leaf[~deep]
+                self._ring(box, which, leaf, ring)
+                ring += 1
+                continue
             limit, axes = beyond.limits[which], np.eye(3)
             rings = np.full(len(box), ring)
             reach = np.stack(
                 [beyond.reach(which, rings, np.tile(x, (len(box), 1)))[1] for x in axes], axis=1
             )
             lower, upper = limit - reach, limit + reach
-            at = index.origin[leaf] + index.size[leaf] * self._form.ends[beyond.corner(which)]
-            on = ((at >= self._low[box]) & (at <= self._high[box])).all(axis=1)
             self._add(box[on], limit[on], limit[on], inner=True)
             if self._tolerance is None:
                 more = ~within & (ring < _SPLITS)
@@ -320,13 +328,19 @@ class _Boxes:
         index = self._index
         found = index.beyond.cells(which, np.full(len(which), ring))
         pieces, size = found.points.shape[1], index.size[leaf][:, None]
-        frame = np.zeros((len(which), pieces, 3, 2))
+        frame: Array = np.zeros((len(which), pieces, 3, 2))
         frame[:, :, 0] = index.origin[leaf][:, None] + size * found.origin
         frame[:, :, [1, 2], [0, 1]] = size * found.size
         points = index.beyond.limits[which][:, None, None] + found.points
         boxes = np.repeat(box, pieces)
-        points = points.reshape(-1, self._form.size, 3)
-        self._cells(*self._clipped(boxes, points, frame.reshape(-1, 3, 2)))
+        points, frame = points.reshape(-1, self._form.size, 3), frame.reshape(-1, 3, 2)
+        _, meets = self._where(boxes, frame)
+        boxes, points, frame = boxes[meets], points[meets], frame[meets]
+        if any(self._order):
+            points = self._derived(
+                boxes, points, np.stack([frame[:, 1, 0], frame[:, 2, 1]], axis=1)
+            )
+        self._cells(*self._clipped(boxes, points, frame))
 
 
 def _beyond(side: Array, corners: Array) -> tuple[Array, Array]:

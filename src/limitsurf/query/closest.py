@@ -13,7 +13,15 @@ from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.nearest import POINT, SAME, Feet, Search, in_plane
-from limitsurf.query.sides import around_vertex, beside_edge, refuse_open, shared, sides
+from limitsurf.query.sides import (
+    Shared,
+    around_vertex,
+    beside_edge,
+    falls_nearby,
+    refuse_open,
+    shared,
+    sides,
+)
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -86,7 +94,8 @@ def closest_point(
     channel : str, optional
         A face-varying channel of three columns, to search instead of the points.
     workers : int
-        Threads, as for `LimitSurface.evaluate`; answers do not depend on it.
+        Threads, as for `LimitSurface.evaluate`; answers do not depend on it. (They may depend in
+        their last digits, within what is said of distances, on what else is asked with a point.)
 
     Returns
     -------
@@ -106,16 +115,20 @@ def closest_point(
 
     Notes
     -----
-    Distances are within 1e-13 of the largest coordinate. Limit faces are cut into Bezier cells
-    (`SurfaceIndex`), which are the surface exactly; around special corners their rings go as deep
-    as it takes. Cells are halved until the Bernstein coefficients of the squared distance say that
-    they are too far, or have one foot, which Newton's method finds; so nothing nearer is missed.
+    Distances are within 1e-13 of the largest coordinate of the points that the surface depends on.
+    Limit faces are cut into Bezier cells (`SurfaceIndex`), which are the surface exactly; around
+    special corners their rings go as deep as it takes. Cells are halved until the Bernstein
+    coefficients of the squared distance say that they are too far, or have one foot, which Newton's
+    method finds; so nothing nearer is missed.
     (Where faces are squeezed into a curve, along which there are feet without end, small cells are
     left to Newton's method alone.) A point that is as far from many places, as the centre of a
-    ball, costs more.
+    ball, costs more: from 2000 cells of one point on, its cells that cannot be nearer by more than
+    rounding are left to Newton's method as well, and for every 2000 more by twice that. So a
+    search ends, and what it found is nearest up to that, 2e-12 after 20 000 cells.
 
     A sign is that of the side of the foot: of its normal, of the sum of both normals on an edge, of
-    the normals around a vertex by their angles (Baerentzen and Aanaes 2005). All this is derived in
+    the normals around a vertex by their angles (Baerentzen and Aanaes 2005); points on the surface,
+    up to rounding, are outside. All this is derived in
     ``derivations/closest.py``.
 
     Examples
@@ -155,16 +168,16 @@ def closest_point(
     point[known] = surface.evaluate(*places, workers=workers)
     normal[known] = surface.normal(*places, workers=workers)
     distance[known] = _lengths(flat[known] - point[known])
-    if signed:
-        feet_ = places, point[known], normal[known]
-        signs = np.ones(len(flat))
-        signs[known] = sides(surface, flat[known], *feet_)
     beyond = np.flatnonzero(distance > most)
     face[beyond], distance[beyond] = -1, np.inf
     for x in (u, v, point, normal):
         x[beyond] = np.nan
     if signed:
-        distance = distance * signs
+        known = np.flatnonzero(face >= 0)
+        distance[known] *= sides(
+            surface, cells, flat[known], (face[known], u[known], v[known]),
+            point[known], normal[known],
+        )  # fmt: skip
     distance, face, u, v = (x.reshape(shape)[()] for x in (distance, face, u, v))
     point, normal = (x.reshape(*shape, 3) for x in (point, normal))
     return ClosestPoints(point, distance, face, u, v, normal)
@@ -304,13 +317,75 @@ def _local(surface: LimitSurface, cells: Cells, feet: Feet, points: Array) -> Fe
         goes[at] = (low[at] >= -_LEVEL) & (stays[at] | (high[at] > _STEEP))
         own = np.unique(around.owner)
         stays[own] = goes[own]
+    _leave_saddles(surface, cells, feet, points, around, stays)
+    if len(around.owner):
         # all of the same place are the one on the smallest limit face
         order = np.lexsort((around.u, around.v, around.face, around.owner))
         owner, first = np.unique(around.owner[order], return_index=True)
         for array, values in ((feet.face, around.face), (feet.u, around.u), (feet.v, around.v)):
             array[owner] = values[order[first]]
     feet = feet[np.flatnonzero(stays)]
-    return feet[_once(feet)]
+    feet = feet[_once(feet)]
+    return feet[_apart(surface, cells, feet)]
+
+
+def _leave_saddles(
+    surface: LimitSurface, cells: Cells, feet: Feet, points: Array, around: Shared, stays: Array
+) -> None:
+    """Of feet beside vertices, in `stays`, those from which the distance falls some way are not."""
+    inner = stays.copy()
+    inner[around.owner[around.corner]] = False
+    own, sides_ = np.flatnonzero(inner), inner[around.owner]
+    owner = np.concatenate([own, around.owner[sides_]])
+    face, u, v = (
+        np.concatenate([getattr(feet, x)[own], getattr(around, x)[sides_]])
+        for x in ("face", "u", "v")
+    )
+    distance = feet.distance[owner]
+    few, rounding = _STAYS * (1 + distance), 4 * SAME * (1 + distance)
+    falls = falls_nearby(surface, cells, (face, u, v), points[feet.query[owner]], few, rounding)
+    stays[owner[falls]] = False
+
+
+def _apart(surface: LimitSurface, cells: Cells, feet: Feet) -> Array:
+    """Feet, less those beside sides that others on a smaller limit face across are too."""
+    edges = np.array(cells.lattice.edges, dtype=float)
+    place = np.stack([np.ones(len(feet.u)), feet.u, feet.v])
+    on = (edges @ place).min(axis=0, initial=np.inf) <= _ALIKE
+    which = np.flatnonzero(on)
+    point = surface.evaluate(feet.face[which], feet.u[which], feet.v[which]).reshape(-1, 3)
+    order = np.lexsort((feet.face[which], feet.distance[which], feet.query[which]))
+    which, point = which[order], np.ldexp(point[order], cells.power)
+    again = np.zeros(len(which), dtype=bool)
+    cage = surface.limit_faces.face[feet.face[which]]
+    for step in range(1, len(which)):
+        a, b = which[:-step], which[step:]
+        near = feet.query[a] == feet.query[b]
+        near &= feet.distance[b] - feet.distance[a] <= 4 * SAME * (1 + feet.distance[a])
+        if not near.any():
+            break
+        near &= np.abs(point[:-step] - point[step:]).max(axis=1) <= 16 * _STAYS
+        near &= feet.face[a] != feet.face[b]
+        near[near] = _touch(surface, cage[:-step][near], cage[step:][near])
+        # (the later in this order is not always that on the larger face)
+        later = feet.face[b] > feet.face[a]
+        again[step:] |= near & later
+        again[:-step] |= near & ~later
+    drop = np.zeros(len(feet.u), dtype=bool)
+    drop[which[again]] = True
+    return np.flatnonzero(~drop)
+
+
+def _touch(surface: LimitSurface, one: Array, other: Array) -> Array:
+    """Whether faces of the cage (n,) have vertices in common with others, or are the same."""
+    mesh = surface.mesh
+    known = np.sort(mesh.indices * mesh.n_faces + mesh.corner_face)
+    each = mesh.sizes[one]
+    owner = np.repeat(np.arange(len(one)), each)
+    step = np.arange(len(owner)) - np.repeat(np.cumsum(each) - each, each)
+    key = mesh.indices[mesh.offsets[one][owner] + step] * mesh.n_faces + other[owner]
+    there = known[np.minimum(np.searchsorted(known, key), len(known) - 1)] == key
+    return np.bincount(owner[there], minlength=len(one)) > 0
 
 
 def _snap(surface: LimitSurface, cells: Cells, feet: Feet, level: Array) -> None:

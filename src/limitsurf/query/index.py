@@ -14,6 +14,7 @@ from limitsurf.caching import cached_property
 from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.engine.topology import Topology
+from limitsurf.patches import NO_LIMIT
 from limitsurf.pieces.beyond import Beyond
 from limitsurf.pieces.cells import cut
 from limitsurf.query.polynomials import Form
@@ -90,8 +91,8 @@ class Cells:
     lattice : Lattice
     form : Form
     power : int
-        Points of the cage are multiplied by 2 to this power, so that the largest coordinate is
-        about 1: the unit of all that follows, and of searches.
+        Points of the cage are multiplied by 2 to this power, so that the largest coordinate of
+        those that the surface depends on is about 1: the unit of all that follows, and of searches.
     face : (C + R,) int64
         Limit faces of C cells, then of R special corners.
     origin, size : (C + R, 2)
@@ -106,13 +107,15 @@ class Cells:
     def __init__(self, surface: LimitSurface, workers: int) -> None:
         topology, points = surface.topology, surface.points
         self.lattice = topology.lattice
-        largest = np.abs(points).max(initial=0)
+        used = _used(surface)
+        largest = np.abs(points[used]).max(initial=0)
         if not np.isfinite(largest):
             raise ValueError("the points of the cage must be finite")
         self.power = -int(np.frexp(largest)[1]) if largest else 0
         faces = np.arange(len(surface.limit_faces))
         depth = _RINGS - (surface.limit_faces.corner >= 0)
-        scheme, scaled = topology.rules.scheme, np.ldexp(points, self.power)
+        scheme, scaled = topology.rules.scheme, np.zeros(points.shape)
+        scaled[used] = np.ldexp(points[used], self.power)
 
         def divided(jobs: int, work: Callable[[slice], Any]) -> Iterator[Any]:
             return over_chunks(jobs, workers, work, 1)
@@ -163,23 +166,11 @@ class Cells:
         tree = cKDTree(points, balanced_tree=False, compact_nodes=False) if len(points) else None
         return tree, middle
 
-    def near(self, points: Array, within: Array) -> tuple[Array, Array]:
-        """Pairs of points (Q, 3) and leaves whose boxes are within distances (Q,): two (P,)."""
-        levels = self.levels
-        query = np.repeat(np.arange(len(points)), len(levels[0][0]))
-        node = np.tile(np.arange(len(levels[0][0])), len(points))
-        square = within**2
-        for depth, (lower, upper) in enumerate(levels):
-            if depth:
-                node = (_WIDTH * node[:, None] + np.arange(_WIDTH)).ravel()
-                query = np.repeat(query, _WIDTH)
-                inside = node < len(lower)
-                node, query = node[inside], query[inside]
-            at = points[query]
-            gap = np.maximum(np.maximum(lower[node] - at, at - upper[node]), 0)
-            keep = np.flatnonzero(np.einsum("qd,qd->q", gap, gap) <= square[query])
-            query, node = query[keep], node[keep]
-        return query, self.order[node]
+    def children(self, node: Array, query: Array, level: int) -> tuple[Array, Array]:
+        """Boxes that those of a level hold, and the queries of each, (n,) both."""
+        node = (_WIDTH * node[:, None] + np.arange(_WIDTH)).ravel()
+        inside = node < len(self.levels[level + 1][0])
+        return node[inside], np.repeat(query, _WIDTH)[inside]
 
 
 def checked_surface(surface: Any, channel: str | None = None) -> LimitSurface:
@@ -193,6 +184,19 @@ def checked_surface(surface: Any, channel: str | None = None) -> LimitSurface:
     if numbers.type_of(found.points).exact:
         raise TypeError("distances need square roots: give float64 points")
     return found
+
+
+def _used(surface: LimitSurface) -> Array:
+    """Vertices of faces that have a limit, and of the faces around these."""
+    mesh, limit_faces = surface.mesh, surface.limit_faces
+    known = surface.patches.codes[: len(limit_faces)] != NO_LIMIT
+    face = np.zeros(mesh.n_faces, dtype=bool)
+    face[limit_faces.face[known]] = True
+    for _ in range(2):
+        vertex = np.zeros(mesh.n_vertices, dtype=bool)
+        vertex[mesh.indices[face[mesh.corner_face]]] = True
+        face[mesh.corner_face[vertex[mesh.indices]]] = True
+    return np.flatnonzero(vertex)
 
 
 def _morton(lower: Array, upper: Array) -> Array:

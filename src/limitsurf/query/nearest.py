@@ -32,6 +32,12 @@ _STEPS = 24  # of Newton's method, at most
 # of so many cells of a query none is halved that is smaller, and where the determinant of second
 # derivatives of D is less, of the product of two of them, or one of these less, of the other
 _CROWD, _TINY, _CURVE, _FLAT = 64, 2.0**-8, 0.05, 1e-3
+# after so many cells of a query these are halved across their longer side in parameters, so that
+# second derivatives of D are about constant in them: a surface that is thin has long valleys of D
+_THIN = 1 << 10
+# of each query so many cells are looked at before what is left open may be more than SAME, and
+# that many again for each doubling
+_BUDGET = 1 << 11
 _DEEPEST = 160  # rings, where nothing bounds what remains
 
 
@@ -112,6 +118,18 @@ class _Rests:
         return _Rests(*(getattr(self, x)[which] for x in self.__slots__))
 
 
+@dataclass(slots=True)
+class _Nodes:
+    """Queries and boxes of one level of the hierarchy, (N,)."""
+
+    query: Array
+    node: Array
+    level: int
+
+    def __len__(self) -> int:
+        return len(self.query)
+
+
 P = TypeVar("P", "_Pairs", "_Rests")
 
 
@@ -144,6 +162,8 @@ class Search:
         self._lattice = index.lattice
         self.best = within.copy()
         self._found: list[Feet] = []
+        self._looked = np.zeros(len(points), dtype=np.int64)  # at how many cells
+        self._nodes: list[_Nodes] = []
         # what is yet to be looked at: cells, what is beyond them at corners, sides of cells
         self._pending: tuple[list[_Pairs], list[_Rests], list[_Pairs]] = ([], [], [])
 
@@ -152,22 +172,53 @@ class Search:
         index = self._index
         if not self._every:
             self._seed()
-        query, leaf = index.near(self._points, self._reach(self.best))
-        corner = leaf >= len(index.points)
-        self._push_cells(query[~corner], leaf[~corner])
-        if corner.any():
-            which = leaf[corner] - len(index.points)
-            rests = _Rests(query[corner], which, np.zeros(len(which), dtype=np.int64))
-            self._pending[1].append(rests)
+        first, every = index.levels[0][0], np.arange(len(self._points))
+        for start in range(0, len(every), _BATCH):
+            some = every[start : start + _BATCH]
+            node = np.tile(np.arange(len(first)), len(some))
+            self._nodes.append(_Nodes(np.repeat(some, len(first)), node, 0))
         cells, corners, sides = self._pending
-        while cells or corners or sides:
-            if cells:
+        # (boxes are opened when little else is pending, so that memory does not grow with pairs)
+        while self._nodes or cells or corners or sides:
+            ready = sum(map(len, cells)) >= _BATCH // 2
+            if sum(map(len, sides)) >= _BATCH:
+                self._curves(_taken(sides, _BATCH))
+            elif not ready and sum(map(len, corners)) >= _BATCH:
+                self._corners(_taken(corners, _BATCH // 16))
+            elif not ready and self._nodes:
+                self._open(self._nodes.pop())
+            elif cells:
                 self._cells(_taken(cells, _BATCH))
             elif corners:
                 self._corners(_taken(corners, _BATCH // 16))
             else:
                 self._curves(_taken(sides, _BATCH))
         return Feet.joined(self._found)
+
+    def _open(self, nodes: _Nodes) -> None:
+        """Boxes that are near enough: those in them, or the cells and corners that they are of."""
+        index, level = self._index, nodes.level
+        lower, upper = index.levels[level]
+        query, node = nodes.query, nodes.node
+        if len(node) > _BATCH:
+            self._nodes.append(_Nodes(query[_BATCH:], node[_BATCH:], level))
+            query, node = query[:_BATCH], node[:_BATCH]
+        at = self._points[query]
+        gap = np.maximum(np.maximum(lower[node] - at, at - upper[node]), 0)
+        near = np.einsum("qd,qd->q", gap, gap) <= self._reach(self.best[query]) ** 2
+        query, node = query[near], node[near]
+        if level + 1 < len(index.levels):
+            node, query = index.children(node, query, level)
+            if len(node):
+                self._nodes.append(_Nodes(query, node, level + 1))
+            return
+        leaf = index.order[node]
+        corner = leaf >= len(index.points)
+        self._push_cells(query[~corner], leaf[~corner])
+        if corner.any():
+            which = leaf[corner] - len(index.points)
+            rests = _Rests(query[corner], which, np.zeros(len(which), dtype=np.int64))
+            self._pending[1].append(rests)
 
     def _reach(self, best: Array) -> Array:
         """Distances up to which places count: what rounding may have done is added."""
@@ -201,16 +252,13 @@ class Search:
 
     def _push_cells(self, query: Array, cell: Array) -> None:
         index = self._index
-        for start in range(0, len(query), _BATCH):
-            part = slice(start, start + _BATCH)
-            q, c = query[part], cell[part]
-            points = index.points[c]
-            first = points[:, :1].copy()
-            frame = np.zeros((len(c), 3, 2))
-            frame[:, 0] = index.origin[c]
-            frame[:, 1, 0], frame[:, 2, 1] = index.size[c].T
-            base = first[:, 0] - self._points[q]
-            self._push(_Pairs(q, index.face[c], base, points - first, frame))
+        points = index.points[cell]
+        first = points[:, :1].copy()
+        frame = np.zeros((len(cell), 3, 2))
+        frame[:, 0] = index.origin[cell]
+        frame[:, 1, 0], frame[:, 2, 1] = index.size[cell].T
+        base = first[:, 0] - self._points[query]
+        self._push(_Pairs(query, index.face[cell], base, points - first, frame))
 
     def _push(self, pairs: _Pairs) -> None:
         if len(pairs):
@@ -337,6 +385,8 @@ class Search:
         low, d, lost = self._differences(pairs)
         keep = self._alive(pairs, low, lost)
         pairs, low, d, lost = pairs[keep], low[keep], d[keep], lost[keep]
+        keep = self._worth(pairs, low, form.corners)
+        pairs, low, d, lost = pairs[keep], low[keep], d[keep], lost[keep]
         twice = Form.of(self._lattice, 2 * form.degree)
         pairs, d, lost = self._at_corner(pairs, d, lost, low, twice.corners, form)
         if not len(pairs):
@@ -360,6 +410,26 @@ class Search:
         convex &= rest
         self._newton(pairs, np.flatnonzero(convex))
         self._halve(pairs[rest & ~convex])
+
+    def _worth(self, pairs: _Pairs, low: Array, corners: Array) -> Array:
+        """Which cells are worth halving; the others, of queries with very many, are settled.
+
+        Those can be nearer than what is known by a small share of the distance alone.
+        """
+        self._looked += np.bincount(pairs.query, minlength=len(self.best))
+        times = self._looked[pairs.query] // _BUDGET
+        if not times.any():
+            return np.arange(len(pairs))
+        base = (pairs.base**2).sum(axis=1)
+        least = np.sqrt(np.maximum(base + low, 0))
+        most = self.best[pairs.query]
+        if self._every:
+            gap = pairs.points[:, corners] + pairs.base[:, None]
+            most = np.sqrt((gap**2).sum(axis=2).min(axis=1))
+        spare = np.ldexp(SAME * (1 + most), np.minimum(times, 60))
+        left = (times > 0) & (most - least <= spare)
+        self._settle(pairs[left])
+        return np.flatnonzero(~left)
 
     def _at_corner(
         self, pairs: _Pairs, d: Array, lost: Array, low: Array, corners: Array, form: Form
@@ -450,8 +520,8 @@ class Search:
             return
         form = self._form
         ends = pairs.points[:, form.corners]
+        a, b = form.across.T
         if len(form.ends) == 3:
-            a, b = form.across.T
             span = ((ends[:, a] - ends[:, b]) ** 2).sum(axis=2)
         else:
             n = form.degree + 1
@@ -463,6 +533,9 @@ class Search:
                 ],
                 axis=1,
             )
+        thin = np.flatnonzero(self._looked[pairs.query] > _THIN)
+        at = np.matmul(form.ends, pairs.frame[thin, 1:])
+        span[thin] = ((at[:, a] - at[:, b]) ** 2).sum(axis=2)
         way = span.argmax(axis=1)
         self._push(pairs.halved(form.halves[way], form.frames[way]))
 

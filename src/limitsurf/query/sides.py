@@ -4,21 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.patches import NO_LIMIT
 from limitsurf.query.index import Cells
+from limitsurf.query.nearest import SAME
 from limitsurf.query.tessellation import tessellate
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
 
 _NEAR = 2.0**-16  # of a face: as far from a vertex a cone stands for the faces around it
+_WAYS = 16  # in which distances are compared around a place
 _SPOKES = 8  # triangles of such a cone in each face
 _CLEAR = 1e-9  # cosines that say on which side of a plane something is
 _SEGMENTS = 16  # of faces, where a side is told by the solid angle that they cover
+_AT_ONCE = 1 << 16  # triangles times points that are in memory at once
+
+_triangles: WeakKeyDictionary[LimitSurface, Array] = WeakKeyDictionary()  # (3, n, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +35,7 @@ class Shared:
     face: Array
     u: Array
     v: Array
-    corner: Array  # whether it is a vertex of the cage
+    corner: Array  # whether it is a vertex of the cage, or the middle of a face
 
     def some(self, which: Array) -> Shared:
         """Some of them."""
@@ -72,14 +78,8 @@ def refuse_open(surface: LimitSurface) -> None:
 
 
 def shared(surface: LimitSurface, face: Array, u: Array, v: Array) -> Shared:
-    """All limit faces that places (Q,) on sides of limit faces belong to; none for others.
-
-    Places on lines inside faces of the cage, between the limit faces of one, are not on sides.
-    """
+    """All limit faces that places (Q,) on sides of limit faces belong to; none for others."""
     lattice, mesh = surface.topology.lattice, surface.mesh
-    none = np.zeros(0, dtype=np.int64)
-    if lattice.dual:
-        return Shared(none, none, none.astype(float), none.astype(float), none.astype(bool))
     corner = surface.limit_faces.corner[face]
     first = mesh.offsets[surface.limit_faces.face[face]]
     own, half, along = [], [], []
@@ -105,8 +105,31 @@ def shared(surface: LimitSurface, face: Array, u: Array, v: Array) -> Shared:
     h, x = h[vertex][which], x[vertex][which]
     here = mesh.indices[np.where(x == 0, h, mesh.next_corner[h])]
     parts.append(_around(surface, at_vertex, here))
+    parts.append(_within(surface, face, u, v))
     joined = {n: np.concatenate([getattr(p, n) for p in parts]) for n in Shared.__annotations__}
     return Shared(**joined)
+
+
+def _within(surface: LimitSurface, face: Array, u: Array, v: Array) -> Shared:
+    """Limit faces of a face of the cage at places on the lines between them, and in its middle."""
+    mesh, limit_faces = surface.mesh, surface.limit_faces
+    number, cage = limit_faces.corner[face], limit_faces.face[face]
+    n, first = mesh.sizes[cage], limit_faces.first[cage]
+    inside = (number >= 0) & (u > 0) & (v > 0)
+    line = np.flatnonzero(inside & ((u == 1) != (v == 1)))
+    x = np.where(u == 1, v, u)[line]
+    one = (number - (u < 1))[line] % n[line]
+    owner, other = np.repeat(line, 2), np.stack([one, (one + 1) % n[line]], axis=1).ravel()
+    ends = np.ones(len(x))
+    at = np.stack([np.stack([ends, x], axis=1), np.stack([x, ends], axis=1)], axis=1).reshape(-1, 2)
+    middle = np.flatnonzero(inside & (u == 1) & (v == 1))
+    each = n[middle]
+    every = np.arange(each.sum()) - np.repeat(np.cumsum(each) - each, each)
+    middle = np.repeat(middle, each)
+    owner = np.concatenate([owner, middle])
+    found = first[owner] + np.concatenate([other, every])
+    us, vs = np.concatenate([at, np.ones((len(middle), 2))]).T
+    return Shared(owner, found, us, vs, np.arange(len(owner)) >= len(at))
 
 
 def _beside(surface: LimitSurface, owner: Array, half: Array, x: Array) -> Shared:
@@ -197,6 +220,35 @@ def beside_edge(surface: LimitSurface, cells: Cells, around: Shared, points: Arr
     return np.asarray(np.maximum(*away))
 
 
+def falls_nearby(
+    surface: LimitSurface,
+    cells: Cells,
+    places: tuple[Array, Array, Array],
+    points: Array,
+    few: Array,
+    rounding: Array,
+) -> Array:
+    """Whether distances to points (n, 3) fall on some way from places in their limit faces, (n,).
+
+    By more than `few` (n,) times the way; half of squared distances by more than `rounding` also.
+    """
+    face, u, v = places
+    turn = np.pi * np.arange(_WAYS) / (_WAYS / 2)
+    ways = np.round(np.stack([np.cos(turn), np.sin(turn)], axis=1), 9)
+    to = np.stack([u, v], axis=1)[:, None] + _NEAR * ways
+    edges = np.array(cells.lattice.edges)
+    one = np.concatenate([np.ones((*to.shape[:2], 1)), to], axis=2)
+    own, way = np.nonzero((one @ edges.T >= 0).all(axis=2))
+    start, end = (
+        np.ldexp(surface.evaluate(face[k], x, y).reshape(-1, 3), cells.power)
+        for k, x, y in ((slice(None), u, v), (own, *to[own, way].T))
+    )
+    arm, gap = end - start[own], (start - points)[own]
+    more = (arm * (gap + arm / 2)).sum(axis=1)
+    falls = more < -few[own] * np.sqrt((arm**2).sum(axis=1)) - rounding[own]
+    return np.bincount(own[falls], minlength=len(face)) > 0
+
+
 def around_vertex(surface: LimitSurface, cells: Cells, around: Shared, points: Array) -> Array:
     """Cosines (n, k) between the way from a point to a vertex and ways on from there.
 
@@ -214,6 +266,7 @@ def around_vertex(surface: LimitSurface, cells: Cells, around: Shared, points: A
 
 def sides(
     surface: LimitSurface,
+    cells: Cells,
     points: Array,
     places: tuple[Array, Array, Array],
     foot: Array,
@@ -224,7 +277,7 @@ def sides(
     By the normal of the foot; on edges by the sum of those of both sides, at vertices by the sum of
     those of a cone of narrow triangles, each times its angle (Baerentzen and Aanaes, "Signed
     distance computation using the angle weighted pseudonormal", IEEE TVCG 2005). Where these say
-    nothing, by the solid angle that the surface covers.
+    nothing, by the solid angle that the surface covers. What is on the surface is outside.
     """
     direction = np.nan_to_num(normal)
     around = shared(surface, *places)
@@ -244,7 +297,9 @@ def sides(
         lengths = [np.sqrt((x**2).sum(axis=1)) for x in (away, direction)]
         cosine = (away * direction).sum(axis=1) / (lengths[0] * lengths[1])
     side = np.where(cosine < 0, -1.0, 1.0)
-    doubt = np.flatnonzero(~(np.abs(cosine) > _CLEAR) & (size[:, 0] > 0))
+    on = np.ldexp(size[:, 0], cells.power) <= SAME
+    side[on] = 1
+    doubt = np.flatnonzero(~(np.abs(cosine) > _CLEAR) & ~on)
     if len(doubt):
         side[doubt] = np.where(np.abs(_covered(surface, points[doubt])) > 0.5, -1.0, 1.0)
     return side
@@ -264,14 +319,17 @@ def _cone(rim: Array, tip: Array) -> Array:
 
 def _covered(surface: LimitSurface, points: Array) -> Array:
     """How many times a surface goes around points (Q, 3), by the solid angle of triangles on it."""
-    pieces = tessellate(surface, _SEGMENTS, normals=False)
-    corners = pieces.points[pieces.indices[pieces.triangles]]
+    if surface not in _triangles:
+        pieces = tessellate(surface, _SEGMENTS, normals=False)
+        _triangles[surface] = np.moveaxis(pieces.points[pieces.indices[pieces.triangles]], 1, 0)
+    corners = _triangles[surface]
     found = np.empty(len(points))
-    for k, point in enumerate(points):
-        arm = corners - point
-        a, b, c = np.moveaxis(arm, 1, 0)
-        la, lb, lc = (np.sqrt((x**2).sum(axis=1)) for x in (a, b, c))
-        volume = (a * np.cross(b, c)).sum(axis=1)
-        below = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
-        found[k] = np.arctan2(volume, below).sum() / (2 * np.pi)
+    step = max(_AT_ONCE // max(corners.shape[1], 1), 1)
+    for start in range(0, len(points), step):
+        part = slice(start, start + step)
+        a, b, c = corners[:, None] - points[part, None]
+        la, lb, lc = (np.sqrt((x**2).sum(axis=2)) for x in (a, b, c))
+        volume = (a * np.cross(b, c)).sum(axis=2)
+        below = la * lb * lc + (a * b).sum(2) * lc + (b * c).sum(2) * la + (c * a).sum(2) * lb
+        found[part] = np.arctan2(volume, below).sum(axis=1) / (2 * np.pi)
     return found
