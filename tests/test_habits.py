@@ -488,6 +488,6 @@ def test_given_data_and_holes_go_with_the_faces_of_a_dataset():
         mesh = ls.from_pyvista(data, face_data={"n": [7, 8, 9]}, holes=[1])
     assert mesh.face_data["n"].tolist() == [8, 9]
     assert mesh.holes.tolist() == [0]
-    with pytest.raises(ls.MeshError, match="face_data .n."):
+    with pytest.raises(ls.MeshError, match=r"face_data .n."):
         ls.from_pyvista(data, face_data={"n": [7]})
     assert ls.from_pyvista(data.extract_cells([1, 2]), face_data=None).n_faces == 2
