@@ -13,6 +13,7 @@ from oracles import CASES
 from oracles_creases import Cage
 
 import limitsurf as ls
+from limitsurf.refine import dual
 from limitsurf.scheme.doo_sabin import DOO_SABIN
 
 REFERENCE = CASES.parent / "schemes"
@@ -444,7 +445,7 @@ def test_a_dual_scheme_is_checked():
 
 
 @pytest.mark.parametrize("wicked", ["extraordinary", "boundary"])
-def test_a_wicked_mask_is_seen(wicked, monkeypatch):
+def test_a_wicked_mask_is_seen(wicked, monkeypatch, request):
     """By comparison with the oracle: at n = 3 alone, or beyond boundaries alone."""
     name = "cube" if wicked == "extraordinary" else "grid_3x3"
     points, faces = zoo.ZOO[name]()
@@ -464,6 +465,13 @@ def test_a_wicked_mask_is_seen(wicked, monkeypatch):
     assert max(gap()) <= 1e-14
     kind = type(DOO_SABIN)
     mask, rim = kind.mask, kind.rim
+
+    def forget():
+        for known in (dual._mask, dual._mirrors):
+            known.cache_clear()
+
+    forget()
+    request.addfinalizer(forget)
 
     def wrong_mask(self, n):
         weights = list(mask(self, n))

@@ -176,7 +176,7 @@ class Tessellation(Polygons):
     >>> import limitsurf as ls
     >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
     >>> ls.tessellate(ls.LimitSurface(square), 2)
-    Tessellation(9 points, 4 polygons, 9 normals)
+    Tessellation(9 points, 4 faces, 9 normals)
     """
 
     face: NDArray[np.int64]
@@ -242,7 +242,7 @@ def tessellate(
     ...     [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
     >>> pieces = ls.tessellate(ls.LimitSurface(cube), 4)
     >>> pieces
-    Tessellation(98 points, 96 polygons, 98 normals)
+    Tessellation(98 points, 96 faces, 98 normals)
     >>> corners = pieces.points[pieces.indices[pieces.triangles]]
     >>> corners.shape
     (192, 3, 3)
