@@ -1157,9 +1157,9 @@ def test_the_zoo_comes_back(tmp_path, name, suffix):
 
 
 @pytest.mark.parametrize("path", sorted(CAGES.glob("*.obj")), ids=lambda path: path.stem)
-@pytest.mark.filterwarnings("ignore:.*left out. groups")
+@pytest.mark.filterwarnings("ignore:.*left out. files of materials")
 def test_cages_of_others_come_back(tmp_path, path):
-    same(tmp_path, ls.read(path), ".usdc")
+    same(tmp_path, ls.read(path).with_tags(face_data=None), ".usdc")
 
 
 def test_suffixes_name_the_format(tmp_path):

@@ -119,9 +119,10 @@ def _largest(keys: IntArray, values: NDArray[Any]) -> tuple[IntArray, NDArray[An
 
 
 def apart(mesh: Mesh) -> int:
-    """How many boundary edges lie on another one, end on end.
+    """How many boundary edges lie on another one, end on end, with their faces on either side.
 
-    A hash of coordinates tells at once of most cages that there are none.
+    Those of copies at one place have theirs on the same side, and are left alone. A hash of
+    coordinates tells at once of most cages that there are none.
     """
     if mesh.points.dtype != np.float64 or mesh.points.ndim != 2:
         return 0
@@ -132,16 +133,18 @@ def apart(mesh: Mesh) -> int:
     twice = ordered[1:][ordered[1:] == ordered[:-1]]
     if not len(twice):
         return 0
-    ends = mesh.edges[mesh.boundary_edge]
+    corner = mesh.edge_corners[mesh.boundary_edge, 0]
+    ends = np.stack([mesh.indices[corner], mesh.indices[mesh.next_corner[corner]]], axis=1)
     ends = ends[np.isin(key[ends], twice).all(axis=1)]
     if not len(ends):
         return 0
     _, place = distinct(mesh.points[ends.ravel()])
-    pairs = np.sort(place.reshape(-1, 2), axis=1)
-    pairs = pairs[pairs[:, 0] < pairs[:, 1]]
+    start, end = place.reshape(-1, 2).T
+    pairs = np.stack([np.minimum(start, end), np.maximum(start, end)], axis=1)
     _, number = np.unique(pairs, axis=0, return_inverse=True)
     number = number.reshape(-1)
-    return int((np.bincount(number)[number] > 1).sum())
+    both = (np.bincount(number, start < end) > 0) & (np.bincount(number, start > end) > 0)
+    return int(both[number].sum())
 
 
 def warn_if_apart(name: str, mesh: Mesh) -> None:
