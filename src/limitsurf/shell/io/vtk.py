@@ -56,8 +56,9 @@ def from_pyvista(dataset: Any, *, merge: Merge = None, **tags: Any) -> Mesh:
     Examples
     --------
     >>> import limitsurf as ls, pyvista
-    >>> ls.from_pyvista(pyvista.Cube(), merge=True)
-    Mesh(8 vertices, 12 edges, 6 faces {4: 6}, interior valences {3: 8}, channel 'uv')
+    >>> cube = ls.from_pyvista(pyvista.Cube(), merge=True)
+    >>> cube.n_vertices, cube.is_closed
+    (8, True)
     """
     imported_pyvista()
     losses = Losses("from_pyvista", strict=False)
