@@ -573,7 +573,7 @@ def test_no_number_of_workers(workers, use):
                 call(surface, (0, 0.5, 0.5), workers)
 
 
-@pytest.mark.parametrize("workers", [-100, np.int32(2), np.uint8(3), -2])
+@pytest.mark.parametrize("workers", [-1, np.int32(2), np.uint8(3), np.int8(-1)])
 def test_numbers_of_workers(workers, use):
     surface = surface_of("cube")
     use(True)
