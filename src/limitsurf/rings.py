@@ -414,15 +414,13 @@ class RingValues:
         They are relative to the vertex; with its limit (rings, d), also relative to it, and the
         largest coordinate of the control points before (rings,).
         """
-        ring, position = self._rings.ring, self._rings.position
-        state, every = self._first, np.arange(len(ring))
-        outer = self._outer_points(every, state, ring, 0)
+        ring, position, state = self._rings.ring, self._rings.position, self._first
+        outer = self._outer_points(np.arange(len(ring)), state, ring, 0)
         here = _Patches.of(self._masks, state, ring, position, outer)
         while True:
-            size = np.zeros(len(state.edges))
+            # the vertex moves by all of the ring
+            size = np.abs(np.concatenate([state.edges, state.faces], 2)).max((1, 2), initial=0)
             np.maximum.at(size, ring, np.abs(here.grid).max(axis=(1, 2, 3), initial=0))
-            for around in (state.edges, state.faces):  # the vertex moves by all of the ring
-                size = np.maximum(size, np.abs(around).max(axis=(1, 2), initial=0))
             size = kernels.scale_by_two(size, state.exponent)
             state = state.refined(self._masks)
             fine = here.refined(self._masks, state)

@@ -15,6 +15,7 @@ conical vertices is here, those of creases, corners and darts are in ``exact/sym
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from functools import reduce
@@ -36,7 +37,7 @@ from limitsurf.exact.ring import (
     ring_modes,
 )
 from limitsurf.exact.sectors import limit_weights
-from limitsurf.exact.spectrum import outer_modes, spectrum
+from limitsurf.exact.spectrum import Spectrum, outer_modes, spectrum
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 
@@ -80,7 +81,58 @@ class Ring(Protocol):
         """All the others, as polynomials."""
 
 
-class SymbolicBasis:
+class JordanForm(ABC):
+    """The eigenvalues of a subdivision matrix and its Jordan matrix, as sympy has them."""
+
+    _scheme: Scheme
+    sector: Sector
+    _matrix: SubdivisionMatrix
+    _numeric: Spectrum
+    _values: list[Any]  # of the outer points
+
+    @abstractmethod
+    def _value(self, k: int) -> Any:
+        """Eigenvalue k of the ring."""
+
+    def __repr__(self) -> str:
+        name = f"{type(self).__name__} of {self._scheme.name} at {self.sector.place}"
+        return f"<{name}: {self.sector.size} control points>"
+
+    @cached_property
+    def eigenvalues(self) -> tuple[Any, ...]:
+        """All eigenvalues with multiplicity, by decreasing modulus, (K,)."""
+        ring = self.sector.ring
+        return tuple(
+            self._value(k) if k < ring else rational(self._values[k - ring])
+            for k in self._numeric.order
+        )
+
+    @cached_property
+    def A(self) -> Any:
+        """Subdivision matrix, (K, K)."""
+        size = self.sector.size
+        entries = {
+            (i, j): rational(w)
+            for i, row in enumerate(self._matrix.rows[:size])
+            for j, w in row.items()
+        }
+        return sympy.SparseMatrix(size, size, entries).as_mutable()
+
+    @cached_property
+    def J(self) -> Any:
+        """Real Jordan matrix, (K, K): a pair a +- ib is the block [[a, b], [-b, a]]."""
+        return self.power(1)
+
+    def power(self, n: Any) -> Any:
+        """``J^n`` in closed form, (K, K), for a natural number or a symbol for one."""
+        n = sympy.sympify(n)
+        power = sympy.diag(*(value**n for value in self.eigenvalues))
+        for k in self._numeric.chains:
+            power[k - 1, k] = n * self.eigenvalues[k] ** (n - 1)
+        return power
+
+
+class SymbolicBasis(JordanForm):
     """Jordan basis of a subdivision matrix as sympy matrices, in the order of `EigenTable`.
 
     Attributes are computed when first asked for; ``V`` and ``Vinv`` of a large valence N are
@@ -108,47 +160,19 @@ class SymbolicBasis:
         order, chains = self._numeric.order, self._numeric.chains
         self._ends = {order[k]: order[k - 1] for k in chains}
 
-    def __repr__(self) -> str:
-        name = f"{type(self).__name__} of {self._scheme.name} at {self.sector.place}"
-        return f"<{name}: {self.sector.size} control points>"
-
     @cached_property
     def _ring(self) -> Ring:
         return SymbolicWaves(self._matrix)
 
     # ---------------------------------------------------------------- expressions
 
-    @cached_property
-    def eigenvalues(self) -> tuple[Any, ...]:
-        """All eigenvalues with multiplicity, by decreasing modulus, (K,)."""
-        ring = self.sector.ring
-        return tuple(
-            self._ring.eigenvalue(k) if k < ring else rational(self._values[k - ring])
-            for k in self._numeric.order
-        )
-
-    @cached_property
-    def A(self) -> Any:
-        """Subdivision matrix, rational, (K, K)."""
-        size = self.sector.size
-        entries = {
-            (i, j): rational(w)
-            for i, row in enumerate(self._matrix.rows[:size])
-            for j, w in row.items()
-        }
-        return sympy.SparseMatrix(size, size, entries).as_mutable()
-
-    @cached_property
-    def J(self) -> Any:
-        """Real Jordan matrix, (K, K): a pair a +- ib is the block [[a, b], [-b, a]]."""
-        return self.power(1)
+    def _value(self, k: int) -> Any:
+        return self._ring.eigenvalue(k)
 
     def power(self, n: Any) -> Any:
         """``J^n`` in closed form, (K, K), for a natural number or a symbol for one."""
         n = sympy.sympify(n)
-        power = sympy.diag(*(value**n for value in self.eigenvalues))
-        for k in self._numeric.chains:
-            power[k - 1, k] = n * self.eigenvalues[k] ** (n - 1)
+        power = super().power(n)
         for k in self._numeric.pairs:
             modulus, angle = self._ring.rotations[self._numeric.order[k]]
             cosine, sine = (modulus**n * wave(n * angle) for wave in (sympy.cos, sympy.sin))

@@ -16,7 +16,7 @@ from limitsurf.caching import cached_property
 from limitsurf.exact.dual import DualModes, norm_of
 from limitsurf.exact.matrices import subdivision_matrix
 from limitsurf.exact.spectrum import dense_basis, outer_modes, spectrum
-from limitsurf.exact.symbolic import rational
+from limitsurf.exact.symbolic import JordanForm, rational
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 
@@ -25,20 +25,20 @@ _NOTHING = 1e-9  # of couplings, which else are like 1 / n
 _DENOMINATOR = 64  # of eigenvalues that are taken for rational
 
 
-class DualBasis:
+class DualBasis(JordanForm):
     """Jordan basis of a subdivision matrix as sympy matrices, in the order of `EigenTable`.
 
     Attributes are computed when first asked for.
     """
 
     def __init__(self, scheme: Scheme, sector: Sector) -> None:
-        self.sector = sector
+        self._scheme, self.sector = scheme, sector
         self._matrix = subdivision_matrix(scheme, sector)
         self._numeric = spectrum(scheme, sector)
         ring = self._numeric.ring
         assert isinstance(ring, DualModes)
         self._ring: DualModes = ring
-        self._outer_values, self._plain, self._plain_left = outer_modes(self._matrix)
+        self._values, self._plain, self._plain_left = outer_modes(self._matrix)
         order, chains = self._numeric.order, self._numeric.chains
         # {ring mode that heads a chain: outer mode at its end}
         self._ends = {order[k]: order[k - 1] - sector.ring for k in chains}
@@ -61,39 +61,6 @@ class DualBasis:
         return sum(w * sympy.cos(t) for w, t in zip(weights, turns, strict=True))
 
     @cached_property
-    def eigenvalues(self) -> tuple[Any, ...]:
-        """All eigenvalues with multiplicity, by decreasing modulus, (K,)."""
-        ring = self.sector.ring
-        return tuple(
-            self._value(k) if k < ring else rational(self._outer_values[k - ring])
-            for k in self._numeric.order
-        )
-
-    @cached_property
-    def A(self) -> Any:
-        """Subdivision matrix, (K, K)."""
-        size = self.sector.size
-        entries = {
-            (i, j): rational(w)
-            for i, row in enumerate(self._matrix.rows[:size])
-            for j, w in row.items()
-        }
-        return sympy.SparseMatrix(size, size, entries).as_mutable()
-
-    @cached_property
-    def J(self) -> Any:
-        """Jordan matrix, (K, K)."""
-        return self.power(1)
-
-    def power(self, n: Any) -> Any:
-        """``J^n`` in closed form, (K, K), for a natural number or a symbol for one."""
-        n = sympy.sympify(n)
-        power = sympy.diag(*(value**n for value in self.eigenvalues))
-        for k in self._numeric.chains:
-            power[k - 1, k] = n * self.eigenvalues[k] ** (n - 1)
-        return power
-
-    @cached_property
     def _shares(self) -> dict[int, tuple[int, Any]]:
         """{mode: (mode that is taken away from it, how often)}."""
         found = {}
@@ -106,7 +73,7 @@ class DualBasis:
 
     def _at(self, mode: int, m: int) -> int:
         """Whether an outer eigenvalue is that of a ring mode."""
-        near = self._ring.at.to_mpf(self._outer_values[m])
+        near = self._ring.at.to_mpf(self._values[m])
         return int(abs(self._ring.values[mode] - near) < self._ring.at.equal)
 
     def _coupling(self, left: Any, mode: int) -> list[Any]:
@@ -169,7 +136,7 @@ class DualBasis:
             found.append(
                 [
                     sympy.S.Zero if self._at(k, m) else x / (value - rational(d))
-                    for m, (x, d) in enumerate(zip(numerators, self._outer_values, strict=True))
+                    for m, (x, d) in enumerate(zip(numerators, self._values, strict=True))
                 ]
             )
         return found

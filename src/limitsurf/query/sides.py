@@ -52,7 +52,7 @@ def refuse_open(surface: LimitSurface) -> None:
         With the first such edge.
     """
     mesh, limit_faces = surface.mesh, surface.limit_faces
-    known = surface.patches.codes[: len(limit_faces)] != NO_LIMIT
+    known = surface.patches.with_limit
     whole = np.zeros(mesh.n_faces, dtype=bool)
     whole[limit_faces.face[known]] = True
     corner = np.flatnonzero(whole[mesh.corner_face])
