@@ -57,6 +57,8 @@ if TYPE_CHECKING:
     from limitsurf.query.index import (
         SurfaceIndex as SurfaceIndex,
     )
+    from limitsurf.query.samples import Samples as Samples
+    from limitsurf.query.samples import sample as sample
     from limitsurf.refine import (
         ExactOperator as ExactOperator,
     )
@@ -129,6 +131,7 @@ _HOME = {
     "MeshError": "cage.checks",
     "Picture": "shell.plot.plots",
     "RefinedMesh": "refine",
+    "Samples": "query.samples",
     "Scheme": "scheme.scheme",
     "SurfaceIndex": "query.index",
     "Tessellation": "query",
@@ -150,6 +153,7 @@ _HOME = {
     "read": "shell.io.by_suffix",
     "refined": "refine",
     "refinement_gap": "query",
+    "sample": "query.samples",
     "schemes": "scheme",
     "tessellate": "query",
     "to_pyvista": "shell.io.vtk",

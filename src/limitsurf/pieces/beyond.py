@@ -158,6 +158,28 @@ class Beyond:
                 found[:, here] = modes[:, pair - 1].swapaxes(0, 1)
         return found[0], found[1]
 
+    def eigenfunctions(self) -> Iterator[tuple[Array, tables.EigenTable | None, int, Array]]:
+        """Corners that are alike at a time: which (m,), their table, ring, and modes (m, K - 1, d).
+
+        The ring is the first that remains, counted from the patch. Without a table, and modes,
+        for those whose rings are refined.
+        """
+        every = np.arange(len(self))
+        for here, kind, level in self._alike(every, np.zeros(len(self), dtype=np.int64)):
+            if kind in self._patches.rings:
+                yield here, None, level, np.zeros((len(here), 0, self.limits.shape[1]))
+            else:
+                yield here, self._table(kind), level, self._modes[kind][self._place[here]]
+
+    def rings(self, which: Array, count: int) -> Array:
+        """Coefficients (M, count, c, n, d) on the first rings that remain, of the pieces' own s, t.
+
+        Around corners that `eigenfunctions` has no table of, which are of one kind and ring.
+        """
+        kind, level = int(self._kind[which[0]]), int(self._start[which[0]])
+        found = self._source.on_rings(kind, self._row[which], range(level, level + count))
+        return found.reshape(len(which), count, -1, *found.shape[2:])
+
     @property
     def is_smooth(self) -> Array:
         """Whether the faces around the corners close and are smooth there, (R,)."""

@@ -192,15 +192,22 @@ def hull_weights(scheme: Scheme, table: RationalTable, count: int, exact: bool) 
 def most_beyond(table: EigenTable, count: int) -> Array:
     """Bounds (K - 1,) of the eigenfunctions after the first on ring `count` and all after it."""
     pieces = Bernstein.of(table.scheme, False).from_powers @ table.pieces[:, :, 1:]
-    most, rate = np.abs(pieces).max(axis=(0, 1)), np.abs(table.rates[0, 1:])
+    return np.asarray(np.abs(pieces).max(axis=(0, 1)) @ growth(table, count))
+
+
+def growth(table: EigenTable, count: int) -> Array:
+    """Bounds (K - 1, K - 1) of the powers J^n, n >= `count`, of eigenfunctions after the first.
+
+    If those of row k are bounded on ring 0 by ``m[k]``, then on ring n by ``m @ growth``.
+    """
+    rate = np.abs(table.rates[0, 1:])
     heads, first = table.chains - 1, table.pairs - 1
-    most[first] = most[first + 1] = most[first] + most[first + 1]
+    found = np.diag(rate**count)
+    found[first + 1, first] = found[first, first + 1] = rate[first] ** count
     # the entries n rate^(n - 1) of Jordan blocks are largest at n = -1 / log(rate), or later
     n = np.maximum(count, -1 / np.log(rate[heads]))
-    beside = most[heads - 1] * n * rate[heads] ** (n - 1)
-    most = most * rate**count
-    most[heads] += beside
-    return np.asarray(most)
+    found[heads - 1, heads] = n * rate[heads] ** (n - 1)
+    return np.asarray(found)
 
 
 def _steps(scheme: Scheme, table: RationalTable) -> Iterator[tuple[Array, int]]:
