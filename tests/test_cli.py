@@ -82,6 +82,8 @@ def test_every_command_has_help_with_examples_that_work(command, cage, tmp_path,
     ("command", "call", "names"),
     [
         ("tessellate", ls.tessellate, {"n": "n"}),
+        ("closest", ls.closest_point, {"max_distance": "max_distance"}),
+        ("sample", ls.sample, {"method": "method"}),
         ("refine", ls.refined, {"levels": "levels"}),
         ("validate", ls.validate, {"levels": "levels"}),
         ("validate", ls.plot_convergence, {"levels": "levels"}),
@@ -329,6 +331,8 @@ def test_keys_of_json_are_documented(cage, tmp_path):
         "plot": [cage, "-o", tmp_path / "a.png", "--size", 60, 40, "-n", 2],
         "demo": ["-o", tmp_path, "--queries", 1000],
         "evaluate": [cage, "--grid", 2, "-o", tmp_path / "a.npy"],
+        "sample": [cage, "-n", 20, "--method", "blue_noise", "-o", tmp_path / "b.csv"],
+        "closest": [cage, "--points", tmp_path / "b.csv", "-o", tmp_path / "c.npz"],
     }.items():
         help = " ".join(succeed(command, "--help").split())
         _, _, documented = re.split("(Keys of|With) --json", help)

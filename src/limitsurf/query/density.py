@@ -193,7 +193,7 @@ def _bounds(cells: Cells, points: Array) -> tuple[Array, Array, Array]:
     most = along * across
     middle = form.ends.mean(axis=0)
     inner = middle + (form.ends - middle) / np.sqrt(3)
-    basis = form.values(*inner.T, 0)[:, 0]
+    basis = form.values(inner[:, 0], inner[:, 1], 0)[:, 0]
     mean = _length(np.cross(np.matmul(basis, a), np.matmul(basis, b))).mean(axis=1)
     loose = np.flatnonzero(most > _LOOSE * mean)
     if len(loose):

@@ -14,6 +14,7 @@ import click
 import limitsurf as ls
 from limitsurf import memory
 from limitsurf.shell import files, terminal
+from limitsurf.shell.cli import places
 from limitsurf.shell.cli.program import (
     PATH,
     Cage,
@@ -315,6 +316,10 @@ def _with_others(
         text = f"a file of type {suffix} cannot hold everything, left out: {', '.join(lost)}"
         warnings.warn(text, stacklevel=1)
     return (*known_channels(surface, found), *channels)
+
+
+main.add_command(places.closest)
+main.add_command(places.sample)
 
 
 @main.command()
