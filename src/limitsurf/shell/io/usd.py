@@ -74,12 +74,23 @@ def read(
     finally:
         complaints = [one_line(found) for found in diagnostics.TakeUncoalescedDiagnostics()]
         if not strict:
-            for text in complaints:
+            for text in _alike(complaints):
                 warnings.warn(f"{name}: {text}", stacklevel=3)
     if complaints and strict:
         raise MeshError(f"{name}: {complaints[0]}")
     losses.warn(stacklevel=3)
     return mesh
+
+
+def _alike(complaints: list[str]) -> list[str]:
+    """Of messages that differ in prims alone the first, and how many more there are."""
+    found: dict[str, list[str]] = {}
+    for text in complaints:
+        found.setdefault(re.sub(r"<[^>]*>", "<>", text), []).append(text)
+    return [
+        first if not others else f"{first} ({len(others)} more like it)"
+        for first, *others in found.values()
+    ]
 
 
 def schemes(
@@ -118,6 +129,7 @@ def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh
         place = "in the stage" if path is None else f"at or below {path}"
         text = f"{name}: need a mesh of UsdGeom, found none that is shown {place}"
         raise MeshError("; ".join([text, *losses.messages()]))
+    scene.reserve_memory()
     parts, others = [], scene.others
     read: dict[str, tuple[Mesh, bool]] = {}
     broken: dict[str, str] = {}
