@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
+    from limitsurf.cage.selection import selected as selected
     from limitsurf.query import (
         Tessellation as Tessellation,
     )
@@ -151,6 +152,7 @@ _HOME = {
     "refined": "refine",
     "refinement_gap": "query",
     "schemes": "scheme",
+    "selected": "cage.selection",
     "tessellate": "query",
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",

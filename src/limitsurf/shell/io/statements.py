@@ -123,8 +123,8 @@ class Statements:
             text = self.text[low[i] : high[i]].tobytes()
             if not re.fullmatch(rb"[+-]?[0-9]+", text):
                 self.fail_at(int(words[i]), need)
-            # no file has so many of anything
-            values[i] = min(max(int(text[:99]), -(2**62)), 2**62)
+            # as the largest of its type, which is out of range anyway
+            values[i] = min(max(int(text[:99]), -(2**63)), 2**63 - 1)
         return values
 
     def fail_at(self, word: int, need: str) -> NoReturn:
