@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from limitsurf.cage.checks import MeshError
 from limitsurf.cage.mesh import Mesh
 from limitsurf.shell.io.losses import Losses
-from limitsurf.shell.io.statements import Statements
 from limitsurf.shell.io.ply import Elements
 from limitsurf.shell.io.polygons import IntArray, mesh_of
+from limitsurf.shell.io.statements import Statements
 
 if TYPE_CHECKING:
     from limitsurf.query import Polygons

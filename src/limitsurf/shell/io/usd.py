@@ -26,15 +26,16 @@ try:
 except ImportError as error:
     raise ImportError('usd-core is needed for USD files: pip install "limitsurf[usd]"') from error
 
+from limitsurf.shell.io.usd_faces import write_data
 from limitsurf.shell.io.usd_reader import (
     CHOICES,
     CREASING_NOTE,
     LINEAR,
     OF_POINTS,
     Reader,
-    one_line,
 )
 from limitsurf.shell.io.usd_scene import Traversal
+from limitsurf.shell.io.usd_values import one_line
 
 PRIM = "/mesh"  # what a file of ours calls its mesh
 UP = {"Y": "y", "Z": "z"}
@@ -189,7 +190,15 @@ def content(x: Mesh | Tessellation, suffix: str) -> Iterator[bytes]:
         faces = shape.sizes, shape.indices
         geom = _define(
             stage,
-            Mesh(shape.points, faces, scheme="none", channels=channels, units=x.units, up=x.up),
+            Mesh(
+                shape.points,
+                faces,
+                scheme="none",
+                channels=channels,
+                face_data=x.face_data,
+                units=x.units,
+                up=x.up,
+            ),
         )
         if len(shape.normals):
             normals = shape.normals[shape.normal_indices].astype(np.float32)
@@ -250,6 +259,7 @@ def _define(stage: Any, mesh: Mesh) -> Any:
         text = f"channels: a USD mesh holds one interpolation for all its seams, got {modes}"
         warnings.warn(f"{text}: written as {mode!r}", stacklevel=4)
     _choose(prim, "interpolation", *LINEAR, mode)
+    write_data(geom, mesh)
     return geom
 
 

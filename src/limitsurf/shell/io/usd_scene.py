@@ -14,7 +14,7 @@ from pxr import Gf, Tf, Usd, UsdGeom
 from limitsurf.cage.checks import MeshError
 from limitsurf.shell.io.apart import MEMORY_PER_BYTE, allow
 from limitsurf.shell.io.losses import LocatedError, Losses, first_of
-from limitsurf.shell.io.usd_reader import numbers_of, one_line
+from limitsurf.shell.io.usd_values import numbers_of, one_line
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ class Traversal:
         Each mesh that is shown, with the matrices that put its points, as rows, into the world: one
         of its own, or several by point instancers.
     others : {str: list of path}
-        What is shown besides, by type, and the subsets of meshes.
+        What is shown besides, by type.
     """
 
     time: Any
@@ -102,8 +102,6 @@ class Traversal:
                 yield prim, True
             elif prim.IsA(UsdGeom.Mesh):
                 yield prim, False
-            elif prim.IsA(UsdGeom.Subset):
-                self.others.setdefault("subsets", []).append(str(prim.GetPath()))
             elif prim.IsA(UsdGeom.Gprim) and self._is_shown(prim):
                 self.others.setdefault(prim.GetTypeName(), []).append(str(prim.GetPath()))
 
