@@ -258,7 +258,9 @@ def test_primvars_that_are_no_channels(read):
 """)
     with pytest.warns(UserWarning, match="no place for all, left out") as caught:
         mesh = read(text + 'def Sphere "ball" {}\n' + text.replace('"quads"', '"again"'))
-    assert mesh == ls.Mesh([*POINTS, *POINTS], [*FACES, *(np.array(FACES) + 6).tolist()])
+    data = {"material": ["paint"] * 4, "uniform": np.array([1, 2, 1, 2], np.float32)}
+    faces = [*FACES, *(np.array(FACES) + 6).tolist()]
+    assert mesh == ls.Mesh([*POINTS, *POINTS], faces, face_data=data)
     assert len(caught) == 1
     said = str(caught[0].message)
     for what in (
@@ -267,9 +269,63 @@ def test_primvars_that_are_no_channels(read):
         "primvars:displayColor (2: /quads, /again)",
         "primvars:weights (2: ",
         "primvars:names (2: ",
-        "subsets (2: /quads/front, /again/front)",
     ):
         assert what in said
+
+
+SUBSETS = """
+    def GeomSubset "a" {
+        uniform token elementType = "face"
+        uniform token familyName = "%s"
+        int[] indices = [%s]
+    }
+    def GeomSubset "b" {
+        uniform token elementType = "face"
+        uniform token familyName = "%s"
+        int[] indices = [%s]
+        rel material:binding = </looks/steel>
+    }
+"""
+
+
+@pytest.mark.parametrize(
+    ("subsets", "expected"),
+    [
+        (("parts", "1", "parts", "0"), {"parts": ["b", "a"]}),
+        (("", "1", "", ""), {"subset": ["", "a"]}),
+        (("parts", "0, 1", "parts", "1"), {"a": [True, True], "b": [False, True]}),
+        (("one", "0", "materialBind", "1"), {"one": ["a", ""], "material": ["", "steel"]}),
+    ],
+)
+def test_subsets_are_data_of_faces(read, subsets, expected):
+    found = read(prim(SUBSETS % subsets)).face_data
+    assert {name: values.tolist() for name, values in found.items()} == expected
+
+
+def test_a_subset_of_faces_that_do_not_exist(read):
+    with pytest.warns(UserWarning, match="subset 'b': face 9 is out of range, need 0 to 1"):
+        mesh = read(prim(SUBSETS % ("x", "0", "x", "1, 9")) + prim(name="plain"))
+    assert mesh.face_data["x"].tolist() == ["a", "", "", ""]
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".usdc"])
+def test_data_of_faces_are_written(tmp_path, suffix):
+    data = {
+        "group": ["lid of 5%", ""],
+        "material": ["steel", "brass"],
+        "id": [7, -3],
+        "flag": [True, False],
+        "load": [0.1, np.nan],
+        "colour": [[0.0, 0.5, 1], [1, 2, 3]],
+    }
+    mesh = ls.Mesh(POINTS, FACES, face_data=data)
+    ls.write(tmp_path / f"a{suffix}", mesh)
+    found = ls.read(tmp_path / f"a{suffix}").face_data
+    assert found.keys() == data.keys()
+    for name, values in mesh.face_data.items():
+        np.testing.assert_array_equal(found[name], values)
+    with pytest.warns(UserWarning, match="data of faces are left out.*'two words'"):
+        ls.write(tmp_path / f"b{suffix}", mesh.with_tags(face_data={"two words": [1, 2]}))
 
 
 CORNERS = "[(0, 0), (1, 0), (1, 1), (0, 1), (1, 0), (2, 0), (2, 1), (1, 1)]"

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
+    from limitsurf.cage.selection import selected as selected
     from limitsurf.query import (
         Tessellation as Tessellation,
     )
@@ -155,6 +156,7 @@ _HOME = {
     "refinement_gap": "query",
     "sample": "query.samples",
     "schemes": "scheme",
+    "selected": "cage.selection",
     "tessellate": "query",
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",

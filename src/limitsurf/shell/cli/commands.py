@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import warnings
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from limitsurf.shell.cli.program import (
     prim_option,
     reads_cage,
     report,
+    select_option,
     strict_option,
     time_option,
     to_option,
@@ -609,10 +611,17 @@ def _direction(view: str | None) -> str | tuple[float, ...] | None:
 @prim_option
 @time_option
 @merge_option
+@select_option
 @strict_option
 @json_option
 def convert(
-    source: str, output: str, from_: str | None, to: str | None, as_json: bool, **asked: Any
+    source: str,
+    output: str,
+    from_: str | None,
+    to: str | None,
+    select: Sequence[str],
+    as_json: bool,
+    **asked: Any,
 ) -> None:
     """Read a cage in one format, write it in another.
 
@@ -627,7 +636,7 @@ def convert(
     Keys of --json: output, vertices, edges, faces.
     """
     mesh_suffix(output, to, as_json)
-    mesh = Cage(source, from_, {}, asked).read()
+    mesh = Cage(source, from_, {}, asked, select).read()
     counts = {"vertices": mesh.n_vertices, "edges": mesh.n_edges, "faces": mesh.n_faces}
     write_mesh(output, to, mesh, as_json, **counts)
 

@@ -97,9 +97,21 @@ class Cage:
     suffix: str | None
     rules: Mapping[str, Any]  # for `LimitSurface` and `refined`
     asked: Mapping[str, Any]  # what else `ls.read` takes: prim, time, merge, strict
+    chosen: Sequence[str] = ()  # faces, each as NAME=VALUE
 
     def read(self) -> Mesh:
-        """The cage."""
+        """The cage, or the faces of it that are chosen."""
+        mesh = self._read()
+        if not self.chosen:
+            return mesh
+        wanted: dict[str, list[Any]] = {}
+        for name, value in (text.split("=", 1) for text in self.chosen):
+            data = mesh.face_data.get(name)
+            is_text = data is None or data.dtype.kind == "U"
+            wanted.setdefault(name, []).append(value if is_text else _number(name, value))
+        return ls.selected(mesh, wanted)
+
+    def _read(self) -> Mesh:
         with terminal.working("reading the cage"), warnings.catch_warnings():
             for rule in (rule for rule, value in self.rules.items() if value is not None):
                 # the choice is made: nothing is left to differ in
@@ -159,6 +171,21 @@ class Cage:
             return ls.LimitSurface(mesh, **self.rules)
 
 
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise click.UsageError(f"--select {name}: need a number, got {text!r}") from None
+
+
+def _assignments(_: click.Context, __: click.Parameter, given: Sequence[str]) -> Sequence[str]:
+    """What is given, if each is of a name and a value."""
+    for text in given:
+        if "=" not in text:
+            raise click.BadParameter(f"need NAME=VALUE, as in group=lid, got {text!r}")
+    return given
+
+
 def _normal_suffix(_: click.Context, __: click.Parameter, given: str | None) -> str | None:
     """A suffix as file names have it, from "ply", ".ply" or "PLY"."""
     return None if given is None else f".{given.lower().removeprefix('.')}"
@@ -203,6 +230,13 @@ merge_option = click.option(
     metavar="D",
     help="Join vertices no farther apart than D; 0 joins equal ones.",
 )
+select_option = click.option(
+    "--select",
+    multiple=True,
+    metavar="NAME=VALUE",
+    callback=_assignments,
+    help="Only faces whose data, such as group, object or material, are so; of one name any value.",
+)
 strict_option = click.option(
     "--strict", is_flag=True, help="Refuse a damaged cage, of which else is read what can be."
 )
@@ -235,6 +269,7 @@ def reads_cage(command: Command) -> Command:
         prim: str | None,
         time: float | None,
         merge: float | None,
+        select: Sequence[str],
         strict: bool,
         scheme: str | None,
         boundary: str | None,
@@ -245,7 +280,7 @@ def reads_cage(command: Command) -> Command:
         names = ("scheme", "boundary", "creasing", "triangles")
         rules = dict(zip(names, (scheme, boundary, creasing, triangles), strict=True))
         asked = {"prim": prim, "time": time, "merge": merge, "strict": strict}
-        return command(cage=Cage(cage, from_, rules, asked), **others)
+        return command(cage=Cage(cage, from_, rules, asked, select), **others)
 
     decorated: Any = with_cage
     for name, values, text in (
@@ -258,6 +293,7 @@ def reads_cage(command: Command) -> Command:
     for option in (
         click.option("--scheme", metavar="NAME", help=f"Of subdivision. {RULE}"),
         strict_option,
+        select_option,
         merge_option,
         time_option,
         prim_option,

@@ -30,6 +30,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from limitsurf import memory
 from limitsurf.cage.checks import MeshError
 from limitsurf.cage.mesh import Mesh
 
@@ -159,9 +160,10 @@ def _run(request: dict[str, Any]) -> tuple[int, bytes, bytes]:
 
 
 def allow(size: int) -> None:
-    """Let a child read so many bytes more; elsewhere do nothing."""
+    """Let a child read so many bytes more, as far as there is memory; elsewhere do nothing."""
     if _Child.started:
-        _Child.size += size
+        most = _Child.room / (_Child.scale * MEMORY_PER_BYTE)
+        _Child.size = int(max(_Child.size, min(_Child.size + size, most)))
         _Child.limit()
 
 
@@ -362,11 +364,13 @@ class _Child:
     started = False
     size = 0  # bytes of files
     scale = 1.0
+    room = 0.0  # bytes of memory that there were, before it reads
     space = data = 2 << 30  # bytes of addresses, and of memory to write to, before it reads
     begun = (0.0, 0.0)  # seconds by the clock, and of the processor
 
     @classmethod
     def start(cls, size: int, factor: float) -> None:
+        cls.room = memory.available()
         cls.size, cls.scale, cls.begun = size, factor, (time.monotonic(), time.process_time())
         with suppress(OSError), open("/proc/self/statm", "rb") as file:
             pages = list(map(int, file.read().split()))

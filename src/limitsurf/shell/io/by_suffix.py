@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import tempfile
-import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from io import TextIOWrapper
@@ -13,7 +12,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from limitsurf.cage.checks import MeshError, users_level
+from limitsurf.cage.checks import MeshError
 from limitsurf.cage.mesh import Mesh
 from limitsurf.shell import files
 from limitsurf.shell.files import Path, replacing
@@ -126,12 +125,16 @@ def read(
     they are not indexed, every face corner has a value of its own); "vertex" ones with "none",
     which is as smooth as the points; "varying" ones, which are linear, with "all". Where one of
     several meshes has no such primvar, the channel is NaN on its faces; where they differ in
-    interpolation, that of most corners holds. Other primvars, materials, subsets, skeletons and
-    shapes that are no meshes have no place in a cage, which a warning says. Normals are ignored.
+    interpolation, that of most corners holds. Other primvars, materials, skeletons and shapes that
+    are no meshes have no place in a cage, which a warning says. Normals are ignored.
 
-    **OBJ.** Groups, objects and materials are the ``face_data`` "group", "object" and "material", a
-    name for each face, "" before the first; in files of VTK data of cells are. Other formats have
-    them not, or they are left out with a warning.
+    **Data of faces.** Groups, objects and materials of OBJ are the ``face_data`` "group", "object"
+    and "material", a name for each face, "" before the first; in files of VTK data of cells are. In
+    USD they are "uniform" primvars by their names; subsets of faces, a text by the name of their
+    family ("subset" without one), or truth values by their own names where they overlap; and
+    "material", names of materials that are bound. Where several meshes become one, those without
+    such data have "", 0 or NaN. Other formats have none, or they are left out with a warning.
+    `selected` makes a cage of the faces that have some value.
 
     **glTF, DAE, 3MF** say in which units and with which axis up they are (glTF: metres, Y), which
     become the ``units`` and ``up`` of the mesh. Strips and fans of glTF become triangles.
@@ -296,7 +299,7 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     suffix                 numbers    of a cage                                 needs
     =====================  =========  ========================================  ============
     ``.obj``               float64    all but channels beside "uv"              nothing
-    ``.usd .usda .usdc``   float32    everything but data of faces              ``[usd]``
+    ``.usd .usda .usdc``   float32    everything                                ``[usd]``
     ``.ply``               float64    polygons, "uv"                            nothing
     ``.off``               float64    polygons                                  nothing
     ``.stl``               float32    triangles                                 ``[formats]``
@@ -306,7 +309,8 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     ``.3mf``               decimal    triangles                                 ``[formats]``
     =====================  =========  ========================================  ============
 
-    Data of faces (``mesh.face_data``) are in files of VTK; in OBJ those called "object", "group"
+    Data of faces (``mesh.face_data``) are in files of VTK; in USD texts are subsets, in a family by
+    the name of the data, numbers uniform primvars; in OBJ there are those called "object", "group"
     and "material", if they are texts of one line. "Triangles" means that larger faces are cut, as
     those of `Tessellation.triangles` are. To cut those of a cage changes its limit surface, which a
     warning says. In float32 and in 7 digits, points of a mesh that is small or far from the origin
@@ -384,11 +388,6 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
             warn_of_loss(name, kind, x, uv=True, tags=True, data=obj.named(x))
         elif kind in formats.USD:
             content = _usd().content(x, kind)
-            if x.face_data:
-                names = ", ".join(map(repr, x.face_data))
-                warnings.warn(
-                    f"{name}: data of faces are left out: {names}", stacklevel=users_level()
-                )
             points = float_points(x) if isinstance(x, Mesh) else x.points
             warn_of_rounding(name, kind, x, points, points.astype(np.float32), 3)
         else:

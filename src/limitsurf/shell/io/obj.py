@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Iterator
 from itertools import chain
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,16 @@ from limitsurf.cage.checks import INTERPOLATION, MeshError
 from limitsurf.cage.mesh import Mesh
 from limitsurf.shell.io.losses import Losses, first_of
 from limitsurf.shell.io.polygons import INTERPOLATED, IntArray, mesh_of, polygons, texture
+from limitsurf.shell.io.statements import (
+    FACE,
+    OTHER,
+    TAG,
+    TEXTURE,
+    VERTEX,
+    Statements,
+    is_space,
+    shortened,
+)
 
 if TYPE_CHECKING:
     from limitsurf.query import Tessellation
@@ -68,9 +77,8 @@ LEFT_OUT = {
     )
     for keyword in keywords.split()
 }
-SPACE = np.isin(np.arange(256), list(b" \t\n\v\f"))  # (256,) bool, by byte
+_AT_ONCE = 1 << 14  # lines or corners that are put into a text together
 _NAMES = 1 << 26  # bytes that the names of all faces may take, beside those in proportion to a file
-VERTEX, TEXTURE, FACE, TAG, OTHER = range(5)
 
 
 def statements(x: Mesh | Tessellation) -> Iterator[str]:
@@ -78,28 +86,44 @@ def statements(x: Mesh | Tessellation) -> Iterator[str]:
     tags = _tag_statements(x) if isinstance(x, Mesh) else []
     shape = polygons(x)
     uv, place = shape.channels.get("uv", (np.zeros((0, 2)), None))
-    normal = shape.normal_indices if len(shape.normals) else None
-    columns = [(rows + 1).tolist() for rows in (shape.indices, place, normal) if rows is not None]
-    form = "{}//{}" if place is None and normal is not None else "/".join(["{}"] * len(columns))
+    columns, forms = [shape.indices + 1], ["%d"]
     missing: NDArray[np.bool_] = np.asarray(np.isnan(uv).any(axis=1))
-    if place is not None and missing[place].any():  # faces without texture coordinates
-        lacking = np.logical_or.reduceat(missing[place], shape.offsets[:-1])
-        before_uv = "" if normal is not None else "/"
-        number = np.char.add(before_uv, np.cumsum(~missing)[place].astype(str))
-        columns[1] = np.where(np.repeat(lacking, shape.sizes), "", number).tolist()
-        form, uv = "{}{}" if normal is None else form, uv[~missing]
+    if place is not None:
+        lacking = np.repeat(np.logical_or.reduceat(missing[place], shape.offsets[:-1]), shape.sizes)
+        # faces without texture coordinates
+        columns.append(np.where(lacking, 0, np.cumsum(~missing)[place]))
+        uv = uv[~missing]
+        forms = ["%d/%d", "%d%.0s"] if lacking.any() else ["%d/%d"]
+    if len(shape.normals):
+        columns.append(shape.normal_indices + 1)
+        forms = [f"{form}/%d" if "/" in form else f"{form}//%d" for form in forms]
     before = np.full(len(shape.indices), " ", dtype=object)
     before[shape.offsets[:-1]] = _before_faces(x)
+    form = np.array(forms, dtype=object)[lacking.astype(int) if len(forms) > 1 else 0]
     return chain(
-        map("v {!r} {!r} {!r}\n".format, *shape.points.T.tolist()),
-        map("vt {!r} {!r}\n".format, *uv.T.tolist()),
-        map("vn {!r} {!r} {!r}\n".format, *shape.normals.T.tolist()),
-        map(f"{{}}{form}".format, before.tolist(), *columns),
+        _lines("v %r %r %r\n", shape.points),
+        _lines("vt %r %r\n", uv),
+        _lines("vn %r %r %r\n", shape.normals),
+        _corners(before + form, np.stack(columns, axis=1)),
         ["\n"],
         tags,
         () if x.units is None else [f"t units 0/1/0 {x.units!r}\n"],
         () if x.up is None else [f"t up 0/0/1 {x.up}\n"],
     )
+
+
+def _lines(form: str, rows: NDArray[np.float64]) -> Iterator[str]:
+    """Rows (n, k), each a line of a form that has k places."""
+    for i in range(0, len(rows), _AT_ONCE):
+        part = rows[i : i + _AT_ONCE]
+        yield form * len(part) % tuple(part.ravel().tolist())
+
+
+def _corners(forms: NDArray[Any], rows: IntArray) -> Iterator[str]:
+    """Corners (n, k), each in a form of its own (n,) with k places."""
+    for i in range(0, len(rows), _AT_ONCE):
+        form = "".join(forms[i : i + _AT_ONCE].tolist())
+        yield form % tuple(rows[i : i + _AT_ONCE].ravel().tolist())
 
 
 def named(x: Mesh | Tessellation) -> list[str]:
@@ -108,7 +132,10 @@ def named(x: Mesh | Tessellation) -> list[str]:
 
 
 def _before_faces(x: Mesh | Tessellation) -> Any:
-    """What stands before the corners of each face: names where they change, and the keyword."""
+    """What stands before the corners of each face: names where they change, and the keyword.
+
+    It is a part of a form, where % is doubled.
+    """
     before = np.full(len(x.sizes), "\n", dtype=object)
     for keyword, name in NAMES.items():
         if name not in named(x):
@@ -119,7 +146,8 @@ def _before_faces(x: Mesh | Tessellation) -> Any:
             if " ".join(text.split()) != text or {"#", "\\"} & set(text):
                 need = "names without #, \\ and white space but single blanks"
                 raise ValueError(f"{name} {text!r} of face {i}: an OBJ file holds {need}")
-            before[i] += f"{keyword.decode()} {text}\n" if text else f"{keyword.decode()}\n"
+            name_line = f"{keyword.decode()} {text}".replace("%", "%%").rstrip()
+            before[i] += f"{name_line}\n"
     return before + "f "
 
 
@@ -158,141 +186,6 @@ def _choice(tag: str, value: str | None) -> str:
     return f"t {tag} {counts} {argument}\n"
 
 
-class Statements:
-    """The bytes of a text file, cut by vectorised scans into statements, and these into words.
-
-    A statement is a line that is not empty, with all lines that continue it.
-    """
-
-    def __init__(self, name: str, data: bytes) -> None:
-        self.name = name
-        data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-        data = re.sub(rb"#[^\n]*", b"", data)
-        data = re.sub(rb"\\[ \t]*\n", b"\v", data)  # white space that still counts as a line
-        self.text = np.frombuffer(data + b"\n" * 16, dtype=np.uint8)  # padded for looking ahead
-        space = SPACE[self.text]
-        is_start = ~space
-        is_start[1:] &= space[:-1]
-        words = np.flatnonzero(is_start)
-        line_ends = np.flatnonzero(self.text == ord("\n"))
-        first = np.searchsorted(words, np.append(0, line_ends))
-        filled = np.flatnonzero(np.diff(first))
-        self.start = np.append(words, len(self.text))  # (W + 1,) first byte of each word
-        self.first = np.append(first[filled], len(words))  # (S + 1,) first word of each statement
-        self.n_words = np.diff(self.first)  # (S,)
-        self.head = words[first[filled]]  # (S,) first byte of each keyword
-        a, b, c = (self.text[self.head + i] for i in range(3))
-        kind = np.full(len(filled), OTHER, dtype=np.int8)
-        for letter, known in ("v", VERTEX), ("f", FACE), ("t", TAG):
-            kind[(a == ord(letter)) & SPACE[b]] = known
-        kind[(a == ord("v")) & (b == ord("t")) & SPACE[c]] = TEXTURE
-        kind[(a == ord("f")) & (b == ord("o")) & SPACE[c]] = FACE  # as faces were called once
-        self.kind = kind  # (S,)
-
-    def of(self, kind: int) -> IntArray:
-        """The statements of a kind, in order."""
-        return np.flatnonzero(self.kind == kind)
-
-    def arguments(self, statements: IntArray) -> IntArray:
-        """The words of the statements but for their keywords, in order."""
-        counts = self.n_words[statements] - 1
-        shift = self.first[statements] + 1 - (np.cumsum(counts) - counts)
-        words: IntArray = np.arange(counts.sum()) + np.repeat(shift, counts)
-        return words
-
-    def words(self, statement: int) -> list[str]:
-        """The words of a statement, keyword first, as text."""
-        return [word.decode(errors="backslashreplace") for word in self._bytes(statement)]
-
-    def label(self, statement: int) -> str:
-        """What follows the keyword of a statement, in UTF-8 or else Latin-1."""
-        text = b" ".join(self._bytes(statement)[1:])
-        try:
-            return text.decode()
-        except UnicodeDecodeError:
-            return text.decode("latin-1")
-
-    def _bytes(self, statement: int) -> list[bytes]:
-        low, high = self.start[self.first[[statement, statement + 1]]]
-        return self.text[low:high].tobytes().split()
-
-    def line(self, statement: int) -> int:
-        """The line of the file, from 1, on which a statement starts."""
-        before = self.text[: self.head[statement]]
-        return int(np.isin(before, list(b"\n\v")).sum()) + 1
-
-    def place(self, statement: int) -> str:
-        """The line on which a statement starts, for messages."""
-        return f"line {self.line(statement)}"
-
-    def fail(self, statement: int, message: str) -> NoReturn:
-        """Refuse the file, for a statement."""
-        raise MeshError(f"{self.name}, {self.place(statement)}: {message}")
-
-    def numbers(
-        self, words: IntArray, need: str, each: int = 1, integers: bool = False
-    ) -> NDArray[Any]:
-        """``each`` numbers, separated by slashes if integers, of every word: (n, each).
-
-        A word that is not so raises an error with what the file needs. Numbers may be NaN or
-        infinite.
-        """
-        values = self.numbers_or_none(words, each, integers)
-        if values is not None:
-            return values
-        while len(words) > 1:  # bisection for the first bad word
-            half = words[: len(words) // 2]
-            good = self.numbers_or_none(half, each, integers) is not None
-            words = words[len(half) :] if good else half
-        self.fail_at(int(words[0]), need)
-
-    def fail_at(self, word: int, need: str) -> NoReturn:
-        """Raise an error about a word, with what the file needs."""
-        statement = int(np.searchsorted(self.first, word, side="right")) - 1
-        bad = self.words(statement)[word - self.first[statement]]
-        self.fail(statement, f"got {_shortened(bad)}, need {need}")
-
-    def finite(self, words: IntArray) -> NDArray[np.float64]:
-        """One number of every word; one that is not finite raises an error."""
-        values = self.numbers(words, "a finite number").ravel()
-        bad = np.flatnonzero(~np.isfinite(values))
-        if len(bad):
-            self.fail_at(int(words[bad[0]]), "a finite number")
-        return values
-
-    def numbers_or_none(
-        self, words: IntArray, each: int = 1, integers: bool = False
-    ) -> NDArray[Any] | None:
-        """As ``numbers``, but None for a bad word."""
-        if len(words) == 0:
-            return np.empty((0, max(each, 1)), dtype=np.int64 if integers else np.float64)
-        low, high = words[0], words[-1] + 1
-        chosen = np.zeros(high - low, dtype=bool)
-        chosen[words - low] = True
-        text = self.text[self.start[low] : self.start[high]]
-        text = text[np.repeat(chosen, np.diff(self.start[low : high + 1]))]
-        if integers:
-            # Of the text between slashes at most one number is read: a sign stands only before it.
-            text[text == ord("/")] = ord(" ")
-            sign = np.flatnonzero((text == ord("-")) | (text == ord("+")))
-            before, after = text[sign - 1], text[sign + 1]
-            if not (
-                ((sign == 0) | SPACE[before]) & (after >= ord("0")) & (after <= ord("9"))
-            ).all():
-                return None
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("error", DeprecationWarning)  # bad text, in numpy 1
-                values = np.fromstring(
-                    text.tobytes(), np.int64 if integers else np.float64, sep=" "
-                )
-        except (ValueError, DeprecationWarning):
-            return None
-        if len(values) != each * len(words):
-            return None
-        return values.reshape(-1, each)
-
-
 def parse(name: str, data: bytes, *, strict: bool = False) -> Mesh:
     """The cage of the bytes of a file; its name is for messages."""
     file, losses = Statements(name, data), Losses(name, strict)
@@ -303,7 +196,7 @@ def parse(name: str, data: bytes, *, strict: bool = False) -> Mesh:
     if len(points) == 0 or len(faces) == 0:
         if len(unknown):
             text = " ".join(file.words(int(unknown[0])))
-            file.fail(unknown[0], f"got {_shortened(text)}, need a statement of an OBJ file")
+            file.fail(unknown[0], f"got {shortened(text)}, need a statement of an OBJ file")
         missing = "vertex, 'v x y z'" if len(points) == 0 else "face, 'f 1 2 3'"
         raise MeshError(f"{file.name}: need at least one {missing}, got none up to the last line")
     sizes = file.n_words[faces] - 1
@@ -350,7 +243,7 @@ def _names_of_faces(
             names = ["", *map(file.label, at.tolist())]
             if 4 * max(map(len, names)) * len(faces) > max(_NAMES, 64 * len(file.text)):
                 longest = max(names, key=len)
-                text = f"got the {name} {_shortened(longest)} of {len(longest)} letters: "
+                text = f"got the {name} {shortened(longest)} of {len(longest)} letters: "
                 losses.add(
                     name, file.place(at[0]), text + f"long ones {name}s take too much memory"
                 )
@@ -368,7 +261,7 @@ def _unknown_statements(file: Statements) -> IntArray:
 def _keywords(file: Statements, statements: IntArray) -> NDArray[np.bytes_]:
     """The first 16 bytes of keywords: (n,)."""
     heads = file.text[file.head[statements, None] + np.arange(16)]  # (n, 16)
-    heads[np.cumsum(SPACE[heads], axis=1) > 0] = 0
+    heads[np.cumsum(is_space(heads), axis=1) > 0] = 0
     keywords: NDArray[np.bytes_] = heads.view("S16").ravel()
     return keywords
 
@@ -378,7 +271,7 @@ def _tell(
 ) -> None:
     """Note what is unknown, and what has no place in a cage, such as in `left_out`."""
     if len(unknown):
-        names = dict.fromkeys(_shortened(file.words(i)[0]) for i in unknown[:1000].tolist())
+        names = dict.fromkeys(shortened(file.words(i)[0]) for i in unknown[:1000].tolist())
         count = f"{len(unknown)} statement{'s' if len(unknown) > 1 else ''}"
         text = f"{count} of unknown kinds, {_listed(list(names))}"
         losses.add("unknown", file.place(unknown[0]), text, "ignored")
@@ -405,10 +298,6 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
 
 
-def _shortened(text: str) -> str:
-    return repr(text if len(text) <= 40 else text[:40] + "...")
-
-
 def _coordinates(
     file: Statements, kind: int, columns: int, lost: dict[str, IntArray]
 ) -> NDArray[np.float64]:
@@ -429,11 +318,11 @@ def _coordinates(
     for count in range(least, columns + 1):
         alike = np.flatnonzero(np.minimum(counts, columns) == count)
         words = (first[alike, None] + np.arange(count)).ravel()
-        rows[alike, :count] = file.numbers(words, "a finite number").reshape(-1, count)
+        rows[alike, :count] = file.numbers(words).reshape(-1, count)
     if kind == VERTEX:
         weight = np.flatnonzero(counts == 4)
         values = file.numbers_or_none(first[weight] + 3)
-        heavy = weight if values is None else weight[values.ravel() != 1]
+        heavy = weight if values is None else weight[values != 1]
         lost["weights of vertices"] = statements[heavy]
         lost["colours of vertices"] = statements[counts > 4]
     return rows
@@ -449,41 +338,31 @@ def _check_points(file: Statements, points: NDArray[np.float64], indices: IntArr
         file.fail_at(int(word), "a finite number")
 
 
-# Integers of a face corner, by 9 for a slash at its end, 3 for two slashes at once, and slashes:
-# v, v/vt, v/vt/vn, v//vn, v/, v/vt/, v//.
-FORMS = {0: 1, 1: 2, 2: 3, 5: 2, 10: 1, 11: 2, 14: 1}
-WITH_TEXTURE = (1, 2, 11)
-
-
 def _corner_indices(
     file: Statements, faces: IntArray
 ) -> tuple[IntArray, IntArray, NDArray[np.bool_]]:
     """Vertex and texture index of every face corner as in the file, and whether it has the latter.
 
-    Corners written in the same way are converted together.
+    A corner is v, v/vt, v//vn or v/vt/vn, where a slash may stand at the end.
     """
+    need = "integers as v, v/vt, v//vn or v/vt/vn"
     words = file.arguments(faces)  # (H,)
-    low, high = file.start[words], file.start[words + 1]
-
-    def within(places: IntArray) -> IntArray:
-        """How many of some places are in each word."""
-        found: IntArray = np.searchsorted(places, high) - np.searchsorted(places, low)
-        return found
-
-    slash = np.flatnonzero(file.text == ord("/"))
-    slashes, doubles = within(slash), within(slash[:-1][np.diff(slash) == 1])
-    ends = within(slash[SPACE[file.text[slash + 1]]])
-    vertex, texture = np.zeros((2, len(words)), dtype=np.int64)
-    form = np.where((slashes <= 2) & (doubles <= 1), slashes + 3 * doubles + 9 * ends, -1)
-    form[~np.isin(form, list(FORMS)) | (file.text[low] == ord("/"))] = -1
-    for this, each in {**FORMS, -1: 0}.items():
-        alike = np.flatnonzero(form == this)
-        need = "integers as v, v/vt, v//vn or v/vt/vn"
-        values = file.numbers(words[alike], need, each, integers=True)
-        vertex[alike] = values[:, 0]
-        if this in WITH_TEXTURE:
-            texture[alike] = values[:, 1]
-    return vertex, texture, np.isin(form, WITH_TEXTURE)
+    low, high = file.start[words], file.end[words]
+    slash = np.append(np.flatnonzero(file.text == ord("/")), [len(file.text)] * 3)
+    if len(slash) == 3:
+        vertex = file.integers_between(words, low, high, need)
+        return vertex, np.zeros_like(vertex), np.zeros(len(vertex), dtype=bool)
+    number = np.searchsorted(slash, low)
+    one, two, three = (np.minimum(slash[number + i], high) for i in range(3))
+    if (three < high).any():
+        file.fail_at(int(words[(three < high).argmax()]), need)
+    found = [file.integers_between(words, low, one, need)]
+    for begin, end in (one + 1, two), (two + 1, high):  # of a normal it is but checked
+        there = np.flatnonzero(begin < end)
+        values = np.zeros_like(low)
+        values[there] = file.integers_between(words[there], begin[there], end[there], need)
+        found.append(values)
+    return found[0], found[1], one + 1 < two
 
 
 def _resolved(
@@ -551,10 +430,10 @@ class _Tags:
                 try:
                     self.add(statement, name, *_arguments(words))
                 except (ValueError, LookupError, OverflowError):
-                    text = f"got tag {_shortened(' '.join(words))}, need {TAGS[name]}"
+                    text = f"got tag {shortened(' '.join(words))}, need {TAGS[name]}"
                     losses.add(f"t {name}", file.place(statement), text)
             elif name != OBSOLETE:
-                unknown.setdefault(_shortened(name), statement)
+                unknown.setdefault(shortened(name), statement)
         if unknown:
             first = next(iter(unknown.values()))
             count = f"{len(unknown)} tag{'s' if len(unknown) > 1 else ''}"

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from limitsurf.cage.checks import MeshError
 from limitsurf.cage.mesh import Mesh
 from limitsurf.shell.io.losses import Losses
-from limitsurf.shell.io.obj import Statements
 from limitsurf.shell.io.ply import Elements
 from limitsurf.shell.io.polygons import IntArray, mesh_of
+from limitsurf.shell.io.statements import Statements
 
 if TYPE_CHECKING:
     from limitsurf.query import Polygons
@@ -104,10 +104,10 @@ def _text(name: str, file: Statements, losses: Losses) -> Mesh:
     if words[-1] >= file.first[-1]:
         raise MeshError(f"{name}: need the numbers of vertices and faces after 'OFF'")
     if shape.any_dimension:
-        shape.check_dimension(int(file.numbers(words[:1], "a dimension", integers=True)[0, 0]))
+        shape.check_dimension(int(file.integers(words[:1], "a dimension")[0]))
         words = words[1:]
-    counts = file.numbers(words, "the numbers of vertices and faces", integers=True)
-    n_vertices, n_faces = counts.ravel().tolist()
+    counts = file.integers(words, "the numbers of vertices and faces")
+    n_vertices, n_faces = counts.tolist()
     head = int(np.searchsorted(file.first, words[-1], side="right"))  # statements before vertices
     if min(n_vertices, n_faces) < 0 or head + n_vertices + n_faces > len(file.n_words):
         raise MeshError(
@@ -122,15 +122,15 @@ def _text(name: str, file: Statements, losses: Losses) -> Mesh:
         text = f"got {file.n_words[short[0]]} numbers, need {'three' if need == 3 else need}"
         file.fail(short[0], f"{text} coordinates")
     words = (file.first[vertices][:, None] + np.arange(need)).ravel()
-    rows = file.numbers(words, "a finite number").reshape(-1, need)
-    sizes = file.numbers(file.first[faces], "the number of its vertices", integers=True).ravel()
+    rows = file.numbers(words).reshape(-1, need)
+    sizes = file.integers(file.first[faces], "the number of its vertices")
     short = np.flatnonzero((sizes < 0) | (sizes >= file.n_words[faces]))
     if len(short):
         text = "the number of its vertices, and these"
         file.fail(faces[short[0]], f"got a face of size {sizes[short[0]]}, need {text}")
     place = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
     words = np.repeat(file.first[faces] + 1, sizes) + place
-    indices = file.numbers(words, "a vertex", integers=True).ravel()
+    indices = file.integers(words, "a vertex")
     uv = _texture(file, shape, vertices)
     least = need + 3 * shape.normals + 2 * (uv is not None)
     coloured = bool((file.n_words[vertices] > least).any())

@@ -113,6 +113,14 @@ class Part:
             "holes": tiled(mesh.holes, mesh.n_faces),
         }
 
+    def data(self, name: str, like: Array) -> Array:
+        """Data of the faces of all copies; where it has none, "", 0 or NaN as others are."""
+        own = self.mesh.face_data.get(name)
+        shape = (self.mesh.n_faces, *like.shape[1:])
+        if own is None or own.shape != shape or (own.dtype.kind == "U") != (like.dtype.kind == "U"):
+            own = np.full(shape, np.nan if like.dtype.kind == "f" else like.dtype.type())
+        return np.concatenate([own] * self.copies)
+
     def channels(self) -> dict[str, Channel]:
         """The channels of all copies, which share their values."""
         return {
@@ -149,9 +157,21 @@ def merged(parts: Sequence[Part], losses: Losses, **others: Any) -> Mesh:
         channels=joined_channels(
             [(part.path, part.sizes, part.channels()) for part in parts], losses
         ),
+        face_data=_joined_data(parts),
         **{name: _agreed(name, parts, losses) for name in DEFAULTS},
         **others,
     )
+
+
+def _joined_data(parts: Sequence[Part]) -> dict[str, Array]:
+    """Data of the faces of all parts, in the form that they have in the first with such data."""
+    likes: dict[str, Array] = {}
+    for part in parts:
+        likes = {**part.mesh.face_data, **likes}
+    return {
+        name: np.concatenate([part.data(name, like) for part in parts])
+        for name, like in likes.items()
+    }
 
 
 def _agreed(option: str, parts: Sequence[Part], losses: Losses) -> Any:

@@ -26,15 +26,16 @@ try:
 except ImportError as error:
     raise ImportError('usd-core is needed for USD files: pip install "limitsurf[usd]"') from error
 
+from limitsurf.shell.io.usd_faces import write_data
 from limitsurf.shell.io.usd_reader import (
     CHOICES,
     CREASING_NOTE,
     LINEAR,
     OF_POINTS,
     Reader,
-    one_line,
 )
 from limitsurf.shell.io.usd_scene import Traversal
+from limitsurf.shell.io.usd_values import one_line
 
 PRIM = "/mesh"  # what a file of ours calls its mesh
 UP = {"Y": "y", "Z": "z"}
@@ -74,12 +75,23 @@ def read(
     finally:
         complaints = [one_line(found) for found in diagnostics.TakeUncoalescedDiagnostics()]
         if not strict:
-            for text in complaints:
+            for text in _alike(complaints):
                 warnings.warn(f"{name}: {text}", stacklevel=3)
     if complaints and strict:
         raise MeshError(f"{name}: {complaints[0]}")
     losses.warn(stacklevel=3)
     return mesh
+
+
+def _alike(complaints: list[str]) -> list[str]:
+    """Of messages that differ in prims alone the first, and how many more there are."""
+    found: dict[str, list[str]] = {}
+    for text in complaints:
+        found.setdefault(re.sub(r"<[^>]*>", "<>", text), []).append(text)
+    return [
+        first if not others else f"{first} ({len(others)} more like it)"
+        for first, *others in found.values()
+    ]
 
 
 def schemes(
@@ -118,6 +130,7 @@ def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh
         place = "in the stage" if path is None else f"at or below {path}"
         text = f"{name}: need a mesh of UsdGeom, found none that is shown {place}"
         raise MeshError("; ".join([text, *losses.messages()]))
+    scene.reserve_memory()
     parts, others = [], scene.others
     read: dict[str, tuple[Mesh, bool]] = {}
     broken: dict[str, str] = {}
@@ -177,7 +190,15 @@ def content(x: Mesh | Tessellation, suffix: str) -> Iterator[bytes]:
         faces = shape.sizes, shape.indices
         geom = _define(
             stage,
-            Mesh(shape.points, faces, scheme="none", channels=channels, units=x.units, up=x.up),
+            Mesh(
+                shape.points,
+                faces,
+                scheme="none",
+                channels=channels,
+                face_data=x.face_data,
+                units=x.units,
+                up=x.up,
+            ),
         )
         if len(shape.normals):
             normals = shape.normals[shape.normal_indices].astype(np.float32)
@@ -238,6 +259,7 @@ def _define(stage: Any, mesh: Mesh) -> Any:
         text = f"channels: a USD mesh holds one interpolation for all its seams, got {modes}"
         warnings.warn(f"{text}: written as {mode!r}", stacklevel=4)
     _choose(prim, "interpolation", *LINEAR, mode)
+    write_data(geom, mesh)
     return geom
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, NoReturn
@@ -15,6 +14,8 @@ from limitsurf.cage.checks import INTERPOLATION, Channel, MeshError
 from limitsurf.cage.mesh import CREASING, Mesh
 from limitsurf.shell.io.losses import Losses, finite_points, first_of, tagged
 from limitsurf.shell.io.polygons import IntArray
+from limitsurf.shell.io.usd_faces import data_of_faces, is_of_faces
+from limitsurf.shell.io.usd_values import numbers_of
 
 # For each of our choices USD's attribute, and the meanings of its tokens; first the one that holds
 # where a file says nothing.
@@ -46,42 +47,6 @@ CREASING_NOTE = "limitsurf:creasing"
 # smooth as the points, with their creases and corners.
 OF_POINTS = {"vertex": "none", "varying": "all"}
 LARGEST = np.iinfo(np.int32).max  # count of what an array of USD describes
-
-
-def one_line(said: Any) -> str:
-    """A message, or what USD says, in one line and without what only programmers understand."""
-    internal = (
-        r":SDF_FORMAT_ARGS:\w+=\w+| matching \w+::.*?(?= at ')| \(instantiating stage [^)]*\)"
-    )
-    if not isinstance(said, str):
-        try:
-            said = said.commentary
-        except UnicodeDecodeError as error:
-            said = error.object.decode(errors="backslashreplace")
-    return " ".join(re.sub(internal, "", said).split())
-
-
-def numbers_of(prim: Any, attribute: str, time: Any, kind: str, shape: tuple[int, ...] = ()) -> Any:
-    """The numbers of an attribute, (n, *shape), as int64 ("i") or float64 ("f"); none without it.
-
-    Raises
-    ------
-    MeshError
-        Another type or shape.
-    """
-    dtype = np.int64 if kind == "i" else np.float64
-    value = prim.GetAttribute(attribute).Get(time)
-    if value is None:
-        return np.zeros((0, *shape), dtype)
-    array = np.array(value)
-    if array.dtype.kind not in ("iu" if kind == "i" else "iuf") or array.shape[1:] != shape:
-        array = np.zeros(())
-    if array.ndim == 0:
-        what = "integers" if kind == "i" else "numbers"
-        each = f" of {shape[0]}" if shape else ""
-        got = type(value).__name__
-        raise MeshError(f"{attribute}: got {got}, need an array of {what}{each}")
-    return array.astype(dtype)
 
 
 class Reader:
@@ -153,6 +118,7 @@ class Reader:
                 self.lost("creasing", f"creasing: got {creasing!r}, need one of {need}")
             creasing = None
         channels = dict(self.channels(len(points), indices, enclosing))
+        data = data_of_faces(self.prim, self.time, len(sizes), self.lost)
         holes = self.kept("holes", lambda: self.array("holeIndices", "i"))
         self._look_around()
         return tagged(
@@ -162,6 +128,7 @@ class Reader:
             corners=self.kept("corners", self.corners),
             holes=self._renumbered(holes, sizes),
             channels=channels,
+            face_data={name: values[sizes > 2] for name, values in data.items()},
             creasing=creasing,
             **options,
         )
@@ -262,7 +229,7 @@ class Reader:
         for primvar in UsdGeom.PrimvarsAPI(self.prim).GetPrimvarsWithAuthoredValues():
             name, interpolation = primvar.GetName(), primvar.GetInterpolation()
             value = primvar.Get(self.time)
-            if value is None:  # at this time
+            if value is None or is_of_faces(primvar):  # nothing at this time, or data of faces
                 continue
             values = np.array(value)
             if (

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from pxr import Gf, Tf, Usd, UsdGeom
 
 from limitsurf.cage.checks import MeshError
+from limitsurf.shell.io.apart import MEMORY_PER_BYTE, allow
 from limitsurf.shell.io.losses import LocatedError, Losses, first_of
-from limitsurf.shell.io.usd_reader import numbers_of, one_line
+from limitsurf.shell.io.usd_values import numbers_of, one_line
 
 Array: TypeAlias = NDArray[np.float64]
 
 MOST_CORNERS = 5 * 10**7  # of faces, that point instancers may make
+BYTES_A_CORNER = 1024  # what it takes to make a mesh of them, in memory of this process
 # prototypes may stand below what is a mere "over", where nothing is shown in place
 PROTOTYPES = Usd.TraverseInstanceProxies(
     Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimHasDefiningSpecifier & ~Usd.PrimIsAbstract
@@ -35,7 +37,7 @@ class Traversal:
         Each mesh that is shown, with the matrices that put its points, as rows, into the world: one
         of its own, or several by point instancers.
     others : {str: list of path}
-        What is shown besides, by type, and the subsets of meshes.
+        What is shown besides, by type.
     """
 
     time: Any
@@ -82,6 +84,15 @@ class Traversal:
                 else:
                     self.placed.append((prim, world))
 
+    def reserve_memory(self) -> None:
+        """Let this process make a mesh of all that is placed, however small the file is."""
+        corners = sum(
+            _length(prim, "faceVertexIndices", self.time) * len(places)
+            for prim, places in self.placed
+        )
+        if corners <= MOST_CORNERS:
+            allow(corners * BYTES_A_CORNER // MEMORY_PER_BYTE)
+
     def _found(self, prims: Any) -> Iterator[tuple[Any, bool]]:
         """Meshes and point instancers, and whether it is one of the latter; others are noted."""
         prims = iter(prims)
@@ -91,8 +102,6 @@ class Traversal:
                 yield prim, True
             elif prim.IsA(UsdGeom.Mesh):
                 yield prim, False
-            elif prim.IsA(UsdGeom.Subset):
-                self.others.setdefault("subsets", []).append(str(prim.GetPath()))
             elif prim.IsA(UsdGeom.Gprim) and self._is_shown(prim):
                 self.others.setdefault(prim.GetTypeName(), []).append(str(prim.GetPath()))
 
