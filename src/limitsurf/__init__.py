@@ -57,6 +57,9 @@ if TYPE_CHECKING:
     from limitsurf.query.index import (
         SurfaceIndex as SurfaceIndex,
     )
+    from limitsurf.query.sections import Curves as Curves
+    from limitsurf.query.sections import contour as contour
+    from limitsurf.query.sections import section as section
     from limitsurf.refine import (
         ExactOperator as ExactOperator,
     )
@@ -136,6 +139,8 @@ _HOME = {
     "bezier_patches": "query.bezier",
     "bounds": "query.bounds",
     "closest_point": "query.closest",
+    "Curves": "query.sections",
+    "contour": "query.sections",
     "creases_by_angle": "query.creases",
     "eigenbasis": "spectra",
     "feet": "query.closest",
@@ -151,6 +156,7 @@ _HOME = {
     "refined": "refine",
     "refinement_gap": "query",
     "schemes": "scheme",
+    "section": "query.sections",
     "tessellate": "query",
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",
