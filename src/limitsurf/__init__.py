@@ -60,6 +60,9 @@ if TYPE_CHECKING:
     )
     from limitsurf.query.samples import Samples as Samples
     from limitsurf.query.samples import sample as sample
+    from limitsurf.query.sections import Curves as Curves
+    from limitsurf.query.sections import contour as contour
+    from limitsurf.query.sections import section as section
     from limitsurf.refine import (
         ExactOperator as ExactOperator,
     )
@@ -140,6 +143,8 @@ _HOME = {
     "bezier_patches": "query.bezier",
     "bounds": "query.bounds",
     "closest_point": "query.closest",
+    "Curves": "query.sections",
+    "contour": "query.sections",
     "creases_by_angle": "query.creases",
     "eigenbasis": "spectra",
     "feet": "query.closest",
@@ -157,6 +162,7 @@ _HOME = {
     "sample": "query.samples",
     "schemes": "scheme",
     "selected": "cage.selection",
+    "section": "query.sections",
     "tessellate": "query",
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",

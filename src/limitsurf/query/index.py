@@ -22,7 +22,7 @@ from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
 
-_RINGS = 4  # of cells around special corners; those beyond are made when they are asked for
+RINGS = 4  # of cells around special corners; those beyond are made when they are asked for
 _WIDTH = 4  # children of a box
 _MARGIN = 2.0**-49  # by which boxes are larger, of the largest coordinate: rounding of coefficients
 
@@ -113,7 +113,7 @@ class Cells:
             raise ValueError("the points of the cage must be finite")
         self.power = -int(np.frexp(largest)[1]) if largest else 0
         faces = np.arange(len(surface.limit_faces))
-        depth = _RINGS - (surface.limit_faces.corner >= 0)
+        depth = RINGS - (surface.limit_faces.corner >= 0)
         scheme, scaled = topology.rules.scheme, np.zeros(points.shape)
         scaled[used] = np.ldexp(points[used], self.power)
 
