@@ -25,8 +25,8 @@ Run this file: it says nothing unless an assertion fails.
 # The masks on a regular mesh are knot insertion for biquadratic B-splines; their eigenvalues around
 # an $n$-gon, for symbolic $n$; the $n + 5$ control points of a face, and the two Jordan blocks that
 # there are from $n = 5$ on; that the points beyond a boundary stay reflections at its curve; eleven
-# numbers that tell of a face at any polygon what the $n + 5$ points do; and quads amid others as four
-# pieces of the spline over the vertices themselves.
+# numbers that tell of a face at any polygon what the $n + 5$ points do; and quads amid others as
+# four pieces of the spline over the vertices themselves.
 #
 # - D. Doo, M. Sabin, "Behaviour of recursive division surfaces near extraordinary points",
 #   Computer-Aided Design 10 (1978): the weights.
@@ -336,7 +336,7 @@ for x, y, end in zip(inside, beyond, (a, b), strict=True):
 # Y_k' = \tfrac12 Y_k :
 # $$
 #
-# of the ring a face depends on $p_k$ and its two neighbours, $m$, and the two of which one is $X_k$:
+# of the ring a face depends on $p_k$ and its two neighbours, $m$, $X_k$ and $Y_k$:
 # six points, if the last two are $m + X_k$ and $m + Y_k$. With the five others beside these there
 # are eleven, at any $n$; the step is a matrix of them whose entries are the same but for $\cos
 # \theta$ and $\sin \theta$. Its ring has the eigenvalues $1, \frac12, \frac12, \frac14, \frac14,
@@ -426,8 +426,8 @@ for n in (7, 10):
 # ## 7. Quads amid others
 #
 # Around a quad whose vertices all are amid four quads the points of the first step are a part of a
-# regular lattice: the limit is the biquadratic B-spline of the vertices. Its knots are in the middle
-# of edges: along the quad, between the second and the third of four vertices, it is quadratic up to
+# regular lattice: the limit is the biquadratic B-spline of the vertices. Its knots are in the
+# middle of edges: along the quad, between the second and the third of four vertices, it is quadratic up to
 # $\frac12$, with the weights $\frac12 (\frac12 - t)^2, \frac34 - t^2, \frac12 (\frac12 + t)^2, 0$,
 # and from there on the mirror image.
 

@@ -43,9 +43,9 @@ from sympy import Matrix, Poly, Rational, binomial, expand, ff, symbols
 
 from limitsurf import tables
 from limitsurf._kernels.reference import spline_weights
+from limitsurf.engine.monomials import monomials as corner_basis
 from limitsurf.numbers import RATIONAL
 from limitsurf.pieces import bernstein, weights
-from limitsurf.engine.monomials import monomials as corner_basis
 from limitsurf.scheme.bilinear import BILINEAR, LINEAR
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from limitsurf.scheme.doo_sabin import DOO_SABIN
@@ -272,8 +272,8 @@ for scheme, kind, faces in rings:
 # \left( \frac{a \pm S}{2} \right)^i \left( \frac{b \pm T}{2} \right)^j .
 # $$
 #
-# So compiled kernels that evaluate eigenfunctions of some degrees know all splines of these degrees,
-# whose weights they need not have.
+# So compiled kernels that evaluate eigenfunctions of some degrees know all splines of these
+# degrees, whose weights they need not have.
 
 # %%
 for scheme in (DOO_SABIN, BILINEAR, LINEAR, CATMULL_CLARK):

@@ -51,7 +51,7 @@ class DualModes:
         Frequency and parity of each, 0 for cosines and 1 for sines, to order equal ones by; that
         which heads a chain comes before those that it is taken away from.
     waves : list of (int, int)
-        Which frequency and parity they are; of a gathered ring 2 and 3 stand for all that is faster.
+        Which frequency and parity they are; in a gathered ring 2 and 3 are all that is faster.
     right : (ring, ring) fixed
         Right eigenvectors as columns: cosines and sines, times `taken`.
     taken : {mode: (mode that is taken away from it, how often)}

@@ -274,9 +274,7 @@ def _polynomials(scheme: Scheme, control: Fixed) -> Fixed:
 
 
 @lru_cache(maxsize=256)
-def ring_normal(
-    scheme: Scheme, kind: str, faces: int, gathered: bool = False
-) -> tuple[int, ...]:
+def ring_normal(scheme: Scheme, kind: str, faces: int, gathered: bool = False) -> tuple[int, ...]:
     """Modes of the ring whose coefficients' cross product is along the limit normal, if any."""
     sector = replace(scheme.sector(kind, faces), gathered=gathered)
     count = 1 if sector.alike else faces

@@ -117,10 +117,7 @@ class DualFan(Fan):
             for f, sine in ring_waves(n):
                 wave = (np.cos, np.sin)[sine]
                 first, middle, last = (wave(np.pi * f / n * (2 * s + x)) for x in range(3))
-                if sign:
-                    values = first * here + sign * last * here.T
-                else:
-                    values = middle * here
+                values = first * here + sign * last * here.T if sign else middle * here
                 if np.abs(values).max() > 1e-9:
                     yield eigenvalue, f, sine ^ int(sign < 0), values
                 elif 2 * f == n:  # of a cosine between there is nothing, but of the sine
@@ -134,6 +131,4 @@ class DualFan(Fan):
             self._joined(near) for value, f, _, near in self._waves() if (value, f) == (slowest, 1)
         )
         corner, half = self.number[0, 0, 0], np.pi / self.faces
-        return np.stack(
-            [x / x[corner] * math.cos(half), y / y[corner] * math.sin(half)], axis=1
-        )
+        return np.stack([x / x[corner] * math.cos(half), y / y[corner] * math.sin(half)], axis=1)

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.cage.mesh import Mesh
-from limitsurf.scheme.net import Net
 from limitsurf.scheme.dual import DualScheme
-from limitsurf.spectra.basis import Eigenbasis, eigenbasis
+from limitsurf.scheme.net import Net
+from limitsurf.spectra.basis import eigenbasis
 from limitsurf.surface import LimitSurface
 from limitsurf.tables import EigenTable, FourierRing, Sector, eigen_table, grid_index
 
