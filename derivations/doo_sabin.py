@@ -24,16 +24,39 @@ Run this file: it says nothing unless an assertion fails.
 #
 # The masks on a regular mesh are knot insertion for biquadratic B-splines; their eigenvalues around
 # an $n$-gon, for symbolic $n$; the $n + 5$ control points of a face, and the two Jordan blocks that
-# there are from $n = 5$ on; and that the points beyond a boundary stay reflections at its curve.
+# there are from $n = 5$ on; that the points beyond a boundary stay reflections at its curve; eleven
+# numbers that tell of a face at any polygon what the $n + 5$ points do; and quads amid others as
+# four pieces of the spline over the vertices themselves.
 #
 # - D. Doo, M. Sabin, "Behaviour of recursive division surfaces near extraordinary points",
 #   Computer-Aided Design 10 (1978): the weights.
 # - G. Chaikin, "An algorithm for high speed curve generation", 1974: the curve.
 
 # %%
+from dataclasses import replace
 from itertools import product
 
-from sympy import Matrix, Rational, Symbol, cos, expand, factor, pi, simplify, symbols
+import numpy as np
+from sympy import (
+    Matrix,
+    Rational,
+    Symbol,
+    cos,
+    diag,
+    diff,
+    expand,
+    eye,
+    factor,
+    pi,
+    simplify,
+    sin,
+    symbols,
+    sympify,
+)
+
+from limitsurf.exact.dual import quad_pieces
+from limitsurf.exact.matrices import subdivision_matrix
+from limitsurf.scheme.doo_sabin import DOO_SABIN
 
 HALF, QUARTER = Rational(1, 2), Rational(1, 4)
 
@@ -293,3 +316,140 @@ inside = [Rational(9, 16) * p + Rational(3, 16) * (x + q) + Rational(1, 16) * y
 beyond = [x.subs({q: 2 * p - q, t: 2 * a - t, r: 2 * b - r}, simultaneous=True) for x in inside]
 for x, y, end in zip(inside, beyond, (a, b), strict=True):
     assert expand(x + y - 2 * (3 * p / 4 + end / 4)) == 0
+
+# %% [markdown]
+# ## 6. Gathered rings
+#
+# All waves but the slowest are multiplied by $\frac14$. So with the mean $m$ of the points $p_j$ of
+# a ring, and with
+#
+# $$
+# X_k = \frac2n \sum_i \cos \frac{2 \pi (i - k)}{n} \, p_i , \qquad
+# Y_k = \frac2n \sum_i \sin \frac{2 \pi (i - k)}{n} \, p_i ,
+# $$
+#
+# of which all others are turns, $X_{k \pm 1} = X_k \cos \theta \pm Y_k \sin \theta$ with $\theta =
+# 2 \pi / n$, a new point is
+#
+# $$
+# p_k' = \tfrac14 p_k + \tfrac34 m + \tfrac14 X_k , \qquad m' = m, \qquad X_k' = \tfrac12 X_k, \quad
+# Y_k' = \tfrac12 Y_k :
+# $$
+#
+# of the ring a face depends on $p_k$ and its two neighbours, $m$, $X_k$ and $Y_k$:
+# six points, if the last two are $m + X_k$ and $m + Y_k$. With the five others beside these there
+# are eleven, at any $n$; the step is a matrix of them whose entries are the same but for $\cos
+# \theta$ and $\sin \theta$. Its ring has the eigenvalues $1, \frac12, \frac12, \frac14, \frac14,
+# \frac14$, with the vectors below.
+
+
+# %%
+for n in (5, 7, 8):
+    points = symbols(f"p0:{n}")
+    theta = [2 * pi * Rational(i, n) for i in range(n)]
+    mean = sum(points) / n
+    X = [2 * sum(cos(theta[(i - k) % n]) * points[i] for i in range(n)) / n for k in range(n)]
+    Y = [2 * sum(sin(theta[(i - k) % n]) * points[i] for i in range(n)) / n for k in range(n)]
+
+    def gap(x, of=points):
+        return max(abs(expand(x).coeff(p).evalf(40)) for p in of)
+
+    new = [sum(alpha((i - k) % n, n) * points[i] for i in range(n)) for k in range(n)]
+    later = dict(zip(points, new, strict=True))
+    for k in range(n):
+        assert gap(new[k] - (points[k] + 3 * mean + X[k]) / 4) < 1e-35
+        assert gap(X[(k + 1) % n] - X[k] * cos(theta[1]) - Y[k] * sin(theta[1])) < 1e-35
+    for whole_, share in ((mean, 1), (X[0], HALF), (Y[0], HALF)):
+        assert gap(whole_.subs(later, simultaneous=True) - share * whole_) < 1e-35
+
+co, si = symbols("co si")
+ring = Matrix([  # p_0, p_1, p_-1, m, m + X, m + Y
+    [QUARTER, 0, 0, HALF, QUARTER, 0],
+    [0, QUARTER, 0, (3 - co - si) / 4, co / 4, si / 4],
+    [0, 0, QUARTER, (3 - co + si) / 4, co / 4, -si / 4],
+    [0, 0, 0, 1, 0, 0],
+    [0, 0, 0, HALF, HALF, 0],
+    [0, 0, 0, HALF, 0, HALF],
+])  # fmt: skip
+vectors = Matrix([
+    [1, 1, 0, 1, 0, 0], [1, co, si, 0, 1, 1], [1, co, -si, 0, 1, -1],
+    [1, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0], [1, 0, 1, 0, 0, 0],
+])  # fmt: skip
+left = Matrix([
+    [0, 0, 0, 1, 0, 0], [0, 0, 0, -1, 1, 0], [0, 0, 0, -1, 0, 1],
+    [1, 0, 0, 0, -1, 0], [0, HALF, HALF, co - 1, -co, 0], [0, HALF, -HALF, si, 0, -si],
+])  # fmt: skip
+values = diag(1, HALF, HALF, QUARTER, QUARTER, QUARTER)
+assert (ring * vectors - vectors * values).expand().is_zero_matrix
+assert (left * vectors - eye(6)).expand().is_zero_matrix
+
+waves = DOO_SABIN.waves
+for n in (7, 12, 360):
+    sector = replace(DOO_SABIN.sector("interior", n), gathered=True)
+    matrix = subdivision_matrix(DOO_SABIN, sector)
+    here = ring.subs({co: cos(2 * pi / n), si: sin(2 * pi / n)})
+    for k, row in enumerate(matrix.rows[:6]):
+        gaps = (abs((sympify(row.get(j, 0)) - here[k, j]).evalf(40)) for j in range(6))
+        assert max(gaps) < 1e-35
+
+# %% [markdown]
+# That the limits agree: of random points around a polygon, of which both sets of control points are
+# formed, the eleven are after any number of steps what they should be of the $n + 5$. Then so are
+# all patches, which are splines over them.
+
+# %%
+rng = np.random.default_rng(0)
+for n in (7, 10):
+    full = subdivision_matrix(DOO_SABIN, DOO_SABIN.sector("interior", n), float)
+    sector = replace(DOO_SABIN.sector("interior", n), gathered=True)
+    few = subdivision_matrix(DOO_SABIN, sector, float)
+
+    def dense(matrix):
+        found = np.zeros((matrix.size, matrix.size))
+        for k, row in enumerate(matrix.rows[: matrix.size]):
+            found[k, list(row)] = list(row.values())
+        return found
+
+    def gathered(x, n=n):
+        turn = np.exp(2j * np.pi * np.arange(n) / n)
+        wave, middle = 2 / n * (turn @ x[:n]), x[:n].mean()
+        own = [x[0], x[1], x[n - 1], middle, middle + wave.real, middle + wave.imag]
+        return np.concatenate([own, x[n:]])
+
+    x = rng.normal(size=n + 5)
+    y = gathered(x)
+    for _ in range(5):
+        x, y = dense(full) @ x, dense(few) @ y
+        assert abs(gathered(x) - y).max() < 1e-14
+
+# %% [markdown]
+# ## 7. Quads amid others
+#
+# Around a quad whose vertices all are amid four quads the points of the first step are a part of a
+# regular lattice: the limit is the biquadratic B-spline of the vertices. Its knots are in the
+# middle of edges: along the quad, between the second and the third of four vertices, it is quadratic up to
+# $\frac12$, with the weights $\frac12 (\frac12 - t)^2, \frac34 - t^2, \frac12 (\frac12 + t)^2, 0$,
+# and from there on the mirror image.
+
+# %%
+lower = [(HALF - t) ** 2 / 2, 3 * QUARTER - t**2, (HALF + t) ** 2 / 2, 0]
+assert expand(lower[0] + lower[1] + lower[2]) == 1
+upper = [sympify(weight).subs(t, 1 - t) for weight in lower[::-1]]
+for order in range(2):
+    for one, other in zip(lower, upper, strict=True):
+        assert diff(one, t, order).subs(t, HALF) == diff(other, t, order).subs(t, HALF)
+# Chaikin's points, and the piece of the quadratic B-spline between three of them
+points = symbols("v0:4")
+chaikin = [
+    (3 * points[a] + points[b]) / 4 for a, b in ((0, 1), (1, 0), (1, 2), (2, 1), (2, 3), (3, 2))
+]
+T = symbols("T")
+piece = [(1 - T) ** 2 / 2, HALF + T * (1 - T), T**2 / 2]
+first = sum(weight * x for weight, x in zip(piece, chaikin[1:4], strict=True)).subs(T, 2 * t)
+assert expand(first - sum(w * x for w, x in zip(lower, points, strict=True))) == 0
+# what the library has: coefficients of the powers of T, the second half first
+for half, weights in zip(quad_pieces(DOO_SABIN), (upper, lower), strict=True):
+    start = HALF if weights is upper else 0
+    for k, weight in enumerate(weights):
+        near = expand(sympify(weight).subs(t, start + T / 2))
+        assert [near.coeff(T, j) for j in range(3)] == [Rational(row[k]) for row in half]

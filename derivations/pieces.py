@@ -28,7 +28,8 @@ Run this file: it says nothing unless an assertion fails.
 # 2. those of a patch that is turned against its limit face, and where its cells lie;
 # 3. that the limit beyond any ring lies in the convex hull of refined control points, reflections
 #    at sharp sides included;
-# 4. a bound for masks that are no convex combinations.
+# 4. a bound for masks that are no convex combinations;
+# 5. that a regular patch is a special corner, too, whose eigenfunctions are the monomials.
 #
 # - G. Farin, "Curves and Surfaces for CAGD", 5th edition, 2002: Bernstein polynomials, hulls.
 
@@ -42,9 +43,12 @@ from sympy import Matrix, Poly, Rational, binomial, expand, ff, symbols
 
 from limitsurf import tables
 from limitsurf._kernels.reference import spline_weights
+from limitsurf.engine.monomials import monomials as corner_basis
 from limitsurf.numbers import RATIONAL
 from limitsurf.pieces import bernstein, weights
+from limitsurf.scheme.bilinear import BILINEAR, LINEAR
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.doo_sabin import DOO_SABIN
 from limitsurf.scheme.loop import LOOP
 
 s, t, u, v = symbols("s t u v")
@@ -253,3 +257,44 @@ for scheme, kind, faces in rings:
     for n in (0, 2):
         most = found[n:].max(axis=(0, 1))
         assert (most <= weights.most_beyond(table, n) * (1 + 1e-12)).all()
+
+# %% [markdown]
+# ## 5. Monomials
+#
+# Let a regular patch be seen as a special corner: by its corner 0, in rings of pieces. The
+# polynomial $s^i t^j$ is multiplied by $2^{-(i + j)}$ when $s$ and $t$ are halved: monomials are
+# eigenfunctions, and the rows of `Spline.pieces`, which give their coefficients from the control
+# points, are left eigenvectors of a step; where there are as many monomials as control points (not
+# under Loop's, 15 and 12) they are a basis. On a piece with its origin at $(a, b)$ of its size,
+# turned or not, a monomial at half the size is
+#
+# $$
+# \left( \frac{a \pm S}{2} \right)^i \left( \frac{b \pm T}{2} \right)^j .
+# $$
+#
+# So compiled kernels that evaluate eigenfunctions of some degrees know all splines of these
+# degrees, whose weights they need not have.
+
+# %%
+for scheme in (DOO_SABIN, BILINEAR, LINEAR, CATMULL_CLARK):
+    spline, lattice, basis = scheme.spline, scheme.lattice, corner_basis(scheme)
+    exponents = sorted(spline.exponents, key=lambda powers: (sum(powers), powers[1]))
+    assert basis.rates[0].tolist() == [0.5 ** sum(nu) for nu in exponents]
+    S, T = symbols("S T")
+    for k, piece in enumerate(lattice.pieces):
+        sign = -1 if piece.turned else 1
+        x, y = ((origin + sign * z) / 2 for origin, z in zip(piece.origin, (S, T), strict=True))
+        for column, (i, j) in enumerate(exponents):
+            found = Poly(x**i * y**j, S, T)
+            own = [float(found.coeff_monomial(S**p * T**q)) for p, q in spline.exponents]
+            assert basis.pieces[k][:, column].tolist() == own
+    # the coefficients from the control points: no others give the polynomial of the patch
+    place = [spline.exponents.index(nu) for nu in exponents]
+    assert (basis.ring.left == np.array(spline.pieces, dtype=float)[place]).all()
+    assert np.linalg.matrix_rank(basis.ring.left) == len(exponents) == basis.size
+    # a step multiplies them by the eigenvalues: control points of the child at corner 0
+    A = np.zeros((basis.size, basis.size))
+    for row, point in enumerate(spline.template):
+        for (i, j), weight in spline.stencil((point[0] - 1, point[1] - 1)).items():
+            A[row, spline.template.index((1 + i, 1 + j))] = weight
+    assert np.allclose(basis.ring.left @ A, basis.rates[0][:, None] * basis.ring.left, atol=1e-15)

@@ -764,22 +764,37 @@ def _barycentric(
 
 
 def strip_weights(
-    strips: StripTables, which: Array, s: Array, t: Array, nu: Order, up: Array
+    strips: StripTables, which: Array, s: Array, t: Array, nu: Order, up: tuple[Array, Array]
 ) -> Array:
     """Weights (Q, 16) of patches with a semi-sharp crease along t = 0, control point 4 j + i.
 
     Within ceil(sharpness) halvings of t towards the crease the pieces are polynomials in t;
-    ``derivations/creases.py``. On a line between two, that of larger t is taken where `up`.
+    ``derivations/creases.py``. On a line between two, that of larger t is taken where ``up[1]``,
+    and where there are such pieces along s, too, that of larger s where ``up[0]``.
     """
-    along = kernels.cubic_weights(s, nu[0])
-    piece, T, level = kernels.split_strip(t, strips.depth[which], up)
-    degree = 3 - nu[1]
-    if degree < 0:
-        number = numbers.type_of(s)
-        return number.full((len(s), 16), number.zero)
-    polynomials = strips.pieces[strips.first[which] + piece]  # (Q, 4, 4)
-    factor = [factorial(k + nu[1]) // factorial(k) for k in range(degree + 1)]
-    powers = kernels.monomials(T, degree) * np.array(factor)
-    across = (powers[:, :, None] * polynomials[:, nu[1] :]).sum(axis=1)
-    across = across * kernels.scale_by_two(np.ones_like(T), level * nu[1])[:, None]
+    if strips.both:
+        along = _across_strip(strips, which, s, nu[0], up[0])
+    else:
+        along = kernels.cubic_weights(s, nu[0])
+    across = _across_strip(strips, which, t, nu[1], up[1])
     return np.asarray((across[:, :, None] * along[:, None, :]).reshape(len(s), 16))
+
+
+def quad_weights(strips: StripTables, s: Array, t: Array, nu: Order) -> Array:
+    """The same of quads of a dual scheme that are not turned."""
+    one = np.zeros(len(s), dtype=np.int64)
+    return strip_weights(strips, one, s, t, nu, (one > 0, one > 0))
+
+
+def _across_strip(strips: StripTables, which: Array, t: Array, order: int, up: Array) -> Array:
+    """Weights (Q, 4) of the rows of control points across strips."""
+    piece, T, level = kernels.split_strip(t, strips.depth[which], up)
+    degree = strips.pieces.shape[1] - 1 - order
+    if degree < 0:
+        number = numbers.type_of(t)
+        return number.full((len(t), 4), number.zero)
+    polynomials = strips.pieces[strips.first[which] + piece]  # (Q, powers, 4)
+    factor = [factorial(k + order) // factorial(k) for k in range(degree + 1)]
+    powers = kernels.monomials(T, degree) * np.array(factor)
+    across = (powers[:, :, None] * polynomials[:, order:]).sum(axis=1)
+    return np.asarray(across * kernels.scale_by_two(np.ones_like(T), level * order)[:, None])

@@ -22,6 +22,7 @@ from limitsurf._kernels.evaluation import (
     FIRST,
     KIND,
     LANES,
+    LEVELS,
     MODES,
     PAIRS,
     PATCH,
@@ -409,7 +410,8 @@ def shapers(shape: Any) -> tuple[Any, Any]:
                 given = k, query, patches, tables, points, out, width, room
                 done, special = False, code >> KIND > 1
                 known = special and tables.kinds[code >> KIND, MODES] >= 0
-                if not special or (known and room.places[k] >> 2 == 1):
+                level, kept = room.places[k] >> 2, tables.kinds[code >> KIND, LEVELS]
+                if not special or (known and 0 < level <= kept):
                     done = _spline_tangents(*given)
                 if known and not done:
                     done = _special_tangents(*given)
@@ -608,7 +610,8 @@ def shapers(shape: Any) -> tuple[Any, Any]:
                 given = k, query, patches, tables, points, rounding, out, room, mine
                 done, special = False, code >> KIND > 1
                 known = special and tables.kinds[code >> KIND, MODES] >= 0
-                if not special or (known and room.places[k] >> 2 == 1):
+                level, kept = room.places[k] >> 2, tables.kinds[code >> KIND, LEVELS]
+                if not special or (known and 0 < level <= kept):
                     done = _bent_spline(*given)
                 if known and not done:
                     done = _bent_special(*given)

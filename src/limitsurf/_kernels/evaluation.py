@@ -79,6 +79,7 @@ class Patches(NamedTuple):
     near: (
         Array  # (rows of ids,) int64: row of a copy of their control points in `Points.fine`, or -1
     )
+    halves: int  # whether regular patches are quads of a dual scheme, in four pieces
 
 
 class Tables(NamedTuple):
@@ -144,7 +145,7 @@ class Room(NamedTuple):
 
 _ints, _floats, _rows = (within(kind) for kind in (int64[::1], float64[::1], float64[:, ::1]))
 _FIELDS = (
-    (int64[::1], int64, int32[::1], int64[:, ::1], float64[::1], int64[::1]),
+    (int64[::1], int64, int32[::1], int64[:, ::1], float64[::1], int64[::1], int64),
     (
         int64[:, ::1], *[float64[:, :, :, ::1]] * 2, *[float64[:, ::1]] * 2, int64[:, ::1],
         float64[:, :, ::1], *[float64[:, ::1]] * 2, *[int64[:, ::1]] * 2,
@@ -338,6 +339,7 @@ def evaluator(shape: Any) -> Any:
     near = differences(size, own_point)
     located, turned, place_around = shape.located, shape.turned, shape.place_around
     spline, spline_weights, patch_weights = shape.spline, shape.spline_weights, shape.patch_weights
+    halved_weights = shape.halved_weights
     spline_normal, eigenfunctions, write = shape.spline_normal, shape.eigenfunctions, shape.write
 
     @inlined
@@ -431,7 +433,10 @@ def evaluator(shape: Any) -> Any:
             _ask(i, simple, room.simple, room, patches, tables, points)
             k = room.simple[i]
             at, query = room.codes[k] * size, start + k
-            spline_weights(room.s[k], room.t[k], order, weights)
+            if patches.halves:
+                halved_weights(room.s[k], room.t[k], order, weights)
+            else:
+                spline_weights(room.s[k], room.t[k], order, weights)
             spline(order, normals, points.high, ids, at, 0, 0, weights, found)
             if normals:
                 if not spline_normal(weights, found, 0.0, out, query):
@@ -537,8 +542,8 @@ def evaluator(shape: Any) -> Any:
         found = room.found
         rows = room.rows
         for i in range(special):
-            if i + 1 < special:
-                code = room.codes[room.special[i + 1]]
+            for j in range(0 if i == 0 else i + _AHEAD, min(i + _AHEAD + 1, special)):
+                code = room.codes[room.special[j]]
                 length = (tables.kinds[code >> KIND, ROWS] + 3) * width
                 base = tables.kinds[code >> KIND, MODES] * width + (code & ROW) * length
                 for line in range(base, base + length, 8):

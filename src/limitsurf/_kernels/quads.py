@@ -156,12 +156,48 @@ def spline_weights(s: float, t: float, order: int, weights: Array) -> None:
 
 
 @inlined
+def _quadratic_weights(t: float, order: int, at: int, weights: Array) -> None:
+    """As `cubic_weights`, of a quadratic spline with a knot at 1/2 between four points."""
+    # (no branches: where a random query lies cannot be foreseen)
+    upper = t > 0.5
+    x, begin, step, sign = t, at, 1, 1.0
+    if upper:
+        x, begin, step, sign = 1 - t, at + 3, -1, -1.0
+    near, far = 0.5 - x, 0.5 + x
+    weights[begin] = near * near / 2
+    weights[begin + step] = 0.5 + near * far
+    weights[begin + 2 * step] = far * far / 2
+    weights[begin + 3 * step] = 0.0
+    if order > 0:
+        begin += 4
+        weights[begin] = -sign * near
+        weights[begin + step] = -sign * 2 * x
+        weights[begin + 2 * step] = sign * far
+        weights[begin + 3 * step] = 0.0
+    if order > 1:
+        begin += 4
+        weights[begin] = 1.0
+        weights[begin + step] = -2.0
+        weights[begin + 2 * step] = 1.0
+        weights[begin + 3 * step] = 0.0
+
+
+@inlined
+def halved_weights(s: float, t: float, order: int, weights: Array) -> None:
+    """As `spline_weights`, of a quad amid others of a dual scheme."""
+    _quadratic_weights(s, order, 0, weights)
+    _quadratic_weights(t, order, 4 * order + 4, weights)
+
+
+@inlined
 def patch_weights(
     code: int, s: float, t: float, order: int, patches: Patches, weights: Array
 ) -> None:
     """Weights of a patch that has no special corner, strips included."""
-    cubic_weights(s, order, 0, weights)
-    if code >> KIND == 1:
+    if patches.halves:
+        halved_weights(s, t, order, weights)
+    elif code >> KIND == 1:
+        cubic_weights(s, order, 0, weights)
         row, turn = code & ROW, code >> TURN & TURNS
         row -= len(patches.ids) // 16 - len(patches.strips)
         first, depth = patches.strips[row, 0], patches.strips[row, 1]
@@ -169,7 +205,7 @@ def patch_weights(
         pieces = patches.strip_pieces
         strip_weights(t, order, up, pieces, first, depth, 4 * order + 4, weights)
     else:
-        cubic_weights(t, order, 4 * order + 4, weights)
+        spline_weights(s, t, order, weights)
 
 
 @inlined

@@ -253,6 +253,9 @@ def spline_weights(s: float, t: float, order: int, weights: Array) -> None:
         weights[68] = w - 8 * (2 + c) * b + 4 * bb
 
 
+halved_weights = spline_weights  # (there are no dual schemes of triangles)
+
+
 @inlined
 def patch_weights(
     code: int, s: float, t: float, order: int, patches: Patches, weights: Array

@@ -109,9 +109,6 @@ class Answers:
         choice, shape = self._choice, self.topology.shape
         if choice == "reference" or shape is None:
             return self.reference
-        # kernels take curvature and tangents beside corners from splines with control points
-        if part == _kernels.CURVATURE and not self.topology.splines:
-            return self.reference
         weights = part == _kernels.WEIGHTS
         # (what kernels never know costs them nothing)
         if (orders or weights) and not PLACES.keys() & orders:

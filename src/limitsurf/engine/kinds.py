@@ -198,7 +198,9 @@ class Regular(Spline):
 
 
 class Strip(Spline):
-    """Patches along semi-sharp creases, of some `sharpness` (patches,)."""
+    """Patches along semi-sharp creases, of some `sharpness` (patches,); quads of dual schemes."""
+
+    _first = 5  # of four times four
 
     def __init__(
         self, controls: Array, number: NumberType, scheme: Scheme, sharpness: Array
@@ -213,9 +215,10 @@ class Strip(Spline):
 
     def own_weights(self, g: Group, nu: Order, here: Any) -> Array:
         strips, index = self.tables
-        # where t grows towards corner 0
-        up = np.array([across for _, across, _ in self._lattice.against])[g.orientation[here]]
-        return basis.strip_weights(strips, index[g.row[here]], g.s[here], g.t[here], nu, up)
+        # where s and t grow towards corner 0
+        up = np.array([both[:2] for both in self._lattice.against])[g.orientation[here]].T
+        given = g.s[here], g.t[here], nu, (up[0], up[1])
+        return basis.strip_weights(strips, index[g.row[here]], *given)
 
 
 @dataclass(slots=True)

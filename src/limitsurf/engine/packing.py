@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -111,6 +111,7 @@ class Packing:
         from limitsurf._kernels import evaluation
 
         self._patches, self._own, self._spline = patches, own, scheme.spline
+        self._strips = strips
         self._copied = np.zeros(0, dtype=np.int64)
         self._native = holding(scheme.spline)
         shape = _kernels.shape(self._native.directions)
@@ -129,19 +130,19 @@ class Packing:
         patches, cover = self._patches, self._cover
         regular, strip = self._controls[REGULAR], self._controls[STRIP]
         packed = cover.kind.astype(np.int64) << evaluation.KIND
-        packed |= cover.turn.astype(np.int64) << evaluation.TURN
-        row = cover.row.astype(np.int64)
+        packed |= patches.turn.astype(np.int64) << evaluation.TURN
+        row = patches.row.astype(np.int64)
         row[cover.kind == STRIP] += len(regular)
         for kind, rings in patches.rings.items():
             here = np.flatnonzero(cover.kind == kind)
             number = rings.ring * self.tables.kinds[kind, evaluation.FACES] + rings.position
-            row[here] = number[cover.row[here]]
+            row[here] = number[patches.row[here]]
         packed |= row
         for kind, controls in enumerate(self._controls):
             here = np.flatnonzero(cover.kind == kind)
             beyond = np.any(controls >= patches.n_vertices, axis=1)
-            packed[here] |= beyond[cover.row[here]].astype(np.int64) << evaluation.FAR
-        info = cover.codes.astype(np.int64)
+            packed[here] |= beyond[patches.row[here]].astype(np.int64) << evaluation.FAR
+        info = patches.codes.astype(np.int64)
         inside = info >= 0
         info[inside] = packed[info[inside]]
         near = np.full(len(regular) + len(strip), -1, dtype=np.int64)
@@ -149,6 +150,8 @@ class Packing:
         if len(far) <= max(_COPIED, _COPIED_SHARE * patches.n_limit_faces):
             self._copied = packed[far] & evaluation.ROW
             near[self._copied] = self._n_fine + np.arange(len(far)) * (self._shape.REFINED + 2)
+        if strips.both:
+            which = which[:0]
         return evaluation.Patches(
             info,
             patches.n_limit_faces,
@@ -156,6 +159,7 @@ class Packing:
             np.stack([strips.first[which], strips.depth[which]], axis=1).astype(np.int64),
             np.array(strips.pieces, dtype=float).reshape(-1),
             near,
+            int(strips.both),
         )
 
     def _tables(self) -> tuple[evaluation.Tables, int, int]:
@@ -410,7 +414,7 @@ class Packing:
             if kind > STRIP and not known[kind]:
                 result[here] = True
             elif wide.any():
-                result[here] = wide[controls[self._cover.row[here]]].any(axis=1)
+                result[here] = wide[controls[self._patches.row[here]]].any(axis=1)
         return result
 
     def weights(
@@ -587,6 +591,8 @@ class Packing:
             if kind == REGULAR:
                 size = self._shape.POINTS
                 weights_of = basis.regular_weights(self._spline, FLOAT64)
+                if self._strips.both:
+                    weights_of = partial(basis.quad_weights, self._strips)
                 rows = [weights_of(u, v, nu) for nu in terms]
             elif kinds[kind, evaluation.MODES] >= 0:
                 size = int(kinds[kind, evaluation.ROWS])

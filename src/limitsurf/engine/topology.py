@@ -75,12 +75,6 @@ class Topology:
         return _kernels.shape(holding(self.rules.scheme.spline).directions)
 
     @property
-    def splines(self) -> bool:
-        """Whether compiled kernels have the spline itself, not only its polynomials."""
-        spline = self.rules.scheme.spline
-        return holding(spline).directions == spline.directions
-
-    @property
     def packing(self) -> Packing:
         """Patches and tables as compiled kernels want them."""
         found: Packing | None = self.__dict__.get("_packing")

@@ -43,7 +43,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-from limitsurf.scheme.dual import DualScheme
+from limitsurf.scheme.dual import DualScheme, Waves, cosine
 from limitsurf.scheme.lattice import Place
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
@@ -84,6 +84,8 @@ def grid_index(sector: Sector) -> dict[Place, int]:
     for step, place in lattice.ring:
         if (step >= 0 or not along_u) and (step <= stride or not along_v):
             turn = stride * sector.position + step
+            if sector.gathered:
+                turn %= 3
             at[place] = first + (turn if sector.open else turn % (stride * sector.faces))
     places = sector.outer + sector.beyond
     return at | {place: sector.ring + k for k, place in enumerate(places)}
@@ -101,7 +103,8 @@ def subdivision_matrix(scheme: Scheme, sector: Sector, number: Any = Fraction) -
         )
     # a scheme's masks are code: what is cached depends on their values
     if isinstance(scheme, DualScheme):
-        return _dual(scheme, sector, number, scheme.mask(sector.faces))
+        ring = scheme.waves if sector.gathered else scheme.mask(sector.faces)
+        return _dual(scheme, sector, number, ring)
     regular, smooth = scheme.lattice.valence, sector.takes_vertex_mask
     masks = {
         "face": scheme.face_mask(scheme.lattice.face_size),
@@ -119,20 +122,36 @@ def subdivision_matrix(scheme: Scheme, sector: Sector, number: Any = Fraction) -
 
 @lru_cache(maxsize=256)
 def _dual(
-    scheme: DualScheme, sector: Sector, number: Any, mask: tuple[Any, ...]
+    scheme: DualScheme, sector: Sector, number: Any, mask: tuple[Any, ...] | Waves
 ) -> SubdivisionMatrix:
     """Points of faces: the ring by the mask of its vertex, all others by that of the spline."""
     lattice, at, n = sector.lattice, grid_index(sector), sector.faces
-    weights = [w if number is Fraction else number(w) for w in mask]
-    rows: list[Row] = [
-        {j: weights[(j - k) % n] for j in range(n) if weights[(j - k) % n]} for k in range(n)
-    ]
+    if isinstance(mask, Waves):
+        rows = _gathered(mask, n, number)
+    else:
+        weights = [w if number is Fraction else number(w) for w in mask]
+        rows = [
+            {j: weights[(j - k) % n] for j in range(n) if weights[(j - k) % n]} for k in range(n)
+        ]
     for i, j in sector.outer + sector.beyond:
         near = scheme.spline.stencil((i - 1, j - 1))
         row = {at[1 + x, 1 + y]: w for (x, y), w in near.items()}
         rows.append({k: w if number is Fraction else number(w) for k, w in sorted(row.items())})
     taken = [[piece.place(near) for near in lattice.template] for piece in lattice.pieces]
     return SubdivisionMatrix(sector, tuple(rows), tuple(tuple(at[p] for p in x) for x in taken))
+
+
+def _gathered(waves: Waves, n: int, number: Any) -> list[Row]:
+    """The points of a gathered ring."""
+    cos, sin = cosine(Fraction(1, n)), cosine(Fraction(1, 4) - Fraction(1, n))
+    own, once = waves.own, waves.once
+    rows: list[Row] = []
+    for k, (x, y) in enumerate(((1, 0), (cos, sin), (cos, -sin))):
+        mean = 1 - own - once * x - once * y
+        rows.append({k: own, 3: mean, 4: once * x, 5: once * y})
+    rows += [{3: Fraction(1)}, *({3: 1 - own - once, k: own + once} for k in (4, 5))]
+    exact = number is Fraction
+    return [{k: w if exact else number(w) for k, w in row.items() if w} for row in rows]
 
 
 @lru_cache(maxsize=256)

@@ -179,7 +179,8 @@ def spectrum(scheme: Scheme, sector: Sector, bits: int = BITS) -> Spectrum:
     result = _joined(scheme, subdivision_matrix(scheme, sector), ring, at)
     if abs(result.eigenvalues[1]) > 1 - at.equal:
         raise diverging(sector.place, sector.faces, result.eigenvalues[1])
-    normal = tuple(map(result.order.index, ring_normal(scheme, sector.kind, sector.faces)))
+    normal = ring_normal(scheme, sector.kind, sector.faces, sector.gathered)
+    normal = tuple(map(result.order.index, normal))
     return replace(result, normal=normal)
 
 
@@ -273,13 +274,13 @@ def _polynomials(scheme: Scheme, control: Fixed) -> Fixed:
 
 
 @lru_cache(maxsize=256)
-def ring_normal(scheme: Scheme, kind: str, faces: int) -> tuple[int, ...]:
+def ring_normal(scheme: Scheme, kind: str, faces: int, gathered: bool = False) -> tuple[int, ...]:
     """Modes of the ring whose coefficients' cross product is along the limit normal, if any."""
-    sector = scheme.sector(kind, faces)
+    sector = replace(scheme.sector(kind, faces), gathered=gathered)
     count = 1 if sector.alike else faces
     # all faces but the outermost see the same, moved along the ring
     matrices = {
-        p: subdivision_matrix(scheme, scheme.sector(kind, faces, p))
+        p: subdivision_matrix(scheme, replace(sector, position=p))
         for p in {0, min(1, count - 1), count - 1}
     }
     ring = ring_basis(scheme, sector)

@@ -22,6 +22,12 @@ Array = NDArray[Any]
 _AFTER, _BEFORE = np.array([1, 1, 1, -3]), np.array([3, -1, -1, -1])
 
 
+def circle(n: int) -> Array:
+    """Cosines and sines of n steps once around, (2, n)."""
+    turn = np.arange(n) * (2 * np.pi / n)
+    return np.stack([np.cos(turn), np.sin(turn)])
+
+
 @dataclass(frozen=True, eq=False)
 class Squares:
     """Squares that are joined along edges.
@@ -46,6 +52,34 @@ class Squares:
     def left(self, corners: Array) -> Array:
         """The corners of the next squares around the vertices of some, counter-clockwise."""
         return np.asarray(self.twin[corners + _BEFORE[corners % 4]])
+
+    def right(self, corners: Array) -> Array:
+        """The corners of the squares before, clockwise."""
+        across = self.twin[corners]
+        return np.asarray(np.where(across < 0, -1, across + _AFTER[across % 4]))
+
+    def places(self, corners: Array, n: int) -> tuple[Array, Array, Array]:
+        """Which vertices, amid n squares, some corners are at.
+
+        One corner (r,) at each vertex, the vertex of each of those asked for, and its place there,
+        from that one on. Linked lists ranked by pointer doubling.
+        """
+        every = np.flatnonzero(self.around == n)
+        number = np.full(len(self.twin), -1)
+        number[every] = np.arange(len(every))
+        back = number[self.right(every)]
+        # (of a part of the squares some rings are not whole; nobody asks for these)
+        back = np.where(back < 0, np.arange(len(every)), back)
+        first, step, steps = np.arange(len(every)), back, max(n - 1, 1).bit_length()
+        for _ in range(steps):
+            first, step = np.minimum(first, first[step]), step[step]
+        step = np.where(first == np.arange(len(every)), first, back)
+        place = (step != np.arange(len(every))).astype(np.int64)
+        for _ in range(steps):
+            place, step = place + place[step], step[step]
+        asked = number[corners]
+        met, ring = np.unique(first[asked], return_inverse=True)
+        return every[met], ring, place[asked]
 
     def rings(self, corners: Array, n: int) -> Array:
         """The corners around the vertices of some corners, from these on, (., n)."""

@@ -111,6 +111,16 @@ def strips(spline: Spline, across: Array) -> Array:
     return _tensor(controls, powers @ across)
 
 
+def quads(spline: Spline, pieces: Array) -> Array:
+    """Bernstein coefficients (2, 2, size, 16) of the pieces of quads, by piece along t and along s.
+
+    `pieces` (2, degree + 1, 4) are as in `StripTables.pieces`.
+    """
+    _, powers = _lines(spline, numbers.type_of(pieces).exact)
+    lines = powers @ pieces
+    return _tensor(lines, lines[:, None])
+
+
 def turned_cells(lattice: Lattice, origin: Array, size: Array, turn: Array) -> tuple[Array, Array]:
     """Where cells of patches lie in the domain: origins and signed sizes, (P, c, 2).
 
@@ -160,8 +170,7 @@ def _powers(exponents: Array, most: Callable[[int, int], int]) -> Array:
 def _tensor(along: Array, across: Array) -> Array:
     """Coefficients by i and j, in C order, from values of which the first index counts fastest."""
     both = along[..., :, None, None, :] * across[..., None, :, :, None]
-    size = along.shape[-1] ** 2
-    return np.asarray(both.reshape(*both.shape[:-4], size, size))
+    return np.asarray(both.reshape(*both.shape[:-4], along.shape[-2] ** 2, along.shape[-1] ** 2))
 
 
 def _turns(lattice: Lattice, exponents: Array, degree: int) -> Array:

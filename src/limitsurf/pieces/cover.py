@@ -127,6 +127,7 @@ def grouped(
     across = np.flatnonzero(kind == STRIP)
     count[across] = strips.depth[which[row[across]]]
     n_cells = np.where(kind > STRIP, len(lattice.pieces) * count, 1 + count)
+    n_cells[across] **= 1 + strips.both
     end = np.cumsum(n_cells)
     first = end - n_cells
     groups = []
@@ -135,6 +136,9 @@ def grouped(
         for n in np.flatnonzero(np.bincount(count[alike])).tolist():
             here = alike[count[alike] == n]
             cells = _cells(lattice, one, n)
+            if one == STRIP and strips.both:
+                size = np.full((4, 2), 0.5)
+                cells = size * [[0, 0], [1, 0], [0, 1], [1, 1]], size
             groups.append(Group(one, here, row[here], turn[here], n, *cells, first[here]))
     return int(end[-1]) if len(end) else 0, groups
 

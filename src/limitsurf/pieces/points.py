@@ -42,7 +42,8 @@ class FloatPoints:
             found += self.corner(kind, rows)[0][:, None, None]
         elif kind in (REGULAR, STRIP):
             ((_, ids, local),) = self.local.of(group, part)
-            high, low, points = self.values.differences(ids, self._form.near)
+            near = self._form.near if kind == REGULAR else 5  # (of four times four)
+            high, low, points = self.values.differences(ids, near)
             found = np.matmul(local, points[:, None])
             flat = found.reshape(len(rows), -1)
             places = repeated(found.shape[1] * self._form.size, found.shape[3])

@@ -85,8 +85,11 @@ class LocalWeights:
                 yield here[some], ids[some][:, columns], weights
 
     def _of_strips(self, rows: Array, depth: int) -> Array:
-        """Weights (p, depth + 1, 16, 16) in strips."""
+        """Weights (p, depth + 1, 16, 16) in strips; (4, n, 16) in quads of dual schemes."""
         tables_, which = self.strips
+        if tables_.both:
+            found = bernstein.quads(self.scheme.spline, tables_.pieces)[::-1, ::-1]
+            return found.reshape(4, *found.shape[2:])
         first = tables_.first[which[rows]]
         polynomials = tables_.pieces[first[:, None] + np.arange(depth + 1)]
         across = polynomials.reshape(-1, *polynomials.shape[2:])

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
+from math import lcm
 from typing import Any
 
 from limitsurf.scheme.lattice import DUAL_QUADS, Lattice
@@ -30,6 +31,26 @@ _COSINES = {
     Fraction(1, 2): Fraction(-1),
 }
 _DIGITS = 60  # to which irrational weights are looked at
+_GATHERED = 7  # least corners of a polygon that `Sector.gathered` tells by fewer numbers
+
+
+@dataclass(frozen=True)
+class Waves:
+    """Masks by what they do to waves: all but the slowest are scaled alike.
+
+    The new point at a corner is `own` times it, `once` times the part of the polygon that turns
+    once around the middle, and the rest of the mean.
+    """
+
+    own: Fraction
+    once: Fraction
+
+    def __call__(self, n: int) -> Weights:
+        """Weights of the corners of an n-gon."""
+        unit = lcm(self.own.denominator, self.once.denominator)
+        mean, wave = int(unit * (1 - self.own)), int(2 * unit * self.once)
+        half = [(mean + wave * cosine(Fraction(j, n))) / (unit * n) for j in range(n // 2 + 1)]
+        return half[0] + self.own, *half[1:], *half[(n - 1) // 2 : 0 : -1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +63,8 @@ class DualScheme(Scheme):
         What the scheme is called in messages, tables and files.
     corner : callable, n -> n numbers
         Weights of the corners of an n-gon in the new point at one of them, from that one on,
-        counter-clockwise: rationals, or algebraic numbers of sympy; the same clockwise.
+        counter-clockwise: rationals, or algebraic numbers of sympy; the same clockwise. `Waves`
+        costs no more for large n.
     paper : str
         Where the masks are published.
     lattice, spline : optional
@@ -93,6 +115,15 @@ class DualScheme(Scheme):
         return all(isinstance(w, Fraction) for w in self.mask(n))
 
     @property
+    def waves(self) -> Waves | None:
+        """What masks do to waves, if all but the slowest are scaled alike."""
+        return self.corner if isinstance(self.corner, Waves) else None
+
+    def gathers(self, n: int) -> bool:
+        """Whether a limit face at an n-gon depends on few numbers, not on all its corners."""
+        return self.waves is not None and n >= _GATHERED
+
+    @property
     def kinds(self) -> tuple[str, ...]:
         """The kinds of special corners that there are rules for: smooth ones."""
         return ("interior",)
@@ -112,8 +143,11 @@ class DualScheme(Scheme):
     def __hash__(self) -> int:
         return hash(self.name)
 
-    def key(self, valence: int | None) -> dict[str, Any]:
+    def key(self, valence: int | None, gathered: bool = False) -> dict[str, Any]:
         """All that a subdivision matrix depends on."""
+        if gathered and self.waves is not None:
+            shares = [str(self.waves.own), str(self.waves.once)]
+            return self.key(None) | {"gathered": shares}
         sizes = (4, valence) if valence is not None else (4,)
         masks = {f"corner({n})": list(_texts(self.mask(n))) for n in sizes}
         return {"scheme": self.name, "masks": masks}

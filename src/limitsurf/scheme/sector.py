@@ -9,7 +9,9 @@ that determine the limit on one of its faces (Stam 1998, section 3; Stam 1999) a
 * then the outer points at the places `Sector.outer` of the lattice.
 
 In a dual lattice the ring has no point for the vertex, but one for each face around it, from the
-face that is looked at on.
+face that is looked at on. Or it is *gathered*: of those faces the point of that which is looked at,
+of the next and of that before, then the mean of all, and this plus what turns once around it, as it
+is there and a quarter of a turn on.
 """
 
 from __future__ import annotations
@@ -41,12 +43,15 @@ class Sector:
         faces are all alike.
     lattice : Lattice
         What the faces are.
+    gathered : bool
+        Whether the ring is; so it is of few numbers, however many faces there are.
     """
 
     kind: str
     faces: int
     position: int = 0
     lattice: Lattice = field(default=QUADS, repr=False)
+    gathered: bool = False
 
     def __post_init__(self) -> None:
         least = 1 if self.open else 2
@@ -102,6 +107,8 @@ class Sector:
     @property
     def ring(self) -> int:
         """Number of points of the ring."""
+        if self.gathered:
+            return 6
         own = not self.lattice.dual
         return len(self.lattice.orbits) * self.faces + own + self.open + self.carried
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.cage.mesh import Mesh
+from limitsurf.scheme.dual import DualScheme
 from limitsurf.scheme.net import Net
-from limitsurf.spectra.basis import Eigenbasis, eigenbasis
+from limitsurf.spectra.basis import eigenbasis
 from limitsurf.surface import LimitSurface
-from limitsurf.tables import EigenTable, FourierRing, grid_index
+from limitsurf.tables import EigenTable, FourierRing, Sector, eigen_table, grid_index
 
 if TYPE_CHECKING:
     from limitsurf.scheme.scheme import Scheme
@@ -54,6 +55,16 @@ class Mode:
     values: Array
 
 
+def fan_of(scheme: str | Scheme, kind: str, faces: int) -> Fan:
+    """The fan of a vertex, or of a polygon of a dual scheme."""
+    basis = eigenbasis(scheme, kind=kind, faces=faces)
+    if basis.sector.lattice.dual:
+        from limitsurf.spectra.dual_fan import DualFan
+
+        return DualFan(basis)
+    return Fan(scheme, kind, faces)
+
+
 class Fan:
     """The two-ring of a vertex: k sectors of 4 faces, the vertex at corner 0 of the inner ones.
 
@@ -76,12 +87,6 @@ class Fan:
         self.scheme, self.kind, self.faces = scheme, kind, faces
         self.basis = eigenbasis(scheme, kind=kind, faces=faces)  # checks all three
         sector = self.basis.sector
-        if sector.lattice.dual:
-            raise ValueError(
-                f"scheme {self.basis.scheme.name!r} has points in the middle of faces: there are "
-                "no pictures of eigenfunctions; `eigenbasis` has them on a face, as "
-                "`.float64.pieces`"
-            )
         self.place = sector.place
         self.lattice = sector.lattice
         self.corners = self.lattice.corners
@@ -115,6 +120,10 @@ class Fan:
         return LimitSurface(
             Mesh(values, self._cells, holes=holes, **self._tags), scheme=self.scheme
         )
+
+    def limit(self, values: Array) -> Any:
+        """What evaluates that on the sectors, whose corner 0 is the vertex."""
+        return self.surface(values)
 
     def mirrored(self, values: Array) -> Array:
         """Values (M,) reflected: at the first axis, or in open fans at the bisector."""
@@ -291,10 +300,10 @@ def order_at(scheme: str | Scheme, kind: str, faces: int) -> float:
     alike = eigenbasis(scheme, kind=kind, faces=faces).sector.alike
     for position in range(1 if alike else faces):
         basis = eigenbasis(scheme, kind=kind, faces=faces, position=position)
-        table, lattice, at = basis.float64, basis.scheme.lattice, grid_index(basis.sector)
-        if lattice.dual:
-            slowest = max(slowest, _slowest_dual(basis))
+        if isinstance(basis.scheme, DualScheme):
+            slowest = max(slowest, _slowest_dual(basis.scheme, basis.sector))
             continue
+        table, lattice, at = basis.float64, basis.scheme.lattice, grid_index(basis.sector)
         points = table.right_rows([at[1 + i, 1 + j] for i, j in lattice.corners])
         limits, bound = np.zeros_like(points), np.abs(points)
         limits[0, 0] = 1  # the constant alone does not vanish at the vertex
@@ -310,10 +319,11 @@ def order_at(scheme: str | Scheme, kind: str, faces: int) -> float:
     return -math.log2(slowest)
 
 
-def _slowest_dual(basis: Eigenbasis) -> float:
+def _slowest_dual(scheme: DualScheme, sector: Sector) -> float:
     """The largest eigenvalue of a vector whose value in a square is not that in its middle."""
-    table, scheme = basis.float64, basis.scheme
-    (value,) = table.right_rows([grid_index(basis.sector)[1, 1]])
+    sector = replace(sector, gathered=scheme.gathers(sector.faces))
+    table = eigen_table(scheme, sector)
+    (value,) = table.right_rows([grid_index(sector)[1, 1]])
     piece = [child.origin for child in scheme.lattice.pieces].index((1, 1))
     limit = table.pieces[piece, scheme.spline.exponents.index((0, 0))]
     rounding = 16 * np.finfo(float).eps

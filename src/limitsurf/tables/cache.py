@@ -16,6 +16,7 @@ import json
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from itertools import product
@@ -31,6 +32,7 @@ from limitsurf.cage.checks import users_level
 from limitsurf.disk_cache import Formats
 from limitsurf.exact.matrices import subdivision_matrix
 from limitsurf.scheme import SCHEMES, SHIPPED_SCHEMES
+from limitsurf.scheme.dual import DualScheme
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 from limitsurf.tables.records import (
@@ -122,7 +124,7 @@ def _assembled(scheme: Scheme, sector: Sector, derived: bool = False) -> tuple[E
 
 
 def _ring_key(scheme: Scheme, sector: Sector) -> dict[str, Any]:
-    return _key(scheme, scheme.sector(sector.kind, sector.faces)) | {"position": "all"}
+    return _key(scheme, replace(sector, position=0)) | {"position": "all"}
 
 
 def _ring_text(scheme: Scheme, sector: Sector) -> str:
@@ -132,6 +134,8 @@ def _ring_text(scheme: Scheme, sector: Sector) -> str:
 def _key(scheme: Scheme, sector: Sector) -> dict[str, Any]:
     smooth = sector.faces if sector.takes_vertex_mask else None
     place = {"kind": sector.kind, "faces": sector.faces, "position": sector.position}
+    if isinstance(scheme, DualScheme):
+        return {"format": FORMAT, **place, **scheme.key(smooth, sector.gathered)}
     return {"format": FORMAT, **place, **scheme.key(smooth)}
 
 

@@ -8,8 +8,10 @@ from functools import lru_cache
 import numpy as np
 
 from limitsurf.exact.creases import CHAIKIN, INFINITE
+from limitsurf.exact.dual import quad_pieces
 from limitsurf.exact.wide import MOST_FACES
 from limitsurf.numbers import FLOAT64, NumberType
+from limitsurf.scheme.dual import DualScheme
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 from limitsurf.tables.cache import eigen_table, warn_once
@@ -47,7 +49,16 @@ def _strip_ends(scheme: Scheme, depth: int, number: NumberType) -> tuple[Array, 
 
 
 def strips_of(scheme: Scheme, sharpness: Array, number: NumberType) -> tuple[StripTables, Array]:
-    """Splines across the creases of strips of some sharpness, and which of them each strip has."""
+    """Splines across the creases of strips of some sharpness, and which of them each strip has.
+
+    Of dual schemes all are those of a quad amid others.
+    """
+    if isinstance(scheme, DualScheme):
+        one, pieces = np.ones(1, dtype=np.int64), quad_pieces(scheme)
+        shape = len(pieces), len(pieces[0]), len(pieces[0][0])
+        flat = number.array([w for piece in pieces for row in piece for w in row])
+        which = np.zeros(len(sharpness), dtype=np.int64)
+        return StripTables(0 * one, one, flat.reshape(shape), both=True), which
     distinct, which = np.unique(sharpness, return_inverse=True)
     return strip_tables(scheme, distinct, number), which
 

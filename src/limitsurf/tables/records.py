@@ -432,14 +432,17 @@ class StripTables:
     ----------
     first, depth : (n,) int
         First piece of each sharpness, and its halvings towards the crease.
-    pieces : (sum of depth + 1, 4, 4)
+    pieces : (sum of depth + 1, powers, 4)
         Coefficients of the powers of the piece's parameter for the four rows of control points
         across the crease, of which the second is on it; float64 or exact.
+    both : bool
+        Whether they are such splines along it, too: quads of a dual scheme, in four pieces.
     """
 
     first: Array
     depth: Array
     pieces: Array
+    both: bool = False
 
 
 @dataclass(frozen=True, eq=False)

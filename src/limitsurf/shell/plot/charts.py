@@ -73,7 +73,7 @@ class ChartDrawing:
 
 def draw_characteristic_map(figure: Any, fan: Fan, isolines: int, rings: int) -> None:
     """Images of the sectors under the characteristic map, with nested rings around the vertex."""
-    surface = fan.surface(fan.characteristic_map())
+    surface = fan.limit(fan.characteristic_map())
     axes = figure.add_axes((0.03, 0.03, 0.94, 0.87), aspect="equal")
     axes.set_axis_off()
     face = np.arange(fan.faces)[:, None]

@@ -35,7 +35,7 @@ from limitsurf.shell.plot.scene import (
     build,
     real_numbers,
 )
-from limitsurf.spectra.fan import Fan, Mode, predicted_order
+from limitsurf.spectra.fan import Fan, Mode, fan_of, predicted_order
 from limitsurf.surface import LimitSurface
 
 if TYPE_CHECKING:
@@ -293,7 +293,7 @@ def plot_characteristic_map(
     fan = (
         _fan(scheme, valence)
         if kind is None
-        else Fan(scheme, kind, checked_integer("faces", faces, 1))
+        else fan_of(scheme, kind, checked_integer("faces", faces, 1))
     )
     fan.characteristic_map()  # says now what there is not
     draw = partial(charts.draw_characteristic_map, fan=fan, isolines=isolines, rings=rings)
@@ -380,7 +380,7 @@ def _graph(
 ) -> pictures.SceneDrawing:
     """An eigenfunction over the characteristic map, with a colour bar if it is alone."""
     places = Net(fan.lattice, 16).places
-    limits = fan.surface(mode.values).evaluate(np.arange(fan.faces)[:, None], *places)
+    limits = fan.limit(mode.values).evaluate(np.arange(fan.faces)[:, None], *places)
     height = mode.values / np.abs(limits).max()
     surface = fan.surface(np.column_stack([plane, HEIGHT * height]))
     wishes = Wishes(
@@ -481,7 +481,7 @@ def _chart(
 
 
 def _fan(scheme: str | Scheme, valence: Any) -> Fan:
-    return Fan(scheme, "interior", checked_integer("valence", valence, 3))
+    return fan_of(scheme, "interior", checked_integer("valence", valence, 3))
 
 
 def _checked_size(window_size: Any) -> tuple[int, int]:
