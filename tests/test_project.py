@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 import sysconfig
-import zipfile
 from pathlib import Path
 
 import pytest
@@ -137,18 +136,3 @@ def test_functions_of_surfaces_were_found() -> None:
 def test_unknown_export_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no_such_name"):
         _ = limitsurf.no_such_name
-
-
-def test_wheel_holds_the_whole_package(tmp_path: Path) -> None:
-    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path)
-    (wheel,) = tmp_path.glob("limitsurf-*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        packed = {name for name in archive.namelist() if name.startswith("limitsurf/")}
-    wanted = {
-        path.relative_to(SOURCE.parent).as_posix()
-        for path in SOURCE.rglob("*")
-        if path.is_file() and path.parent.name != "__pycache__"
-    }
-    assert "limitsurf/py.typed" in wanted
-    assert any(name.startswith("limitsurf/_data/") for name in wanted)
-    assert packed == wanted

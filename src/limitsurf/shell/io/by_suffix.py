@@ -57,6 +57,7 @@ def read(
     ``.vtp .vtu .vtk``          polygons, strips, "uv" (of points), data of cells      ``[plot]``
     ``.glb .gltf .dae``         triangles, "uv", transforms                            ``[formats]``
     ``.3mf``                    triangles, transforms                                  ``[formats]``
+    ``.3dm``                    SubD objects with creases and corners, meshes          ``[rhino]``
     any other of trimesh        triangles, "uv", transforms                            ``[formats]``
     any other of PyVista        polygons, "uv"                                         ``[plot]``
     ==========================  =====================================================  ==========
@@ -135,6 +136,10 @@ def read(
     "material", names of materials that are bound. Where several meshes become one, those without
     such data have "", 0 or NaN. Other formats have none, or they are left out with a warning.
     `selected` makes a cage of the faces that have some value.
+
+    **Rhino** (``.3dm``). SubD objects and meshes that are shown become one cage, with "object" and
+    "layer" of each face; of another scheme than "catmull-clark" are the meshes. Creases and corners
+    are infinitely sharp, sharp edges semi-sharp. Blocks and surfaces (NURBS) are left out.
 
     **glTF, DAE, 3MF** say in which units and with which axis up they are (glTF: metres, Y), which
     become the ``units`` and ``up`` of the mesh. Strips and fans of glTF become triangles.

@@ -6,6 +6,7 @@ import os
 import re
 from contextlib import suppress
 from dataclasses import replace
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,6 +40,7 @@ _READERS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "pyvista": ("limitsurf.shell.io.vtk_reader:read", ("pyvista",)),
     "trimesh": ("limitsurf.shell.io.by_trimesh:read", ("trimesh.exchange.load",)),
+    "rhino": ("limitsurf.shell.io.rhino:read", ("rhino3dm",)),
 }
 # how a file begins, after white space, and what to say where it does not
 _BEGINNINGS = {
@@ -48,6 +50,7 @@ _BEGINNINGS = {
     ".glb": (rb"glTF\x02\0\0\0", "'glTF', version 2"),
     ".gltf": (rb"(\xef\xbb\xbf)?\s*\{", "JSON, '{'"),
     ".3mf": (rb"PK\x03\x04", "a ZIP archive, 'PK'"),
+    ".3dm": (rb"3D Geometry File Format", "'3D Geometry File Format'"),
     ".dae": (rb"(\xef\xbb\xbf)?\s*<((?s:.){0,2000}<)?COLLADA\b", "XML with <COLLADA"),
 }
 
@@ -68,6 +71,10 @@ def read_by_library(name: str, suffix: str, path: str, folder: str | None, **opt
 
 def library(suffix: str) -> str | None:
     """The library that reads a format outside of `READABLE`, if it is installed."""
+    if suffix == ".3dm":
+        if find_spec("rhino3dm") is None:
+            raise ImportError('rhino3dm is needed for .3dm files: pip install "limitsurf[rhino]"')
+        return "rhino"
     with suppress(ImportError):
         from trimesh.exchange.load import mesh_formats
 
