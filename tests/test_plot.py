@@ -56,6 +56,13 @@ def surface_of(points, faces, **tags):
     return ls.LimitSurface(ls.Mesh(points, faces, **tags))
 
 
+def forget_the_trial():
+    """Find out anew whether there is OpenGL."""
+    render.opengl()
+    for found in (render.opengl, render._trial):
+        found.cache_clear()
+
+
 def alike(a, b, tolerance=2.0):
     return np.abs(a.astype(float) - b.astype(float)).mean() < tolerance
 
@@ -117,14 +124,124 @@ def test_creases_are_thick_edges_of_the_cage():
     assert creases.width > cage.width
 
 
-def test_a_channel_is_drawn_in_its_own_space(draw):
-    square = [[0, 0], [1, 0], [1, 1], [0, 1]]
-    flat = ls.Mesh(np.pad(square, ((0, 0), (0, 1))), [[0, 1, 2, 3]])
-    uv = (np.array(square) * 0.1 + 7, [0, 1, 2, 3], "corners_only")
-    painted = ls.Mesh(cube().points[[0, 1, 3, 2]], [[0, 1, 2, 3]], channels={"uv": uv})
-    assert alike(draw(ls.LimitSurface(painted), channel="uv"), draw(ls.LimitSurface(flat)), 0.1)
-    with pytest.raises(ValueError, match="no channel 'st'; it has 'uv'"):
+def test_a_channel_of_three_numbers_is_drawn_in_their_space(draw):
+    square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    flat = ls.Mesh(square, [[0, 1, 2, 3]])
+    there = (np.array(square) * 0.1 + 7, [0, 1, 2, 3], "corners_only")
+    painted = ls.Mesh(cube().points[[0, 1, 3, 2]], [[0, 1, 2, 3]], channels={"rest": there})
+    assert alike(draw(ls.LimitSurface(painted), channel="rest"), draw(ls.LimitSurface(flat)), 0.1)
+    with pytest.raises(ValueError, match="no channel 'st'; it has 'rest'"):
         ls.plot(ls.LimitSurface(painted), channel="st", off_screen=True)
+
+
+def torn_box(values=None):
+    """A box without a lid, its texture a cross with four seams of its four vertical edges."""
+    ring = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    points = [(x, y, z) for z in (0.0, 1.0) for x, y in ring]
+    faces = [[0, 1, 2, 3], [4, 5, 1, 0], [1, 5, 6, 2], [3, 2, 6, 7], [4, 0, 3, 7]]
+    cross = [(1, 0), (2, 0), (0, 1), (1, 1), (2, 1), (3, 1)]
+    cross += [(0, 2), (1, 2), (2, 2), (3, 2), (1, 3), (2, 3)]
+    corners = [3, 4, 8, 7, 0, 1, 4, 3, 4, 5, 9, 8, 7, 8, 11, 10, 2, 3, 7, 6]
+    values = np.array(cross, float) if values is None else values(np.array(cross, float))
+    return surface_of(points, faces, channels={"uv": (values, corners, "corners_plus1")})
+
+
+def test_a_layout_shows_its_seams_in_its_numbers(tmp_path):
+    torn, rim = scenes.seams(torn_box(), "uv")
+    place = np.array([1.5, 1.5, 0]) + 3 * torn.ends  # the layout is 3 wide about its middle
+    # each vertical edge is on two seams, between corners of the cross and its inner square
+    assert {tuple(p) for p in place.round(9).reshape(-1, 3)} >= {(0, 1, 0), (1, 0, 0), (2, 3, 0)}
+    edge = (3 * rim.ends + [1.5, 1.5, 0]).round(9)
+    on_rim = (edge[..., :2] == 0) | (edge[..., :2] == 3)
+    assert on_rim.any(axis=2).all()
+    path = tmp_path / "a.svg"
+    ls.plot(torn_box(), path, channel="uv", window_size=SIZE, n=2)
+    text = path.read_text("utf-8")
+    assert text.count("<path") > 20
+    folded = torn_box(lambda p: np.where(p == 3, 1.5, p))
+    size = {"window_size": (320, 240), "off_screen": True}
+    blue = [
+        (np.diff(ls.plot(s, channel="uv", **size).image[..., [0, 2]].astype(int)) > 15).mean()
+        for s in (torn_box(), folded)
+    ]
+    assert blue[1] > blue[0] + 0.02  # what is turned over
+
+
+@pytest.mark.parametrize("options", [{}, {"scalars": "mean"}, {"isolines": 2}, {"dark": True}])
+def test_layouts_of_all_kinds(options, tmp_path):
+    for name in ("a.png", "a.pdf", "a.html"):
+        ls.plot(torn_box(), tmp_path / name, channel="uv", window_size=SIZE, n=2, **options)
+    loop = ls.refined(ls.Mesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], scheme="loop"))
+    uv = loop.points * 2, loop.indices, "all"
+    triangles = loop.with_points(np.pad(loop.points, ((0, 0), (0, 1))))
+    flat = ls.Mesh(triangles.points, triangles.uniform, scheme="loop", channels={"st": uv})
+    ls.plot(flat, tmp_path / "b.png", channel="st", window_size=SIZE, **options)
+
+
+def test_files_of_pixels(tmp_path):
+    picture = ls.plot_characteristic_map(valence=5, window_size=SIZE, off_screen=True)
+    for suffix, kind in {".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP", ".png": "PNG"}.items():
+        picture.save(tmp_path / f"a{suffix}")
+        with Image.open(tmp_path / f"a{suffix}") as image:
+            assert image.format == kind
+            assert alike(np.asarray(image.convert("RGB")), picture.image, 6.0)
+
+
+def test_a_dark_picture_is_dark(draw):
+    light, dark = (draw(ls.LimitSurface(cube()), dark=dark) for dark in (False, True))
+    assert light[:5].mean() > 200
+    assert dark[:5].mean() < 100
+    assert colored(dark) == pytest.approx(colored(light), rel=0.2)
+    charts = ls.plot_characteristic_map(valence=5, window_size=SIZE, off_screen=True, dark=True)
+    assert charts.image[:5].mean() < 60
+
+
+def test_axes_have_round_numbers_in_the_units_of_the_points():
+    surface = ls.LimitSurface(cube().with_points(cube().points * 30 + [100, 0, 0]))
+    scene = scene_of(surface, box=True, cage=True)
+    np.testing.assert_array_equal(scene.box.ends, [[100, 0, 0], [130, 30, 30]])
+    assert all(4 <= ticks <= 6 for ticks in scene.box.ticks)
+    unit = scene.in_units()
+    np.testing.assert_allclose(unit.points.max(axis=0), scene.frame.placed(scene.points).max(0))
+    flat = scene_of(surface_of([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2, 3]]), box=True)
+    assert flat.box.ticks[2] == 1
+
+
+@pytest.mark.parametrize("option", ["axes", "scale_bar"])
+def test_axes_and_scale_bars_change_the_picture(option):
+    if not render.opengl():
+        pytest.skip("there is no OpenGL")
+    surface, size = ls.LimitSurface(cube(units=0.01)), {"window_size": SIZE, "off_screen": True}
+    plain, other = (ls.plot(surface, **size, **k).image for k in ({}, {option: True}))
+    assert (plain != other).any()
+    for factor in (1e-310, 1e305):
+        with pytest.raises(ValueError, match="sizes from 1e-300 to 1e300"):
+            ls.plot(surface.with_points(surface.points * factor), **size, **{option: True})
+
+
+def test_a_plotter_takes_more_in_the_units_of_the_points():
+    if not render.opengl():
+        pytest.skip("there is no OpenGL")
+    surface = ls.LimitSurface(cube().with_points(cube().points * 30 + [100, 0, 0]))
+    plotter = ls.plot(
+        surface, scalars="mean", poles=True, off_screen=True, return_plotter=True, window_size=SIZE
+    )
+    try:
+        low, high = surface.evaluate(range(6), [[0.0], [1.0]], 0.5).min((0, 1)), 130
+        found = np.array(plotter.actors[render.SURFACE].bounds).reshape(3, 2)
+        assert (found[:, 0] >= [100, 0, 0]).all()
+        assert (found[:, 1] <= [high, 30, 30]).all()
+        np.testing.assert_allclose(found[:, 0], low, atol=0.5)
+        before = plotter.screenshot(return_img=True)
+        plotter.add_points(np.array([[115.0, -10.0, 15.0]]), color="lime", point_size=30)
+        assert (plotter.screenshot(return_img=True) != before).any()
+    finally:
+        plotter.close()
+
+
+def test_a_hint_before_many_polygons(monkeypatch):
+    with pytest.warns(UserWarning, match="drawing 1,013,766 polygons"):
+        ls.plot(ls.LimitSurface(cube()), n=411, off_screen=True, window_size=SIZE)
 
 
 def test_size_and_place_do_not_matter(draw):
@@ -209,7 +326,7 @@ def test_poles_of_the_demo():
         "valence 5": (inside == 5).sum() + (mesh.sizes == 5).sum(),
         "valence 6": (mesh.sizes == 6).sum(),
         "valence 8": 1,
-        "valence 9 to 16": 1,
+        "valence 12": 1,
     }
 
 
@@ -261,7 +378,9 @@ def test_bad_calls(tmp_path):
         ({"cmap": "viridis"}, "cmap needs scalars"),
         ({"label": "a"}, "label needs scalars"),
         ({"label": "a", "scalars": "zebra"}, "label needs scalars that .*, got 'zebra'"),
-        ({"file": "a.jpg"}, "a.jpg"),
+        ({"file": "a.gif"}, "a.gif.*.png or .jpg"),
+        ({"file": "a.svg"}, "a.svg"),
+        ({"file": "a.png", "return_plotter": True}, "no file with return_plotter"),
     ]:
         with pytest.raises(ValueError, match=match):
             ls.plot(surface, **{"off_screen": True, **options})
@@ -291,8 +410,8 @@ def test_without_pyvista(monkeypatch):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere OpenGL is taken for granted")
 def test_a_crash_of_the_trial_means_no_opengl(monkeypatch):
-    crash = subprocess.CompletedProcess([], -11)
-    monkeypatch.setattr(subprocess, "run", lambda *_, **__: crash)
+    crash = subprocess.Popen([sys.executable, "-c", "import os; os.abort()"])
+    monkeypatch.setattr(render, "_trial", lambda: crash)
     render.opengl.cache_clear()
     assert not render.opengl()
     render.opengl.cache_clear()
@@ -301,9 +420,9 @@ def test_a_crash_of_the_trial_means_no_opengl(monkeypatch):
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere OpenGL is taken for granted")
 def test_a_trial_without_end_means_no_opengl(monkeypatch):
     monkeypatch.setattr(render, "TRIAL", 1e-3)
-    render.opengl.cache_clear()
+    forget_the_trial()
     assert not render.opengl()
-    render.opengl.cache_clear()
+    forget_the_trial()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere OpenGL is taken for granted")
@@ -312,7 +431,7 @@ def test_the_trial_runs_nothing_of_the_working_directory(monkeypatch, tmp_path):
     (tmp_path / "vtkmodules").mkdir()
     (tmp_path / "vtkmodules" / "__init__.py").write_text("open('was_here', 'w')\n")
     monkeypatch.chdir(tmp_path)
-    render.opengl.cache_clear()
+    forget_the_trial()
     assert render.opengl() == able
     assert [path.name for path in tmp_path.iterdir()] == ["vtkmodules"]
 
@@ -647,7 +766,7 @@ def test_a_page_in_a_browser(page, tmp_path):
     command = [found[0], *switches, f"--screenshot={shot}", page.as_uri()]
     subprocess.run(command, capture_output=True, check=True, timeout=120)
     image = np.asarray(Image.open(shot).convert("RGB")).astype(int)
-    ground = tuple(bytes.fromhex(scenes.PAPER[1:]))
+    ground = tuple(bytes.fromhex(scenes.LIGHT.page[1:]))
     assert (image[5, 5] == ground).all()
     assert 0.15 < (image != ground).any(axis=2).mean() < 0.8
     bar = image[100:500, 620:]

@@ -32,6 +32,12 @@ def material(scene: Scene) -> tuple[float, float, float]:
     return (AMBIENT, DIFFUSE, GLOSS) if scene.field is None else COLORED
 
 
+def ground(scene: Scene) -> tuple[str, str]:
+    """Colours behind a scene, at the bottom and at the top."""
+    look = scene.look
+    return (look.paper, look.paper) if scene.flat else (look.ground, look.sky)
+
+
 def colormap(field: Field) -> Any:
     """The Matplotlib colour map of a field."""
     from matplotlib import colormaps
@@ -53,7 +59,8 @@ def painted(scene: Scene, width: int, height: int) -> Image:
     figure = Figure(figsize=(width / 100, height / 100), dpi=100)
     axes = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(0, height))
     axes.set_axis_off()
-    shade = np.linspace(to_rgb(scene.ground[0]), to_rgb(scene.ground[1]), 256)[:, None]
+    below, above = ground(scene)
+    shade = np.linspace(to_rgb(below), to_rgb(above), 256)[:, None]
     axes.imshow(shade, extent=(0, width, 0, height), origin="lower", aspect="auto")
 
     # All has four corners: of a triangle the last is twice there, a line is pinched to its ends, a
@@ -103,16 +110,31 @@ def pixels(figure: Any) -> Image:
     return np.asarray(canvas.buffer_rgba()).copy()
 
 
-def png(image: Image) -> bytes:
-    """An image, (height, width, 3 or 4), as the contents of a PNG file."""
+RASTERS: dict[str, dict[str, Any]] = {  # by suffix, what Pillow is told
+    ".png": {"format": "PNG", "compress_level": 4},  # half the time of 6, a tenth larger
+    ".jpg": {"format": "JPEG", "quality": 92, "subsampling": 0},
+    ".jpeg": {"format": "JPEG", "quality": 92, "subsampling": 0},
+    ".webp": {"format": "WEBP", "quality": 92},
+}
+
+
+def encoded(image: Image, suffix: str = ".png") -> bytes:
+    """An image, (height, width, 3 or 4), as the contents of one of the `RASTERS`."""
     from PIL import Image as PILImage
 
     file = io.BytesIO()
-    PILImage.fromarray(image).save(file, format="PNG")
+    PILImage.fromarray(image).save(file, **RASTERS[suffix])
     return file.getvalue()
 
 
-def legend(dots: Sequence[Dots], height: int) -> Image:
+def averaged(image: Image, scale: int) -> Image:
+    """Means of scale x scale pixels."""
+    from PIL import Image as PILImage
+
+    return np.asarray(PILImage.fromarray(image).reduce(scale))
+
+
+def legend(dots: Sequence[Dots], height: int, ink: str) -> Image:
     """The colours of dots explained, (h, w, 4), for a picture of so many pixels."""
     from matplotlib.figure import Figure
 
@@ -123,11 +145,12 @@ def legend(dots: Sequence[Dots], height: int) -> Image:
     figure.set_size_inches(math.ceil(width) / 100, math.ceil(len(dots) * line) / 100)
     axes = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(len(dots), 0))
     axes.set_axis_off()
+    edge: dict[str, Any] = {"ms": 0.42 * line * POINT, "mec": ink, "mew": 0.03 * line * POINT}
     for k, kind in enumerate(dots):
-        axes.plot(0.6 * line, k + 0.5, "o", color=kind.color, ms=0.42 * line * POINT, mew=0)
+        axes.plot(0.6 * line, k + 0.5, "o", mfc=kind.color, **edge)
         size = 0.62 * line * POINT
         place = (1.1 * line, k + 0.5)
-        axes.text(*place, kind.name, color=scenes.INK, size=size, va="center_baseline")
+        axes.text(*place, kind.name, color=ink, size=size, va="center_baseline")
     return pixels(figure)
 
 
@@ -136,7 +159,7 @@ def strip(height: int) -> int:
     return round(BAR * height)
 
 
-def bar(field: Field, height: int) -> Image:
+def bar(field: Field, height: int, ink: str) -> Image:
     """The colours of a field explained, (h, w, 4), for a picture of so many pixels."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -155,41 +178,70 @@ def bar(field: Field, height: int) -> Image:
     drawn = figure.colorbar(
         mappable, cax=axes, extend=extend, extendfrac=0.045, ticks=MaxNLocator(6), format=formatter
     )
-    drawn.outline.set(linewidth=0.0012 * height * POINT, edgecolor=scenes.INK)
+    drawn.outline.set(linewidth=0.0012 * height * POINT, edgecolor=ink)
     axes.tick_params(
         labelsize=size,
-        labelcolor=scenes.INK,
-        color=scenes.INK,
+        labelcolor=ink,
+        color=ink,
         length=0.3 * size,
         width=0.0012 * height * POINT,
         pad=0.3 * size,
     )
-    drawn.set_label(field.label or "", size=1.05 * size, color=scenes.INK, labelpad=0.7 * size)
-    axes.yaxis.get_offset_text().set(size=size, color=scenes.INK)
+    drawn.set_label(field.label or "", size=1.05 * size, color=ink, labelpad=0.7 * size)
+    axes.yaxis.get_offset_text().set(size=size, color=ink)
+    return pixels(figure)
+
+
+def ruler(scene: Scene, height: int) -> Image:
+    """A round length at the distance of the scene's middle, in the user's units, (h, w, 4)."""
+    from matplotlib.figure import Figure
+
+    pixel = 2 * scene.distance * math.tan(math.radians(scenes.VIEW_ANGLE / 2)) / height
+    most = 0.3 * height * pixel * scene.frame.extent
+    power = math.floor(math.log10(most))
+    digit = max(k for k in (1, 2, 5) if k * 10.0**power <= most)
+    long = digit * 10.0**power / (pixel * scene.frame.extent)  # pixels
+    size, edge = 0.022 * height, 0.0025 * height
+    width, tall = math.ceil(long + 4 * size), math.ceil(2.6 * size)
+    figure = Figure(figsize=(width / 100, tall / 100), dpi=100)
+    figure.patch.set_alpha(0.0)
+    axes = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(0, tall))
+    axes.set_axis_off()
+    ends, ink = ((width - long) / 2, (width + long) / 2), scene.look.ink
+    low, up = 0.5 * size, 0.25 * size
+    outline = [ends[0], ends[0], ends[0], ends[1], ends[1], ends[1]]
+    heights = [low - up, low + up, low, low, low - up, low + up]
+    axes.plot(outline, heights, color=ink, lw=edge * POINT, solid_capstyle="butt")
+    text = f"{digit * 10.0**power:.12g}{scene.frame.unit}"
+    place = (width / 2, low + up)
+    axes.text(*place, text, color=ink, size=size * POINT, ha="center", va="bottom")
     return pixels(figure)
 
 
 def explained(image: Image, scene: Scene) -> Image:
-    """The picture with a strip for the colour bar on its right, if there is one, and the legend.
+    """The picture with a strip for the colour bar on its right, if there is one, and the legends.
 
-    The legend is in the corner where it hides least.
+    These are in the corners where they hide least.
     """
     if scene.field is not None and scene.field.label is not None:
-        shown = bar(scene.field, image.shape[0])
+        shown = bar(scene.field, image.shape[0], scene.look.ink)
         # the ground is the same in every column
         ground = np.repeat(image[:, :1], shown.shape[1], axis=1)
         image = np.concatenate([image, ground], axis=1)
         image = _laid(image, shown, (image.shape[0] - shown.shape[0]) // 2, -shown.shape[1])
+    legends = [ruler(scene, image.shape[0])] if scene.bar else []
     if scene.dots:
-        shown = legend(scene.dots, image.shape[0])
-        gap = round(GAP * image.shape[0])
-        busy = np.any(
-            np.abs(image.astype(int) - image[:, :1]) > 4, axis=2
-        )  # the ground is dithered
+        legends.append(legend(scene.dots, image.shape[0], scene.look.ink))
+    # the ground is dithered
+    busy = np.any(np.abs(image.astype(int) - image[:, :1]) > 4, axis=2) if legends else None
+    gap = round(GAP * image.shape[0])
+    for shown in legends:
+        assert busy is not None
         down, right = image.shape[0] - shown.shape[0] - gap, image.shape[1] - shown.shape[1] - gap
         corners = [(down, right), (down, gap), (gap, right), (gap, gap)]
         row, column = min(corners, key=lambda c: _hidden(busy, shown, *c))
         image = _laid(image, shown, row, column)
+        busy[max(row, 0) : row + shown.shape[0], max(column, 0) : column + shown.shape[1]] = True
     return image
 
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from limitsurf.shell import files
 from limitsurf.shell.files import Path
-from limitsurf.shell.plot import paint, render
+from limitsurf.shell.plot import charts, paint, render
 from limitsurf.shell.plot.paint import Image
-from limitsurf.shell.plot.scene import POLYGONS, Scene
+from limitsurf.shell.plot.scene import POLYGONS, Lines, Look, Scene
 
 PAGE_POLYGONS = 30_000  # of a page, whose size they make up
 
@@ -24,7 +24,7 @@ class Drawing(Protocol):
 
     @property
     def suffixes(self) -> tuple[str, ...]:
-        """Of the files that can be made of it, ``.png`` among them."""
+        """Of the files that can be made of it, those of pixels (`RASTERS`) among them."""
         ...
 
     def prepare(self, suffix: str) -> None:
@@ -36,7 +36,7 @@ class Drawing(Protocol):
         ...
 
     def content(self, suffix: str) -> bytes:
-        """What a file with this suffix, not .png, contains."""
+        """What a file with this suffix, none of pixels, contains."""
         ...
 
     def window(self) -> Image:
@@ -94,9 +94,10 @@ class Picture:
         Parameters
         ----------
         file : str or os.PathLike
-            ``.png``; of a surface or an eigenfunction also ``.html``, a page that any browser
-            shows, without a network, and in which the scene turns: some two megabytes, and more
-            from 30,000 limit faces on; of a diagram also ``.svg`` and ``.pdf``.
+            ``.png``, ``.jpg`` or ``.webp``; of a surface or an eigenfunction also ``.html``, a page
+            that any browser shows, without a network, and in which the scene turns: some two
+            megabytes, and more from 30,000 limit faces on; of a diagram and of a layout also
+            ``.svg`` and ``.pdf``.
 
         Raises
         ------
@@ -108,7 +109,8 @@ class Picture:
             A file that cannot be written.
         """
         suffix = _suffix(file, self._drawing.suffixes)
-        content = paint.png(self.image) if suffix == ".png" else self._drawing.content(suffix)
+        raster = suffix in paint.RASTERS
+        content = paint.encoded(self.image, suffix) if raster else self._drawing.content(suffix)
         with files.replacing(file) as target:
             target.write(content)
 
@@ -143,7 +145,7 @@ class Picture:
         return Interactive(self._drawing.content(".html").decode(), height)
 
     def _repr_png_(self) -> bytes:
-        return paint.png(self.image)
+        return paint.encoded(self.image)
 
 
 class Interactive:
@@ -160,7 +162,7 @@ class Interactive:
 class SceneDrawing:
     """A scene; ``build(aspect, polygons)`` makes it, of more for a picture than for a page."""
 
-    suffixes = (".png", ".html")
+    suffixes = (*paint.RASTERS, ".html")
 
     def __init__(
         self, build: Callable[[float, int], Scene], size: tuple[int, int], with_bar: bool
@@ -193,6 +195,54 @@ class SceneDrawing:
     def window(self) -> Image:
         """Show it in a window until that is closed; the last picture."""
         return render.window(self._of(POLYGONS), *self.size)
+
+    def plotter(self, off_screen: bool | None) -> Any:
+        """A PyVista plotter with all of it, in the user's units."""
+        return render.plotter(self._of(POLYGONS), *self.size, off_screen)
+
+
+class LayoutDrawing(SceneDrawing):
+    """A flat scene, that of a channel of two numbers: as a diagram, and as a page to turn.
+
+    ``seams()`` returns where it is torn, and where the mesh ends.
+    """
+
+    suffixes = (*SceneDrawing.suffixes, ".svg", ".pdf")
+
+    def __init__(
+        self,
+        build: Callable[[float, int], Scene],
+        size: tuple[int, int],
+        with_bar: bool,
+        seams: Callable[[], tuple[Lines, Lines]],
+        name: str,
+        look: Look,
+    ) -> None:
+        super().__init__(build, size, with_bar)
+        self._chart = charts.ChartDrawing(self._draw, size, look)
+        self._seams, self._name = seams, name
+
+    def prepare(self, suffix: str) -> None:
+        """Make the scene, or raise what is wrong with it."""
+        self._of(PAGE_POLYGONS)
+
+    def _draw(self, figure: Any) -> None:
+        charts.draw_layout(figure, self._of(PAGE_POLYGONS), self._seams(), self._name)
+
+    def pixels(self) -> Image:
+        """The diagram, (height, width, 3)."""
+        return self._chart.pixels()
+
+    def content(self, suffix: str) -> bytes:
+        """The diagram in lines and letters, or a page of HTML."""
+        return super().content(suffix) if suffix == ".html" else self._chart.content(suffix)
+
+
+def draws_at_once(file: Path | None, off_screen: bool | None) -> bool:
+    """Whether pixels are needed without a window, as far as one can know."""
+    if not _off_screen(file, off_screen):
+        return False
+    return in_notebook() if file is None else _suffix(file, (*paint.RASTERS, ".html")) != ".html"
 
 
 def _suffix(file: Path, known: tuple[str, ...]) -> str:

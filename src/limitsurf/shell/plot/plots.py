@@ -7,33 +7,39 @@ answer but a crash, Matplotlib paints the same scene, polygon by polygon from ba
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import memory
-from limitsurf.cage.checks import checked_integer
+from limitsurf.cage.checks import checked_integer, users_level
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.protocol import threads
 from limitsurf.query import POLYGON, validate
 from limitsurf.scheme.net import Net
 from limitsurf.shell.files import Path
 from limitsurf.shell.io.vtk import imported_pyvista
-from limitsurf.shell.plot import charts
+from limitsurf.shell.plot import charts, render
 from limitsurf.shell.plot import picture as pictures
 from limitsurf.shell.plot.picture import Picture
 from limitsurf.shell.plot.scene import (
     COLOR,
     CURVATURES,
+    DARK,
     DIVERGING,
+    LIGHT,
     VIEWS,
+    Look,
     Scalars,
     Wishes,
     build,
     real_numbers,
+    seams,
+    unit_points,
 )
 from limitsurf.spectra.fan import Fan, Mode, fan_of, predicted_order
 from limitsurf.surface import LimitSurface
@@ -49,10 +55,52 @@ __all__ = [
     "plot_eigenfunctions",
 ]
 
+MANY = 1_000_000  # polygons that are drawn without a word
 HEIGHT = 0.45  # of the graph of an eigenfunction over the unit circle
 GRAPH_VIEW = (-0.5, -1.0, 0.8)
 
 
+class Options(TypedDict, total=False):
+    """What `plot` may be told beside what to draw."""
+
+    n: int | None
+    cage: bool | None
+    curves: bool | None
+    poles: bool | None
+    normals: bool
+    isolines: int
+    scalars: Scalars | None
+    limits: tuple[float, float] | None
+    cmap: Any
+    label: str | None
+    channel: str | None
+    color: str
+    up: str | None
+    view: str | Sequence[float] | None
+    axes: bool
+    scale_bar: bool
+    dark: bool
+    window_size: tuple[int, int]
+    off_screen: bool | None
+    workers: int
+
+
+@overload
+def plot(
+    surface: LimitSurface | Mesh,
+    file: Path | None = None,
+    *,
+    return_plotter: Literal[False] = False,
+    **options: Unpack[Options],
+) -> Picture: ...
+@overload
+def plot(
+    surface: LimitSurface | Mesh,
+    file: Path | None = None,
+    *,
+    return_plotter: bool,
+    **options: Unpack[Options],
+) -> Any: ...
 def plot(
     surface: LimitSurface | Mesh,
     file: Path | None = None,
@@ -71,10 +119,14 @@ def plot(
     color: str = COLOR,
     up: str | None = None,
     view: str | Sequence[float] | None = None,
+    axes: bool = False,
+    scale_bar: bool = False,
+    dark: bool = False,
     window_size: tuple[int, int] = (1600, 1200),
     off_screen: bool | None = None,
+    return_plotter: bool = False,
     workers: int = 1,
-) -> Picture:
+) -> Any:
     """Draw a limit surface: its cage, creases, extraordinary points, curvature or any scalar.
 
     Every point drawn is an exact one with its exact normal; only what lies between them is
@@ -86,8 +138,9 @@ def plot(
         Points of shape (n_vertices, 3), or (n_vertices, 2) for a flat one. Exact points are
         rounded to float64. Of a mesh it is ``LimitSurface(mesh)``.
     file : str or os.PathLike, optional
-        A file to write, off screen: ``.png``, or ``.html`` for a page that needs nothing else and
-        turns in a browser. It appears whole or not at all.
+        A file to write, off screen: ``.png``, ``.jpg`` or ``.webp``; ``.html`` for a page that
+        needs nothing else and turns in a browser; of a layout (see ``channel``) ``.svg`` or
+        ``.pdf`` too. It appears whole or not at all.
     n : int, optional
         Each limit face is drawn as n x n polygons; by default as many as make a smooth picture, and
         fewer in a page.
@@ -116,8 +169,10 @@ def plot(
     label : str, optional
         What the colour bar says; mathematics between $ signs.
     channel : str, optional
-        A face-varying channel of two or three numbers to draw instead of the points: of texture
-        coordinates the layout, torn along its seams. `scalars` are those of the surface itself.
+        A face-varying channel of two or three numbers to draw instead of the points. Of two, as
+        texture coordinates are, it is the layout with axes and numbers: thick lines are its seams
+        and the ends of the mesh, it is darker where faces overlap, and blue where they are turned
+        over; with `scalars`, those of the surface itself, it has their colours instead.
     color : str
         The colour of the surface, "#rrggbb" or a name.
     up : {"x", "y", "z"}, optional
@@ -127,19 +182,29 @@ def plot(
         direction from the surface to the camera. The front is seen from +z if y is up, as in glTF
         and Maya, and from -y otherwise; right is +x for both y and z. By default from the front and
         above, and onto a flat surface from its front.
+    axes : bool
+        Whether to draw a box around it with the numbers of its points.
+    scale_bar : bool
+        Whether to draw a bar of a round length, in the units of the points (of ``mesh.units`` if
+        there are any), which holds at the distance of the middle. Not in pages and windows.
+    dark : bool
+        Whether to draw on a dark ground.
     window_size : (int, int)
         Width and height in pixels.
     off_screen : bool, optional
         Whether to draw without a window. By default that is so if there is a ``file``, and in a
         notebook, which shows the picture itself; otherwise a window opens, and the call returns
         when it is closed.
+    return_plotter : bool
+        Whether to return a ``pyvista.Plotter`` that shows all this, in the units of the points, for
+        more to be added, instead of a picture. ``show()`` and ``close()`` it yourself.
     workers : int
         Threads that evaluate the surface, as for `LimitSurface.evaluate`.
 
     Returns
     -------
-    Picture
-        With the pixels as `image`; `save` and `interactive` make files and pages of it.
+    Picture or pyvista.Plotter
+        A picture has its pixels as `image`; `save` and `interactive` make files and pages of it.
 
     Raises
     ------
@@ -147,7 +212,8 @@ def plot(
         Points of another shape, a channel that the mesh does not have, a bad ``n``, ``isolines``,
         ``scalars``, ``limits``, ``cmap``, ``label``, ``color``, ``up``, ``view`` or
         ``window_size``; ``limits``, ``cmap`` or ``label`` without scalars that have a colour bar;
-        no finite scalar; a file with another suffix; nothing to draw.
+        no finite scalar; a file with another suffix, or one beside ``return_plotter``; nothing to
+        draw; with ``axes``, ``scale_bar`` or ``return_plotter`` sizes beyond 1e-300 to 1e300.
     ImportError
         Without PyVista, for a page without trame-vtk (``pip install "limitsurf[plot]"``).
     OSError
@@ -156,7 +222,8 @@ def plot(
     Warns
     -----
     UserWarning
-        Without OpenGL: the picture is painted by Matplotlib, and plainer.
+        Without OpenGL: the picture is painted by Matplotlib, and plainer, without ``axes``. Before
+        more than a million polygons are drawn.
 
     Examples
     --------
@@ -170,28 +237,34 @@ def plot(
     A page to turn in a browser, of a scalar of our own:
 
     >>> ls.plot(surface, "cube.html", scalars=lambda face, u, v: u * v)  # doctest: +SKIP
+
+    A picture with something of our own in it:
+
+    >>> plotter = ls.plot(surface, off_screen=True, return_plotter=True)
+    >>> _ = plotter.add_point_labels([[0.5, 0.5, 1.2]], ["above"])
+    >>> plotter.close()
     """
     surface = _surface(surface)
-    pictures.check_target(file, off_screen, pictures.SceneDrawing.suffixes)
+    layout = channel is not None and surface.of_channel(channel).points.shape[1:] == (2,)
+    if return_plotter:
+        if file is not None:
+            raise ValueError("a plotter writes its own files: give no file with return_plotter")
+    else:
+        kind = pictures.LayoutDrawing if layout else pictures.SceneDrawing
+        pictures.check_target(file, off_screen, kind.suffixes)
+        if not layout and pictures.draws_at_once(file, off_screen):
+            render.begin()
     n = None if n is None else checked_integer("n", n, 1)
     isolines = checked_integer("isolines", isolines, 0)
-    if isinstance(scalars, str) and scalars not in (*CURVATURES, "zebra"):
-        known = ", ".join(map(repr, [*CURVATURES, "zebra"]))
-        raise ValueError(f"scalars must be one of {known}, a function or an array, got {scalars!r}")
-    with_bar = scalars is not None and not (isinstance(scalars, str) and scalars == "zebra")
-    for name, value in {"limits": limits, "cmap": cmap, "label": label}.items():
-        if value is not None and not with_bar:
-            raise ValueError(f"{name} needs scalars that have a colour bar, got {scalars!r}")
+    with_bar = _has_bar(scalars, {"limits": limits, "cmap": cmap, "label": label})
     if limits is not None:
         limits = _checked_limits(limits)
-    if not isinstance(label, str | None):
-        raise ValueError(f"label must be text, got {label!r}")
     up = (surface.mesh.up or "z") if up is None else up
     if up not in ("x", "y", "z"):
         raise ValueError(f"up must be 'x', 'y' or 'z', got {up!r}")
     _check_view(view)
     width, height = _checked_size(window_size)
-    memory.refuse_beyond(len(surface.limit_faces) * (n or 1) ** 2, POLYGON, "polygons")
+    _check_number(len(surface.limit_faces) * (n or 1) ** 2)
     memory.refuse_beyond(width * height, 100, "pixels")
     pyvista = imported_pyvista()
     try:
@@ -203,10 +276,53 @@ def plot(
     wishes = Wishes(
         *(n, cage, curves, poles, normals, isolines, scalars, limits, cmap, label, with_bar),
         *(channel, body, up, view),
+        look=DARK if dark else LIGHT,
+        box=axes and not layout,
+        ruler=scale_bar and not layout,
         workers=threads(workers),
     )
-    drawing = pictures.SceneDrawing(partial(build, surface, wishes), (width, height), with_bar)
+    if axes or scale_bar or return_plotter:
+        _check_extent(surface.of_channel(channel))
+    make = partial(build, surface, wishes)
+    drawing = pictures.SceneDrawing(make, (width, height), with_bar)
+    if layout and channel is not None:
+        torn = partial(seams, surface, channel)
+        size = width, height
+        drawing = pictures.LayoutDrawing(make, size, with_bar, torn, channel, wishes.look)
+    if return_plotter:
+        return drawing.plotter(off_screen)
     return pictures.finished(drawing, (width, height), file, off_screen)
+
+
+def _has_bar(scalars: Any, wanted: Mapping[str, Any]) -> bool:
+    """Whether scalars have a colour bar; ValueError for what is wanted of one if not."""
+    if isinstance(scalars, str) and scalars not in (*CURVATURES, "zebra"):
+        known = ", ".join(map(repr, [*CURVATURES, "zebra"]))
+        raise ValueError(f"scalars must be one of {known}, a function or an array, got {scalars!r}")
+    with_bar = scalars is not None and not (isinstance(scalars, str) and scalars == "zebra")
+    for name, value in wanted.items():
+        if value is not None and not with_bar:
+            raise ValueError(f"{name} needs scalars that have a colour bar, got {scalars!r}")
+    if not isinstance(wanted["label"], str | None):
+        raise ValueError(f"label must be text, got {wanted['label']!r}")
+    return with_bar
+
+
+def _check_number(polygons: int) -> None:
+    """Refuse more polygons than memory holds; a hint before many are drawn."""
+    memory.refuse_beyond(polygons, POLYGON, "polygons")
+    if polygons > MANY:
+        text = f"drawing {polygons:,} polygons, which may take minutes and gigabytes"
+        warnings.warn(f"{text}: give a smaller n, or a part of the mesh", stacklevel=users_level())
+
+
+def _check_extent(surface: LimitSurface) -> None:
+    """ValueError where lengths in the user's units are beyond what can be said."""
+    _, extent, middle = unit_points(surface.mesh)
+    if not (1e-300 < extent < 1e300 and np.abs(middle).max() < 1e300):
+        raise ValueError(
+            f"axes, scale_bar and return_plotter need sizes from 1e-300 to 1e300, got {extent:.3g}"
+        )
 
 
 def _surface(given: LimitSurface | Mesh) -> LimitSurface:
@@ -229,6 +345,8 @@ def plot_characteristic_map(
     faces: int | None = None,
     isolines: int = 7,
     rings: int = 5,
+    axes: bool = False,
+    dark: bool = False,
     window_size: tuple[int, int] = (1200, 1200),
     off_screen: bool | None = None,
 ) -> Picture:
@@ -244,7 +362,7 @@ def plot_characteristic_map(
     scheme : str or Scheme
         A name such as "catmull-clark", or a scheme of your own.
     file : str or os.PathLike, optional
-        A ``.png``, ``.svg`` or ``.pdf`` file to write.
+        A ``.svg``, ``.pdf``, ``.png``, ``.jpg`` or ``.webp`` file to write.
     valence : int, optional
         Number of faces around a smooth interior vertex, at least 3.
     kind : {"crease", "corner", "dart"}, optional
@@ -256,6 +374,11 @@ def plot_characteristic_map(
         Lines of constant u in each sector and ring, and as many of constant v.
     rings : int
         How many rings are drawn inside of the first, at least 0.
+    axes : bool
+        Whether to draw the numbers of the plane, in which the outline is as the eigenvectors are
+        scaled.
+    dark : bool
+        As for `plot`.
     window_size : (int, int)
         Width and height in pixels.
     off_screen : bool, optional
@@ -296,8 +419,16 @@ def plot_characteristic_map(
         else fan_of(scheme, kind, checked_integer("faces", faces, 1))
     )
     fan.characteristic_map()  # says now what there is not
-    draw = partial(charts.draw_characteristic_map, fan=fan, isolines=isolines, rings=rings)
-    return _chart(draw, window_size, file, off_screen)
+    look = DARK if dark else LIGHT
+    draw = partial(
+        charts.draw_characteristic_map,
+        fan=fan,
+        isolines=isolines,
+        rings=rings,
+        ticks=bool(axes),
+        look=look,
+    )
+    return _chart(draw, window_size, file, off_screen, look)
 
 
 def plot_eigenfunctions(
@@ -306,6 +437,7 @@ def plot_eigenfunctions(
     *,
     valence: int,
     which: int | None = None,
+    dark: bool = False,
     window_size: tuple[int, int] = (1600, 1200),
     off_screen: bool | None = None,
 ) -> Picture:
@@ -318,14 +450,15 @@ def plot_eigenfunctions(
     Parameters
     ----------
     file : str or os.PathLike, optional
-        A file to write: ``.png``, and of a single one ``.html``, of a panel ``.svg`` and ``.pdf``.
+        A file to write: ``.png``, ``.jpg``, ``.webp``, and of a single one ``.html``, of a panel
+        ``.svg`` and ``.pdf``.
     valence : int
         Number of faces around the vertex, at least 3.
     which : int, optional
         Only this one, counted from 0, the constant, by decreasing eigenvalue; of two that are
         turned against each other the one that is symmetric about the first edge comes first. By
         default a panel of the first after the constant, one of each such pair.
-    scheme, window_size, off_screen
+    scheme, dark, window_size, off_screen
         As for `plot_characteristic_map`.
 
     Returns
@@ -353,7 +486,7 @@ def plot_eigenfunctions(
     """
     kinds = charts.ChartDrawing if which is None else pictures.SceneDrawing
     pictures.check_target(file, off_screen, kinds.suffixes)
-    size = _checked_size(window_size)
+    size, look = _checked_size(window_size), DARK if dark else LIGHT
     which = None if which is None else checked_integer("which", which)
     fan = _fan(scheme, valence)
     plane = fan.characteristic_map()
@@ -362,21 +495,21 @@ def plot_eigenfunctions(
     if which is not None:
         if not -len(modes) <= which < len(modes):
             raise IndexError(f"which is {which}, but there are {len(modes)} eigenfunctions")
-        drawing = _graph(fan, plane, modes[which], size, True)
+        drawing = _graph(fan, plane, modes[which], size, look, True)
         return pictures.finished(drawing, size, file, off_screen)
     shown = [m for m in modes[1:] if not (m.sine and m.paired)][: charts.PANEL]
     small = charts.picture_size(size)
 
     def draw(figure: Any) -> None:
-        images = [_graph(fan, plane, mode, small, False).pixels() for mode in shown]
+        images = [_graph(fan, plane, mode, small, look, False).pixels() for mode in shown]
         names = [charts.mode_name(mode) for mode in shown]
-        charts.draw_panel(figure, images, names, charts.title(fan, "eigenfunctions"))
+        charts.draw_panel(figure, images, names, charts.title(fan, "eigenfunctions"), look)
 
-    return _chart(draw, size, file, off_screen)
+    return _chart(draw, size, file, off_screen, look)
 
 
 def _graph(
-    fan: Fan, plane: NDArray[Any], mode: Mode, size: tuple[int, int], alone: bool
+    fan: Fan, plane: NDArray[Any], mode: Mode, size: tuple[int, int], look: Look, alone: bool
 ) -> pictures.SceneDrawing:
     """An eigenfunction over the characteristic map, with a colour bar if it is alone."""
     places = Net(fan.lattice, 16).places
@@ -395,17 +528,19 @@ def _graph(
         label=charts.mode_name(mode),
         bar=alone,
         view=GRAPH_VIEW,
-        ground=None if alone else ("#ffffff", "#ffffff"),
+        look=look,
+        flat=not alone,
     )
     return pictures.SceneDrawing(partial(build, surface, wishes), size, alone)
 
 
 def plot_convergence(
-    surfaces: LimitSurface | Mapping[str, LimitSurface],
+    surfaces: LimitSurface | Mesh | Mapping[str, LimitSurface | Mesh],
     file: Path | None = None,
     *,
     levels: int = 4,
     channel: str | None = None,
+    dark: bool = False,
     window_size: tuple[int, int] = (1600, 1200),
     off_screen: bool | None = None,
     workers: int = 1,
@@ -420,17 +555,17 @@ def plot_convergence(
 
     Parameters
     ----------
-    surfaces : LimitSurface, or mapping of names to them
-        Of float64 points.
+    surfaces : LimitSurface or Mesh, or mapping of names to them
+        Of float64 points. Of a mesh it is ``LimitSurface(mesh)``.
     file : str or os.PathLike, optional
-        A ``.png``, ``.svg`` or ``.pdf`` file to write.
+        A ``.svg``, ``.pdf``, ``.png``, ``.jpg`` or ``.webp`` file to write.
     levels : int
         How many levels to refine, at least 1; memory and time grow by four with each.
     channel, workers
         As for `validate`.
     window_size : (int, int)
         Width and height in pixels.
-    off_screen : bool, optional
+    dark, off_screen : bool, optional
         As for `plot`.
 
     Returns
@@ -461,13 +596,14 @@ def plot_convergence(
         raise ValueError("plot_convergence needs at least one surface, got none")
     errors, orders = {}, {}
     for name, of_points in named.items():
-        surface = of_points.of_channel(channel)
+        surface = _surface(of_points).of_channel(channel)
         used = surface.mesh.points[np.unique(surface.mesh.indices)].astype(np.float64)
         extent = np.ptp(used.reshape(len(used), -1), axis=0).max() or 1.0
         errors[str(name)] = validate(surface, levels, workers=workers)["error"] / extent
         orders[str(name)] = predicted_order(surface)
-    draw = partial(charts.draw_convergence, errors=errors, orders=orders)
-    return _chart(draw, window_size, file, off_screen)
+    look = DARK if dark else LIGHT
+    draw = partial(charts.draw_convergence, errors=errors, orders=orders, look=look)
+    return _chart(draw, window_size, file, off_screen, look)
 
 
 def _chart(
@@ -475,9 +611,10 @@ def _chart(
     window_size: tuple[int, int],
     file: Path | None,
     off_screen: bool | None,
+    look: Look,
 ) -> Picture:
     size = _checked_size(window_size)
-    return pictures.finished(charts.ChartDrawing(draw, size), size, file, off_screen)
+    return pictures.finished(charts.ChartDrawing(draw, size, look), size, file, off_screen)
 
 
 def _fan(scheme: str | Scheme, valence: Any) -> Fan:

@@ -25,9 +25,11 @@ from limitsurf.shell.io.vtk import imported_pyvista
 from limitsurf.shell.plot import paint
 from limitsurf.shell.plot import scene as scenes
 from limitsurf.shell.plot.paint import Image
-from limitsurf.shell.plot.scene import Array, Lines, Scene
+from limitsurf.shell.plot.scene import Array, Box, Lines, Scene
 
 TRIAL = 60  # seconds after which VTK counts as unable to draw
+SURFACE = "surface"  # the name of its actor
+LETTERS = 0.022  # height of the numbers of axes, as a part of the picture's
 SUPERSAMPLING = 2  # pixels drawn per pixel of the picture, each way
 
 
@@ -40,32 +42,54 @@ def pixels(scene: Scene, width: int, height: int) -> Image:
     # Drawn larger and averaged, which smooths lines and dots as well.
     scale = SUPERSAMPLING
     with _plotter(scene, scale * width, scale * height, True) as plotter:
-        image = np.asarray(plotter.screenshot(return_img=True))
-    tiles = image.reshape(height, scale, width, scale, 3)
-    picture: Image = np.rint(tiles.mean(axis=(1, 3))).astype(np.uint8)
-    return picture
+        return paint.averaged(np.asarray(plotter.screenshot(return_img=True)), scale)
 
 
 def window(scene: Scene, width: int, height: int) -> Image:
     """Show the scene in a window until it is closed; the last picture, (height, width, 3)."""
     # None leaves PYVISTA_OFF_SCREEN its say.
     with _plotter(scene, width, height, None) as plotter:
-        plotter.enable_anti_aliasing("msaa")
-        if scene.dots:
-            names = [(dots.name, dots.color) for dots in scene.dots]
-            plotter.add_legend(names, face="circle", bcolor=None, loc="lower right")
-        if scene.field is not None and scene.field.label is not None:
-            plotter.add_scalar_bar(
-                scene.field.label.replace("$", ""),
-                vertical=True,
-                color=scenes.INK,
-                n_labels=5,
-                fmt="%.3g",
-                position_x=0.88,
-                position_y=0.2,
-                height=0.6,
-            )
+        _explain(plotter, scene)
         return np.asarray(plotter.show(auto_close=False, screenshot=True))
+
+
+def plotter(scene: Scene, width: int, height: int, off_screen: bool | None) -> Any:
+    """A PyVista plotter that shows the scene in the user's space, for whoever asks to close."""
+    scene = scene.in_units()
+    with _calm_vtk():
+        found = _made(scene, width, height, off_screen, page=False)
+        _explain(found, scene)
+        if found.off_screen:
+            found.render()  # when VTK says that there is no X server
+    _push_back()
+    return found
+
+
+def _explain(plotter: Any, scene: Scene) -> None:
+    """Add what a picture has beside its scene: legend and colour bar."""
+    plotter.enable_anti_aliasing("msaa")
+    label = None if scene.field is None else scene.field.label
+    if scene.dots:
+        names = [(dots.name, dots.color) for dots in scene.dots]
+        place = {
+            "loc": "lower left" if label is not None else "lower right",
+            "size": (0.2, 0.05 * len(names)),
+        }
+        plotter.add_legend(names, face="circle", bcolor=None, **place)
+    if label is not None:
+        plotter.add_scalar_bar(
+            label.replace("$", ""),
+            mapper=plotter.actors[SURFACE].mapper,
+            vertical=True,
+            color=scene.look.ink,
+            n_labels=5,
+            fmt="%.3g",
+            position_x=0.84,
+            position_y=0.2,
+            height=0.6,
+            title_font_size=round(0.025 * plotter.window_size[1]),
+            label_font_size=round(0.022 * plotter.window_size[1]),
+        )
 
 
 def page(scene: Scene, width: int, height: int) -> str:
@@ -80,13 +104,14 @@ def page(scene: Scene, width: int, height: int) -> str:
         text = _viewer(plotter.render_window)
     shown = []
     if scene.field is not None and scene.field.label is not None:
-        shown.append((paint.bar(scene.field, 1200), "right:0;top:14%;height:72%"))
+        shown.append((paint.bar(scene.field, 1200, scene.look.ink), "right:0;top:14%;height:72%"))
     if scene.dots:
-        explained = paint.legend(scene.dots, 1200)
+        explained = paint.legend(scene.dots, 1200, scene.look.ink)
         height = 100 * explained.shape[0] / 1200
         shown.append((explained, f"right:1%;bottom:1%;height:{height:.1f}%"))
     boxes = "".join(
-        f'<img alt="" src="data:image/png;base64,{base64.b64encode(paint.png(image)).decode()}" '
+        '<img alt="" src="data:image/png;base64,'
+        f'{base64.b64encode(paint.encoded(image)).decode()}" '
         f'style="position:fixed;pointer-events:none;z-index:9;{style}">'
         for image, style in shown
     )
@@ -144,28 +169,40 @@ def _plotter(
     scene: Scene, width: int, height: int, off_screen: bool | None, page: bool = False
 ) -> Iterator[Any]:
     """A PyVista plotter with the scene; of a page all is made of triangles and thin lines."""
-    pyvista = imported_pyvista()
-    size = (width, height)
     with _calm_vtk(), _offset():
-        plotter = pyvista.Plotter(off_screen=off_screen, window_size=size, lighting=None)
+        plotter = _made(scene, width, height, off_screen, page)
         try:
-            for place, strength in paint.LIGHTS:
-                light = pyvista.Light(position=place, light_type="camera light", intensity=strength)
-                plotter.add_light(light)
-            if page:
-                plotter.set_background(scenes.PAPER)
-            else:
-                plotter.set_background(scene.ground[0], top=scene.ground[1])
-            _add(pyvista, plotter, scene, page)
-            camera = plotter.camera
-            camera.view_angle = scenes.VIEW_ANGLE
-            camera.position = scene.eye
-            camera.focal_point = scene.eye - scene.distance * scene.axes[2]
-            camera.up = scene.axes[1]
-            plotter.reset_camera_clipping_range()
             yield plotter
         finally:
             plotter.close()
+
+
+def _made(scene: Scene, width: int, height: int, off_screen: bool | None, page: bool) -> Any:
+    pyvista = imported_pyvista()
+    size = (width, height)
+    plotter = pyvista.Plotter(off_screen=off_screen, window_size=size, lighting=None)
+    try:
+        for place, strength in paint.LIGHTS:
+            light = pyvista.Light(position=place, light_type="camera light", intensity=strength)
+            plotter.add_light(light)
+        if page:
+            plotter.set_background(scene.look.page)
+        else:
+            below, above = paint.ground(scene)
+            plotter.set_background(below, top=above)
+        _add(pyvista, plotter, scene, page)
+        camera = plotter.camera
+        camera.view_angle = scenes.VIEW_ANGLE
+        camera.position = scene.eye
+        camera.focal_point = scene.eye - scene.distance * scene.axes[2]
+        camera.up = scene.axes[1]
+        if scene.box is not None:
+            _add_box(plotter, scene, scene.box)
+        plotter.reset_camera_clipping_range()
+    except BaseException:
+        plotter.close()
+        raise
+    return plotter
 
 
 def _add(pyvista: Any, plotter: Any, scene: Scene, page: bool) -> None:
@@ -188,6 +225,26 @@ def _add(pyvista: Any, plotter: Any, scene: Scene, page: bool) -> None:
             smooth_shading=page,
             ambient=0.5,
         )
+
+
+def _add_box(plotter: Any, scene: Scene, box: Box) -> None:
+    """Axes with the numbers of the user's space, on those sides of a box that are behind."""
+    shown: dict[str, Any] = {}
+    for axis, ticks in zip("xyz", box.ticks, strict=True):
+        shown |= {f"show_{axis}axis": ticks > 1, f"n_{axis}labels": ticks, f"{axis}title": axis}
+    plotter.show_bounds(
+        bounds=((box.ends - scene.frame.middle) / scene.frame.extent).T.ravel(),
+        axes_ranges=box.ends.T.ravel().tolist(),
+        **shown,
+        grid="back",
+        location="outer",
+        ticks="outside",
+        color=scene.look.ink,
+        font_size=max(8, round(LETTERS * plotter.window_size[1])),
+        bold=False,
+        fmt="%.6g",
+        use_3d_text=False,
+    )
 
 
 def _add_surface(pyvista: Any, plotter: Any, scene: Scene, page: bool) -> None:
@@ -214,7 +271,7 @@ def _add_surface(pyvista: Any, plotter: Any, scene: Scene, page: bool) -> None:
     ambient, diffuse, gloss = paint.material(scene)
     light = {"ambient": ambient, "diffuse": diffuse, "specular": gloss}
     actor = plotter.add_mesh(
-        body, **look, **light, specular_power=paint.SHARPNESS, smooth_shading=True
+        body, name=SURFACE, **look, **light, specular_power=paint.SHARPNESS, smooth_shading=True
     )
     # Pushed back a little, it does not hide the lines that lie on it.
     actor.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(2.0, 2.0)
@@ -258,11 +315,17 @@ def _offset() -> Iterator[None]:
     from vtkmodules.vtkRenderingCore import vtkMapper
 
     before = vtkMapper.GetResolveCoincidentTopology()
-    vtkMapper.SetResolveCoincidentTopologyToPolygonOffset()
+    _push_back()
     try:
         yield
     finally:
         vtkMapper.SetResolveCoincidentTopology(before)
+
+
+def _push_back() -> None:
+    from vtkmodules.vtkRenderingCore import vtkMapper
+
+    vtkMapper.SetResolveCoincidentTopologyToPolygonOffset()
 
 
 def check_display() -> None:
@@ -281,10 +344,8 @@ def _display() -> bool:
 
 
 @functools.cache
-def opengl() -> bool:
-    """Whether VTK can draw here. Where it cannot it crashes, so another process finds out."""
-    if sys.platform != "linux":
-        return True
+def _trial() -> subprocess.Popen[bytes]:
+    """A process that ends with 0 if VTK can draw here."""
     trial = (
         "import vtkmodules.vtkRenderingOpenGL2\n"
         "from vtkmodules.vtkRenderingCore import vtkRenderWindow\n"
@@ -295,9 +356,27 @@ def opengl() -> bool:
     )
     # -P: modules of the working directory are not VTK's
     command = [sys.executable, "-P", "-c", trial]
+    silent = subprocess.DEVNULL
+    return subprocess.Popen(command, stdin=silent, stdout=silent, stderr=silent)
+
+
+def begin() -> None:
+    """Start to find out whether there is OpenGL: it takes as long as to import PyVista."""
+    if sys.platform == "linux":
+        _trial()
+
+
+@functools.cache
+def opengl() -> bool:
+    """Whether VTK can draw here. Where it cannot it crashes, so another process finds out."""
+    if sys.platform != "linux":
+        return True
+    trial = _trial()
     try:
-        return subprocess.run(command, capture_output=True, timeout=TRIAL).returncode == 0
+        return trial.wait(TRIAL) == 0
     except subprocess.TimeoutExpired:
+        trial.kill()
+        trial.wait()
         return False
 
 

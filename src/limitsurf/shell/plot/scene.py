@@ -31,8 +31,6 @@ Color: TypeAlias = str | RGB
 Scalars: TypeAlias = str | Callable[..., ArrayLike] | ArrayLike
 
 COLOR = "#e8805f"
-GROUND, SKY, INK = "#dde5ec", "#ffffff", "#263442"
-PAPER = "#f1f4f7"  # the ground of a page
 MISSING = "#b8bcc0"  # where a scalar is NaN
 POLYGONS = 200_000  # drawn in all, unless told otherwise
 # Where the camera stands, for z up, where the front faces -y. Another axis that is up takes z's
@@ -50,24 +48,19 @@ VIEWS = {  # the same by name
 }
 VIEW_ANGLE = 30.0  # degrees, of the picture's height
 MARGIN = 0.06  # of the picture, on each side
+AXES_MARGIN = 0.13  # the same, with room for numbers
 DOT = 13.0  # diameter of a dot, in thousandths of the picture's height
 CREASE = 3.0  # thickness of creases, in the same
 LIFT = 0.0015  # of curves off the surface, in units of the cage
 NEEDLES = 400  # normals in all, unless there are more limit faces
-NORMAL = "#0f4c96"
+NORMAL, SEAM = "#0f4c96", "#1f6fc4"
 CROWD = 10_000  # limit faces; of more, cage and curves would hide the surface
 FEW = 1_000  # limit faces; of more, dots are smaller
-VALENCES = {  # the largest of each class: its name and colour
-    2: ("valence 2", "#17becf"),
-    3: ("valence 3", "#1f6fc4"),
-    4: ("valence 4", "#9acd32"),
-    5: ("valence 5", "#f5b82e"),
-    6: ("valence 6", "#2e9e5b"),
-    7: ("valence 7", "#e377c2"),
-    8: ("valence 8", "#7d3fb0"),
-    16: ("valence 9 to 16", "#c2185b"),
-    math.inf: ("valence 17 and more", "#111111"),
+VALENCES: dict[float, str] = {  # the largest of each class, and its colour
+    **{2: "#17becf", 3: "#1f6fc4", 4: "#9acd32", 5: "#f5b82e"},
+    **{6: "#2e9e5b", 7: "#e377c2", 8: "#7d3fb0", 16: "#c2185b", math.inf: "#111111"},
 }
+UNITS = {1.0: " m", 1e-2: " cm", 1e-3: " mm", 1e3: " km", 0.0254: " in", 0.3048: " ft"}
 
 CURVATURES = {  # what can be drawn of `LimitSurface.curvature`: its name, its power of 1 / length
     "mean": ("mean curvature", 1),
@@ -81,6 +74,65 @@ FLATNESS = 1e-6  # curvature in units of the unit box that counts as none
 SMALLEST, LARGEST = map(float, (np.finfo(np.float64).tiny, np.finfo(np.float64).max))
 STRIPES = 12  # from end to end of the zebra's environment
 ZEBRA = ("#20262c", "#f4f4f2")
+
+
+@dataclass(frozen=True)
+class Look:
+    """Colours of all but the surface."""
+
+    ground: str  # behind a scene, at the bottom
+    sky: str  # and at the top
+    page: str  # behind it in a page to turn
+    paper: str  # of a diagram
+    ink: str  # letters, cages, axes
+    grid: str  # of a diagram
+    sectors: tuple[str, str]  # of a characteristic map, by turns
+    isoline: str
+    ring: str
+
+
+LIGHT = Look(
+    *("#dde5ec", "#ffffff", "#f1f4f7", "#ffffff", "#263442", "#d5dbe1"),
+    *(("#f6d9cf", "#fbeee9"), "#8a5a4a", "#1f6fc4"),
+)
+DARK = Look(
+    *("#11161b", "#2b353f", "#1b2229", "#14181e", "#dbe3ea", "#36404a"),
+    *(("#6b3a2a", "#4a2a20"), "#c98f7a", "#74b3f5"),
+)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where a scene is in the user's space: there a place p of it is ``middle + extent * p``."""
+
+    middle: Array  # (3,)
+    extent: float
+    unit: str = ""  # what the user's numbers count
+
+    def placed(self, points: Array) -> Array:
+        """Points of the scene, (..., 3), in the user's space."""
+        return self.middle + self.extent * points
+
+
+@dataclass(frozen=True)
+class Box:
+    """Axes around a scene, from a round number to another."""
+
+    ends: Array  # (2, 3), in the user's space
+    ticks: list[int]  # on each axis, the ends included; 1 where there is no extent
+
+    @classmethod
+    def around(cls, points: Array) -> Box:
+        """That of points (k, 3) in the user's space."""
+        from matplotlib.ticker import MaxNLocator
+
+        low, high = points.min(axis=0), points.max(axis=0)
+        ends, ticks = np.stack([low, high]), [1, 1, 1]
+        for k in range(3):
+            if high[k] - low[k] > 1e-6 * (high - low).max():
+                found = np.asarray(MaxNLocator(4).tick_values(low[k], high[k]))
+                ends[:, k], ticks[k] = found[[0, -1]], len(found)
+        return cls(ends, ticks)
 
 
 @dataclass(frozen=True)
@@ -126,6 +178,7 @@ class Scene:
     points: Array  # (p, 3)
     normals: Array  # (p, 3)
     cells: IntArray  # (q, 3 or 4)
+    outlines: IntArray  # (limit faces, k), the points around each
     color: RGB
     field: Field | None
     lines: list[Lines]
@@ -134,7 +187,24 @@ class Scene:
     axes: Array  # (3, 3), rows right, up, towards the viewer
     eye: Array  # (3,)
     distance: float  # from the eye to the middle of the scene
-    ground: tuple[str, str]  # colours behind it, at the bottom and at the top
+    look: Look
+    flat: bool  # whether there is nothing behind it but paper
+    frame: Frame
+    box: Box | None
+    bar: bool  # whether a length is drawn beside it
+
+    def in_units(self) -> Scene:
+        """The same in the user's space."""
+        at, size = self.frame.placed, self.frame.extent
+        return replace(
+            self,
+            points=at(self.points),
+            lines=[replace(k, ends=at(k.ends)) for k in self.lines],
+            dots=[replace(k, places=at(k.places)) for k in self.dots],
+            eye=at(self.eye),
+            distance=size * self.distance,
+            frame=Frame(np.zeros(3), 1.0, self.frame.unit),
+        )
 
 
 @dataclass(frozen=True)
@@ -156,14 +226,17 @@ class Wishes:
     color: RGB = (0.91, 0.5, 0.37)
     up: str = "z"
     view: str | Sequence[float] | None = None
-    ground: tuple[str, str] | None = None
+    look: Look = LIGHT
+    flat: bool = False
+    box: bool = False
+    ruler: bool = False
     workers: int = 1
 
 
 def build(surface: LimitSurface, wishes: Wishes, aspect: float, polygons: int) -> Scene:
     """The scene of a surface, of about so many polygons unless ``wishes.n`` says how many."""
     drawn = surface.of_channel(wishes.channel)
-    places, _ = unit_points(drawn.mesh)
+    places, extent, middle = unit_points(drawn.mesh)
     drawn = drawn.with_points(places)
     faces = len(drawn.limit_faces)
     net = Net(drawn.patches.lattice, _steps(faces, wishes, polygons))
@@ -180,7 +253,12 @@ def build(surface: LimitSurface, wishes: Wishes, aspect: float, polygons: int) -
     lines = [k for k in map(_drawable, _lines(drawn, wishes, net)) if len(k.ends)]
     poles = wishes.poles or (wishes.poles is None and wishes.scalars is None)
     seen = [points[cells].reshape(-1, 3), *(k.ends.reshape(-1, 3) for k in lines)]
-    axes, eye, distance = camera(np.concatenate(seen), wishes.up, wishes.view, aspect)
+    frame = Frame(middle, extent, UNITS.get(drawn.mesh.units or 0.0, ""))
+    box, margin = None, MARGIN
+    if wishes.box:
+        box, margin = Box.around(frame.placed(np.concatenate(seen))), AXES_MARGIN
+        seen.append((np.stack(np.meshgrid(*box.ends.T), -1).reshape(-1, 3) - middle) / extent)
+    axes, eye, distance = camera(np.concatenate(seen), wishes.up, wishes.view, aspect, margin)
     field = None
     if isinstance(wishes.scalars, str) and wishes.scalars == "zebra":
         field = _zebra(points, normals, axes, eye)
@@ -190,6 +268,7 @@ def build(surface: LimitSurface, wishes: Wishes, aspect: float, polygons: int) -
         points=points,
         normals=normals,
         cells=cells,
+        outlines=width * np.arange(faces)[:, None] + net.sides[:, :-1].ravel(),
         color=wishes.color,
         field=field,
         lines=lines,
@@ -198,7 +277,11 @@ def build(surface: LimitSurface, wishes: Wishes, aspect: float, polygons: int) -
         axes=axes,
         eye=eye,
         distance=distance,
-        ground=wishes.ground or (GROUND, SKY),
+        look=wishes.look,
+        flat=wishes.flat,
+        frame=frame,
+        box=box,
+        bar=wishes.ruler,
     )
 
 
@@ -222,6 +305,7 @@ def _lines(drawn: LimitSurface, wishes: Wishes, net: Net) -> list[Lines]:
     lines = []
     red, green, blue = wishes.color
     dark = (0.42 * red, 0.42 * green, 0.42 * blue) if wishes.scalars is None else (0.15, 0.17, 0.2)
+    ink = wishes.look.ink
     if wishes.isolines:
         between = np.arange(1, wishes.isolines + 1) / (wishes.isolines + 1)
         lines.append(_isolines(drawn, between, net, dark, 0.6, wishes.workers))
@@ -233,8 +317,8 @@ def _lines(drawn: LimitSurface, wishes: Wishes, net: Net) -> list[Lines]:
         lines.append(_needles(drawn, wishes.workers))
     if wishes.cage or (wishes.cage is None and plain):
         mesh = drawn.mesh
-        lines.append(Lines(mesh.points[mesh.edges], INK, 1.0))
-        lines.append(Lines(mesh.points[mesh.creases[0][mesh.creases[1] > 0]], INK, CREASE))
+        lines.append(Lines(mesh.points[mesh.edges], ink, 1.0))
+        lines.append(Lines(mesh.points[mesh.creases[0][mesh.creases[1] > 0]], ink, CREASE))
     return lines
 
 
@@ -249,8 +333,8 @@ def _needles(drawn: LimitSurface, workers: int) -> Lines:
     return Lines(np.stack([foot, tip], axis=-2).reshape(-1, 2, 3), NORMAL, 1.6)
 
 
-def unit_points(mesh: Any) -> tuple[Array, float]:
-    """The cage's points, (n_vertices, 3), moved and scaled to the unit box, and the box's size.
+def unit_points(mesh: Any) -> tuple[Array, float, Array]:
+    """The cage's points, (n_vertices, 3), in the unit box; the box's size and middle (3,).
 
     A graphics card counts in 24 bits: a small cage far from the origin would come out in steps,
     and a large one overflow.
@@ -265,8 +349,10 @@ def unit_points(mesh: Any) -> tuple[Array, float]:
     extent = float(np.max(high - low)) or 1.0
     scaled = np.zeros((len(points), 3))
     scaled[used, : points.shape[1]] = (places - (low + high) / 2) / extent
+    middle = np.zeros(3)
+    middle[: points.shape[1]] = largest * ((low + high) / 2)
     with np.errstate(over="ignore"):
-        return scaled, float(extent * largest)
+        return scaled, float(extent * largest), middle
 
 
 def filled(function: Callable[..., Array], query: Query, lattice: Lattice) -> Array:
@@ -345,14 +431,37 @@ def extraordinary(surface: LimitSurface) -> list[Dots]:
     finite = np.flatnonzero(np.isfinite(at).all(axis=1))
     names = np.concatenate([vertex, mesh.n_vertices + polygon])[finite]
     chosen = finite[np.unique(names, return_index=True)[1]]
-    group = np.searchsorted(
-        np.array(list(VALENCES)), np.concatenate([valence[vertex], mesh.sizes[polygon]])[chosen]
-    )
+    number = np.concatenate([valence[vertex], mesh.sizes[polygon]])[chosen]
+    group = np.searchsorted(np.array(list(VALENCES)), number)
     return [
-        Dots(at[chosen[group == i]], color, name)
-        for i, (name, color) in enumerate(VALENCES.values())
+        Dots(at[chosen[group == i]], color, _valences(np.unique(number[group == i]).tolist()))
+        for i, color in enumerate(VALENCES.values())
         if (group == i).any()
     ]
+
+
+def _valences(known: Sequence[int]) -> str:
+    """Some valences, ascending, in words."""
+    if len(known) == 1:
+        return f"valence {known[0]}"
+    if len(known) < 4:
+        return f"valences {', '.join(map(str, known[:-1]))} and {known[-1]}"
+    return f"valences {known[0]} to {known[-1]}"
+
+
+def seams(surface: LimitSurface, channel: str) -> tuple[Lines, Lines]:
+    """Where the layout of a channel is torn, and where the mesh itself ends, in the layout."""
+    drawn, cage = surface.of_channel(channel), surface.mesh
+    mesh = drawn.mesh
+    drawn = drawn.with_points(unit_points(mesh)[0])
+    corner = np.flatnonzero(mesh.boundary_edge[mesh.corner_edge])
+    t = np.linspace(0.0, 1.0, int(np.clip(POLYGONS / 8 / max(len(corner), 1), 2, 33)))
+    ends = mesh.edges[mesh.corner_edge[corner]]
+    path = drawn.evaluate(*drawn.limit_faces.at_edge(ends[:, None], t))  # (k, len(t), 3)
+    pieces = np.stack([path[:, :-1], path[:, 1:]], axis=2)
+    torn = ~cage.boundary_edge[cage.corner_edge[corner]]
+    found = (Lines(pieces[k].reshape(-1, 2, 3), SEAM, 4.0) for k in (torn, ~torn))
+    return _drawable(next(found)), _drawable(next(found))
 
 
 def _turned(direction: Sequence[float], up: str) -> Array:
@@ -362,7 +471,11 @@ def _turned(direction: Sequence[float], up: str) -> Array:
 
 
 def camera(
-    points: Array, up: str, view: str | Sequence[float] | None, aspect: float
+    points: Array,
+    up: str,
+    view: str | Sequence[float] | None,
+    aspect: float,
+    margin: float = MARGIN,
 ) -> tuple[Array, Array, float]:
     """The axes of a camera that sees all points as large as they fit, its place, its distance."""
     upward = "xyz".index(up)
@@ -383,7 +496,7 @@ def camera(
     axes = np.stack([right, np.cross(back, right), back])
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     local = points @ axes.T  # (k, 3)
-    slope = math.tan(math.radians(VIEW_ANGLE / 2)) * (1 - 2 * MARGIN) * np.array([aspect, 1.0])
+    slope = math.tan(math.radians(VIEW_ANGLE / 2)) * (1 - 2 * margin) * np.array([aspect, 1.0])
     # |x - centre| <= slope * (distance - z) for all points: the least distance and its centre.
     high = (local[:, :2] + local[:, 2:] * slope).max(axis=0)
     low = (local[:, :2] - local[:, 2:] * slope).min(axis=0)
@@ -435,7 +548,7 @@ def _field(surface: LimitSurface, wishes: Wishes, query: Query, areas: Array) ->
 def _curvature(surface: LimitSurface, kind: str, query: Query, workers: int) -> tuple[Array, float]:
     """One of the `CURVATURES` at the places of a query, and how much of it counts as none."""
     power = CURVATURES[kind][1]
-    places, extent = unit_points(surface.mesh)
+    places, extent, _ = unit_points(surface.mesh)
     unit = surface.with_points(places)
 
     def curvature(*at: Any) -> Array:
