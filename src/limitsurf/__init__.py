@@ -15,6 +15,11 @@ if TYPE_CHECKING:
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
+    from limitsurf.integrals.body import area as area
+    from limitsurf.integrals.body import centroid as centroid
+    from limitsurf.integrals.body import inertia as inertia
+    from limitsurf.integrals.body import integrate as integrate
+    from limitsurf.integrals.body import volume as volume
     from limitsurf.query import (
         Tessellation as Tessellation,
     )
@@ -133,14 +138,18 @@ _HOME = {
     "SurfaceIndex": "query.index",
     "Tessellation": "query",
     "agrees": "query",
+    "area": "integrals.body",
     "bezier_patches": "query.bezier",
     "bounds": "query.bounds",
+    "centroid": "integrals.body",
     "closest_point": "query.closest",
     "creases_by_angle": "query.creases",
     "eigenbasis": "spectra",
     "feet": "query.closest",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",
+    "inertia": "integrals.body",
+    "integrate": "integrals.body",
     "merged": "shell.io.merge",
     "plot": "shell.plot.plots",
     "plot_characteristic_map": "shell.plot.plots",
@@ -155,6 +164,7 @@ _HOME = {
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",
     "validate": "query",
+    "volume": "integrals.body",
     "write": "shell.io.by_suffix",
 }
 __all__ = [*_HOME]
