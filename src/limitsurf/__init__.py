@@ -16,6 +16,11 @@ if TYPE_CHECKING:
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
     from limitsurf.cage.selection import selected as selected
+    from limitsurf.integrals.body import area as area
+    from limitsurf.integrals.body import centroid as centroid
+    from limitsurf.integrals.body import inertia as inertia
+    from limitsurf.integrals.body import integrate as integrate
+    from limitsurf.integrals.body import volume as volume
     from limitsurf.query import (
         Tessellation as Tessellation,
     )
@@ -140,8 +145,10 @@ _HOME = {
     "SurfaceIndex": "query.index",
     "Tessellation": "query",
     "agrees": "query",
+    "area": "integrals.body",
     "bezier_patches": "query.bezier",
     "bounds": "query.bounds",
+    "centroid": "integrals.body",
     "closest_point": "query.closest",
     "Curves": "query.sections",
     "contour": "query.sections",
@@ -150,6 +157,8 @@ _HOME = {
     "feet": "query.closest",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",
+    "inertia": "integrals.body",
+    "integrate": "integrals.body",
     "merged": "shell.io.merge",
     "plot": "shell.plot.plots",
     "plot_characteristic_map": "shell.plot.plots",
@@ -167,6 +176,7 @@ _HOME = {
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",
     "validate": "query",
+    "volume": "integrals.body",
     "write": "shell.io.by_suffix",
 }
 __all__ = [*_HOME]

@@ -1,0 +1,1 @@
+"""Rules on the surface and sums over it: quadrature, area, volume, centroid, inertia."""

@@ -1,0 +1,134 @@
+"""Bezier cells of limit faces about a point in their midst, and ring after ring at corners."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf import numbers
+from limitsurf.engine.packing import over_chunks
+from limitsurf.patches import NO_LIMIT
+from limitsurf.pieces.beyond import Beyond
+from limitsurf.pieces.cells import cut
+from limitsurf.surface import LimitSurface
+
+Array = NDArray[Any]
+
+
+class Cells:
+    """Cells of some limit faces, of float64 points.
+
+    Attributes
+    ----------
+    scheme : Scheme
+    origin : (3,)
+        A point in the midst of the control points on which the limit faces depend.
+    power : int
+        Points are multiplied by 2 to this power, so that all are within about 1 of the origin.
+    face : (C,) int64
+        Limit faces of all cells but those at special corners.
+    points : (C, n, 3)
+        Bernstein coefficients, relative to the origin and scaled.
+    cell_origin, size : (C, 2)
+        Where cells lie, as in `BezierPatches`.
+    beyond : Beyond
+        What is at special corners, from ring 0 on, of the same points.
+    corner_face : (R,) int64
+        Limit faces of these.
+    """
+
+    def __init__(self, surface: LimitSurface, faces: Array, workers: int) -> None:
+        topology, points = surface.topology, surface.points
+        used = _used(surface, faces)
+        own = points[used]
+        if not np.isfinite(own).all():
+            vertex = int(used[np.flatnonzero(~np.isfinite(own).all(axis=1))[0]])
+            raise ValueError(
+                f"the points of the cage must be finite, but vertex {vertex} is at "
+                f"{points[vertex].tolist()}"
+            )
+        least, most = (
+            f(axis=0, initial=0) if not len(own) else f(axis=0) for f in (own.min, own.max)
+        )
+        self.origin = least / 2 + most / 2
+        half = (most / 2 - least / 2).max(initial=0)
+        self.power = -int(np.frexp(half)[1]) if half else 0
+        scaled = np.zeros(points.shape)
+        # a power of two beyond what float64 has takes two steps
+        first = int(np.clip(self.power, -1000, 1000))
+        scaled[used] = np.ldexp(
+            np.ldexp(own, first) - np.ldexp(self.origin, first), self.power - first
+        )
+        self.scheme = topology.rules.scheme
+        depth = np.zeros(len(faces), dtype=np.int64)
+
+        def divided(jobs: int, work: Callable[[slice], Any]) -> Iterator[Any]:
+            return over_chunks(jobs, workers, work, 1)
+
+        found = cut(topology.patches, self.scheme, scaled, faces, depth, False, divided)
+        self.face, self.cell_origin, self.size = found.face, found.origin, found.size
+        self.points = found.points.reshape(len(found), len(found.exponents), 3)
+        self.beyond = Beyond(topology.patches, self.scheme, scaled, faces, depth)
+        self.corner_face = found.rest.face
+
+
+def _used(surface: LimitSurface, faces: Array) -> Array:
+    """Vertices of limit faces that have a limit, and of the faces around these."""
+    mesh, limit_faces = surface.mesh, surface.limit_faces
+    known = faces[surface.patches.codes[faces] != NO_LIMIT]
+    face = np.zeros(mesh.n_faces, dtype=bool)
+    face[limit_faces.face[known]] = True
+    vertex = np.zeros(mesh.n_vertices, dtype=bool)
+    for _ in range(2):
+        vertex[mesh.indices[face[mesh.corner_face]]] = True
+        face[mesh.corner_face[vertex[mesh.indices]]] = True
+    return np.flatnonzero(vertex)
+
+
+def checked(surface: Any, what: str) -> LimitSurface:
+    """A surface with points in space."""
+    if not isinstance(surface, LimitSurface):
+        raise TypeError(f"{what} needs a LimitSurface, got {type(surface).__name__}")
+    if surface.points.shape[1:] != (3,):
+        raise ValueError(
+            f"{what} needs points of shape (n_vertices, 3), got {surface.points.shape}"
+        )
+    return surface
+
+
+def is_exact(surface: LimitSurface) -> bool:
+    """Whether points are Fractions."""
+    return numbers.type_of(surface.points).exact
+
+
+def refuse_open(surface: LimitSurface, what: str) -> None:
+    """Refuse a surface that bounds no body: with an edge that is not passed once each way."""
+    mesh, known = surface.mesh, surface.patches.with_limit
+    if not known.any():
+        raise ValueError(f"the {what} needs a closed surface, but no face has a limit")
+    whole = np.ones(mesh.n_faces, dtype=bool)
+    whole[surface.limit_faces.face[~known]] = False
+    corner = np.flatnonzero(whole[mesh.corner_face])
+    start, end = mesh.indices[corner], mesh.indices[mesh.next_corner[corner]]
+    edge, forward = mesh.corner_edge[corner], np.where(start < end, 1, -1)
+    balance = np.bincount(edge, forward, minlength=mesh.n_edges)
+    bad = np.flatnonzero(balance != 0)
+    if not len(bad):
+        return
+    sides = np.bincount(edge, minlength=mesh.n_edges)[bad[0]]
+    a, b = sorted(mesh.edges[bad[0]].tolist())
+    on = (
+        "has a face on one side only (holes and faces without a limit count as none)"
+        if sides == 1
+        else "is passed the same way by faces on both sides"
+        if sides == 2
+        else f"of {sides} faces is passed more often one way than the other"
+    )
+    more = f", and {len(bad) - 1} more edges are like it" if len(bad) > 1 else ""
+    raise ValueError(
+        f"the {what} needs a closed surface whose faces are consistently oriented, but the edge of "
+        f"vertices {a} and {b} {on}{more}: close it, or turn faces over"
+    )
