@@ -351,42 +351,47 @@ class Crossings:
     # ------------------------------------------------------------------ cells
 
     def _one_batch(self, pairs: _Pairs) -> None:
+        """Leave out what rays miss; find the zeros of what is simple, and halve the rest."""
         low, high = pairs.points.min(axis=1), pairs.points.max(axis=1)
         keep = ((low[:, :2] <= SLACK) & (high[:, :2] >= -SLACK)).all(axis=1)
         keep &= self._rays.in_range(pairs.ray, low[:, 2], high[:, 2], self.best)
-        pairs, low, high = pairs[keep], low[keep], high[keep]
-        if not len(pairs):
-            return
-        x, form = pairs.points[..., :2], self._form
-        slopes = np.einsum("kij,pjc->pkic", form.derivatives[1:3], x)  # (P, 2, n, 2)
-        mean = slopes.mean(axis=2)
+        pairs = pairs[np.flatnonzero(keep)]
+        form, n = self._form, self._form.size
+        x = np.ascontiguousarray(pairs.points[..., :2].swapaxes(1, 2))  # (P, 2, n)
+        means = form.derivatives[1:3].mean(axis=1)
+        mean = (x.reshape(-1, n) @ means.T).reshape(-1, 2, 2).swapaxes(1, 2)  # (P, derivative, 2)
         # along the longer of both derivatives, and across it
         longer = (mean**2).sum(axis=2).argmax(axis=1)
         way = mean[np.arange(len(mean)), longer]
         size = np.sqrt((way**2).sum(axis=1, keepdims=True))
         way = np.where(size > 0, way / np.where(size > 0, size, 1), [1.0, 0.0])
-        across = x[..., 1] * way[:, None, 0] - x[..., 0] * way[:, None, 1]
-        along = x[..., 0] * way[:, None, 0] + x[..., 1] * way[:, None, 1]
+        across = x[:, 1] * way[:, :1] - x[:, 0] * way[:, 1:]
+        along = x[:, 0] * way[:, :1] + x[:, 1] * way[:, 1:]
         keep = _has_zero(across, SLACK) & _has_zero(along, SLACK)
-        # in units of both derivatives
-        det = mean[:, 0, 0] * mean[:, 1, 1] - mean[:, 0, 1] * mean[:, 1, 0]
-        known = np.abs(det) > 1e-12 * (mean**2).sum(axis=(1, 2))
-        back = np.empty_like(mean)  # row vectors times it
-        safe = np.where(known, det, 1.0)[:, None]
-        back[:, 0] = np.stack([mean[:, 1, 1], -mean[:, 0, 1]], axis=1) / safe
-        back[:, 1] = np.stack([-mean[:, 1, 0], mean[:, 0, 0]], axis=1) / safe
-        own = np.matmul(x, back)
+        back, known = _inverse(mean)
+        own = np.matmul(back.swapaxes(1, 2), x)
         spare = SLACK * np.abs(back).sum(axis=1)
-        keep &= ~known | (_has_zero(own[..., 0], spare[:, 0]) & _has_zero(own[..., 1], spare[:, 1]))
-        turned = np.matmul(slopes, back[:, None])
-        turned[:, [0, 1], :, [0, 1]] -= 1
-        off = (turned**2).sum(axis=3).max(axis=2).sum(axis=1)
+        for k in (0, 1):
+            keep &= ~known | _has_zero(own[:, k], spare[:, k])
         tiny = np.abs(pairs.frame[:, 1:]).max(axis=(1, 2)) < _SMALLEST
-        flat = (np.abs(across).max(axis=1) <= SLACK) | tiny
-        single = keep & known & (off <= _NEAR**2) & ~flat
-        self._newton(pairs[single], back[single])
-        self._touch(pairs[keep & flat], way[keep & flat])
-        self._halve(pairs[keep & ~flat & ~single])
+        flat = (np.abs(across).max(axis=1, initial=0) <= SLACK) | tiny
+        some = np.flatnonzero(keep & flat)
+        self._touch(pairs[some], way[some])
+        some = np.flatnonzero(keep & ~flat)
+        known, back = known[some], back[some]
+        single = known & (self._bend(own[some]) <= _NEAR**2)
+        self._newton(pairs[some[single]], back[single])
+        self._halve(pairs[some[~single]])
+
+    def _bend(self, own: Array) -> Array:
+        """Bounds (P,) of squares of how far derivatives of maps (P, 2, n) are from the identity."""
+        n = self._form.size
+        slopes = own.reshape(-1, n) @ self._form.derivatives[1:3].reshape(-1, n).T
+        slopes = slopes.reshape(len(own), 2, 2, n)  # (P, coordinate, derivative, n)
+        for k in (0, 1):
+            slopes[:, k, k] -= 1
+        slopes *= slopes
+        return np.asarray((slopes[:, 0] + slopes[:, 1]).max(axis=2).sum(axis=1))
 
     def _inside(self, s: Array, t: Array) -> tuple[Array, Array]:
         """The nearest places of the domain."""
@@ -407,7 +412,7 @@ class Crossings:
         active = np.arange(len(pairs))
         last = np.full(len(pairs), np.inf)
         for _ in range(_STEPS):
-            g = np.matmul(form.values(s[active], t[active])[:, :3], plane[active])
+            g = np.matmul(form.values(s[active], t[active], 1), plane[active])
             ds, dt = _step(g)
             before = s[active], t[active]
             s[active], t[active] = self._inside(s[active] + ds, t[active] + dt)
@@ -417,7 +422,7 @@ class Crossings:
             active = active[~settled]
             if not len(active):
                 break
-        x = np.matmul(form.values(s, t)[:, :3], pairs.points)
+        x = np.matmul(form.values(s, t, 1), pairs.points)
         value, du, dv = x[:, 0], x[:, 1], x[:, 2]
         hit = np.flatnonzero(np.abs(value[:, :2]).max(axis=1) <= 2 * SLACK)
         s, t, value, du, dv = (y[hit] for y in (s, t, value, du, dv))
@@ -442,11 +447,11 @@ class Crossings:
         along = np.matmul(pairs.points[..., :2], way[:, :, None])
         s, t = (np.full(len(pairs), x) for x in form.ends.mean(axis=0))
         for _ in range(_STEPS):
-            g = np.matmul(form.values(s, t)[:, :3], along)[..., 0]
+            g = np.matmul(form.values(s, t, 1), along)[..., 0]
             square = g[:, 1] ** 2 + g[:, 2] ** 2
             scale = np.where(square > 0, -g[:, 0] / np.where(square > 0, square, 1), 0)
             s, t = self._inside(s + scale * g[:, 1], t + scale * g[:, 2])
-        x = np.matmul(form.values(s, t)[:, :3], pairs.points)
+        x = np.matmul(form.values(s, t, 1), pairs.points)
         hit = np.flatnonzero(np.abs(x[:, 0, :2]).max(axis=1) <= 4 * SLACK)
         frame = pairs.frame[hit]
         uv = frame[:, 0] + s[hit, None] * frame[:, 1] + t[hit, None] * frame[:, 2]
@@ -508,3 +513,13 @@ def _step(g: Array) -> tuple[Array, Array]:
     ds = (dv[:, 0] * value[:, 1] - dv[:, 1] * value[:, 0]) / det
     dt = (du[:, 1] * value[:, 0] - du[:, 0] * value[:, 1]) / det
     return ds, dt
+
+
+def _inverse(mean: Array) -> tuple[Array, Array]:
+    """What row vectors are multiplied by to be in units of two derivatives (P, 2, 2), if known."""
+    det = mean[:, 0, 0] * mean[:, 1, 1] - mean[:, 0, 1] * mean[:, 1, 0]
+    known = np.abs(det) > 1e-12 * (mean**2).sum(axis=(1, 2))
+    adjugate = np.empty_like(mean)
+    adjugate[:, 0, 0], adjugate[:, 1, 1] = mean[:, 1, 1], mean[:, 0, 0]
+    adjugate[:, 0, 1], adjugate[:, 1, 0] = -mean[:, 0, 1], -mean[:, 1, 0]
+    return adjugate / np.where(known, det, 1.0)[:, None, None], known
