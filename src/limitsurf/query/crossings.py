@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.query.index import WIDTH, Cells
-from limitsurf.query.polynomials import Form
 
 Array = NDArray[Any]
 
@@ -30,6 +29,10 @@ _BATCH = 1 << 13  # pairs that are in memory at once
 _AHEAD = 8  # rings that are made at once, at most
 _DEEPEST = 160  # rings, where nothing bounds what remains
 _SMALLEST = 2.0**-300  # parts of limit faces that are halved no more
+_TIE = 2.0**-38  # depths of hits of which the smallest limit face is to be known
+# of so many cells of a ray none is halved that is smaller, if the area that its mean derivatives
+# span is less, of the product of their lengths
+_CROWD, _TINY, _CURVE = 64, 2.0**-8, 1e-3
 _WIDE = 2.0**100  # of boxes that bound nothing
 _BLUR = 2.0**-20  # along rays, within which hits may be one at most
 _LONGEST = 2.0**400  # coordinates of which the squares are numbers
@@ -140,7 +143,7 @@ class Rays:
 
     def in_range(self, ray: Array, low: Array, high: Array, best: Array) -> Array:
         """Whether depths between `low` and `high` (P,) may be of t that count."""
-        low, high = low - SLACK, high + SLACK
+        low, high = low - _TIE, high + _TIE
         first, last = np.sort(self.time(ray, np.stack([low, high], axis=1)), axis=1).T
         return np.asarray((last >= self.least[ray]) & (first <= best[ray]))
 
@@ -375,6 +378,7 @@ class Crossings:
             keep &= ~known | _has_zero(own[:, k], spare[:, k])
         tiny = np.abs(pairs.frame[:, 1:]).max(axis=(1, 2)) < _SMALLEST
         flat = (np.abs(across).max(axis=1, initial=0) <= SLACK) | tiny
+        flat |= self._crowded(pairs, keep & ~flat, mean)
         some = np.flatnonzero(keep & flat)
         self._touch(pairs[some], way[some])
         some = np.flatnonzero(keep & ~flat)
@@ -382,6 +386,20 @@ class Crossings:
         single = known & (self._bend(own[some]) <= _NEAR**2)
         self._newton(pairs[some[single]], back[single])
         self._halve(pairs[some[~single]])
+
+    def _crowded(self, pairs: _Pairs, which: Array, mean: Array) -> Array:
+        """Which of very many small cells of a ray are mere curves, and are halved no more."""
+        found = np.zeros(len(pairs), dtype=bool)
+        some = np.flatnonzero(which)
+        crowd = np.bincount(pairs.ray[some], minlength=len(self._rays))
+        some = some[crowd[pairs.ray[some]] > _CROWD]
+        if len(some):
+            some = some[np.abs(pairs.frame[some, 1:]).max(axis=(1, 2)) < _TINY]
+            du, dv = mean[some, 0], mean[some, 1]
+            det = np.abs(du[:, 0] * dv[:, 1] - du[:, 1] * dv[:, 0])
+            both = np.sqrt((du**2).sum(axis=1) * (dv**2).sum(axis=1))
+            found[some] = det <= _CURVE * both
+        return found
 
     def _bend(self, own: Array) -> Array:
         """Bounds (P,) of squares of how far derivatives of maps (P, 2, n) are from the identity."""

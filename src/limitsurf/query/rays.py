@@ -146,7 +146,8 @@ def intersect(
     (`SurfaceIndex`), which are the surface exactly; around special corners their rings go as deep
     as it takes. Cells are halved until a ray misses the hull of their coefficients, or a bound on
     their derivatives says that it crosses at most once, which Newton's method then finds: no hit is
-    missed, also on sides. See ``derivations/rays.py``. Where a ray runs along the surface, in a
+    missed, also on sides. (Where very many small cells are mere curves as a ray sees them, they are
+    left to Newton's method alone.) Where a ray runs along the surface, in a
     flat face, each cell has one of the places.
 
     Examples
@@ -282,9 +283,7 @@ def occluded(
     return np.asarray(found.reshape(asked.shape)[()])
 
 
-def contains(
-    surface: LimitSurface, points: ArrayLike, *, workers: int = 1
-) -> NDArray[np.bool_]:
+def contains(surface: LimitSurface, points: ArrayLike, *, workers: int = 1) -> NDArray[np.bool_]:
     """Whether points are inside a closed surface, or on it.
 
     Parameters
