@@ -130,7 +130,7 @@ def test_rays_through_vertices_and_along_edges(name):
     surface = CAGES[name]()
     middle = surface.points.mean(axis=0)
     ends = np.array(surface.topology.lattice.corners, dtype=float)
-    x = np.array([0, 2.0**-30, 0.25, 0.5, 1 - 1e-5])
+    x = np.array([0, 2.0**-18, 0.25, 0.5, 1 - 1e-5])
     step = np.roll(ends, -1, axis=0) - ends
     place = (ends[:, None] + x[:, None] * step[:, None]).reshape(-1, 2)
     face = np.arange(len(surface.limit_faces))[:, None]
@@ -161,8 +161,9 @@ def test_rays_on_a_box():
     assert times[5] == []
     # touching an edge, and a corner
     found = ls.intersect_all(surface, [[0.5, 2, 0], [2.5, 2, 0]], [[0, -1, 1.0], [-2, -1, 1]])
-    assert found.offsets.tolist() == [0, 1, 1]
-    assert (found.multiplicity[0], found.t[0]) == (2, 1)
+    assert found.offsets.tolist() == [0, 1, 2]
+    assert found.multiplicity.tolist() == [2, 2]
+    assert np.abs(found.t - 1).max() < 1e-15
 
 
 @pytest.mark.parametrize("valence", [3, 5, 8, 16, 64])

@@ -200,7 +200,7 @@ class _Kind:
     blur: Array
     sign: Array
     rim: Array
-    touch: bool = False
+    touch: Any = False
 
 
 P = TypeVar("P", "_Pairs", "_Rests")
@@ -476,7 +476,9 @@ class Crossings:
         depth = x[hit, 0, 2]
         span = np.abs(x[hit, 1:, 2]).sum(axis=1)
         blur = np.clip(span, 4 * SLACK, _BLUR)
-        kind = _Kind(blur, np.zeros(len(hit)), np.ones(len(hit)), True)
+        # a part of the surface that is a place says nothing of the sort
+        touch = np.ptp(pairs.points[hit, :, 2], axis=1) > _TIE
+        kind = _Kind(blur, np.zeros(len(hit)), np.ones(len(hit)), touch)
         self._add(pairs.ray[hit], pairs.face[hit], uv, depth, kind)
 
     def _halve(self, pairs: _Pairs) -> None:
@@ -515,7 +517,7 @@ class Crossings:
             self.best[ray[k]] = -np.inf
         u, v = places[k].T
         sign, rim = kind.sign[k].astype(np.int64), kind.rim[k].astype(bool)
-        known = depth[k], time[k], kind.blur[k], sign, rim, np.full(len(k), kind.touch)
+        known = depth[k], time[k], kind.blur[k], sign, rim, np.broadcast_to(kind.touch, len(ray))[k]
         self._found.append(Hits(ray[k], face[k], u, v, *known))
 
 
