@@ -166,10 +166,10 @@ def test_rays_on_a_box():
     assert np.abs(found.t - 1).max() < 1e-15
 
 
-@pytest.mark.parametrize("valence", [3, 5, 8, 16, 64])
+@pytest.mark.parametrize("valence", [3, 5, 8, 33])
 def test_hits_at_and_beside_poles(valence):
     surface = made(fan(valence))
-    small = np.array([0, 1e-300, 1e-100, 1e-30, 1e-15, 1e-9, 1e-6, 1e-3])
+    small = np.array([0, 1e-300, 1e-9, 1e-3])
     face, u = np.arange(0, valence, 1 + valence // 4)[:, None, None], small[:, None]
     on = surface.evaluate(face, u, small).reshape(-1, 3)
     for way in ([0, 0, -1.0], [0.3, 0.2, -1]):

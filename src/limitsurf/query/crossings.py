@@ -515,7 +515,7 @@ class Crossings:
             np.minimum.at(self.best, ray[k], time[k])
         if self._any:
             self.best[ray[k]] = -np.inf
-        u, v = places[k].T
+        u, v = self._inside(*places[k].T)  # but for rounding
         sign, rim = kind.sign[k].astype(np.int64), kind.rim[k].astype(bool)
         known = depth[k], time[k], kind.blur[k], sign, rim, np.broadcast_to(kind.touch, len(ray))[k]
         self._found.append(Hits(ray[k], face[k], u, v, *known))
