@@ -166,7 +166,7 @@ def test_rays_on_a_box():
     assert np.abs(found.t - 1).max() < 1e-15
 
 
-@pytest.mark.parametrize("valence", [3, 5, 8, 33])
+@pytest.mark.parametrize("valence", [3, 5])
 def test_hits_at_and_beside_poles(valence):
     surface = made(fan(valence))
     small = np.array([0, 1e-300, 1e-9, 1e-3])
