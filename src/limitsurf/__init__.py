@@ -57,6 +57,13 @@ if TYPE_CHECKING:
     from limitsurf.query.index import (
         SurfaceIndex as SurfaceIndex,
     )
+    from limitsurf.query.rays import AllRayHits as AllRayHits
+    from limitsurf.query.rays import RayHits as RayHits
+    from limitsurf.query.rays import contains as contains
+    from limitsurf.query.rays import intersect as intersect
+    from limitsurf.query.rays import intersect_all as intersect_all
+    from limitsurf.query.rays import occluded as occluded
+    from limitsurf.query.rays import winding_number as winding_number
     from limitsurf.refine import (
         ExactOperator as ExactOperator,
     )
@@ -115,6 +122,7 @@ __version__ = "0.2.0"
 
 # what is public, and the module that defines it; imported on first use
 _HOME = {
+    "AllRayHits": "query.rays",
     "BezierPatches": "query.bezier",
     "Bounds": "query.bounds",
     "BezierRest": "query.bezier",
@@ -128,6 +136,7 @@ _HOME = {
     "Mesh": "cage.mesh",
     "MeshError": "cage.checks",
     "Picture": "shell.plot.plots",
+    "RayHits": "query.rays",
     "RefinedMesh": "refine",
     "Scheme": "scheme.scheme",
     "SurfaceIndex": "query.index",
@@ -136,12 +145,16 @@ _HOME = {
     "bezier_patches": "query.bezier",
     "bounds": "query.bounds",
     "closest_point": "query.closest",
+    "contains": "query.rays",
     "creases_by_angle": "query.creases",
     "eigenbasis": "spectra",
     "feet": "query.closest",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",
+    "intersect": "query.rays",
+    "intersect_all": "query.rays",
     "merged": "shell.io.merge",
+    "occluded": "query.rays",
     "plot": "shell.plot.plots",
     "plot_characteristic_map": "shell.plot.plots",
     "plot_convergence": "shell.plot.plots",
@@ -155,6 +168,7 @@ _HOME = {
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",
     "validate": "query",
+    "winding_number": "query.rays",
     "write": "shell.io.by_suffix",
 }
 __all__ = [*_HOME]

@@ -98,12 +98,13 @@ class Form:
         return np.linalg.solve(own, there.reshape(len(frames), self.size, self.size))
 
     def values(self, s: Array, t: Array, order: int = 2) -> Array:
-        """Weights (Q, 6, n) of values and derivatives at (s, t); (Q, 1, n) if `order` is 0."""
+        """Weights (Q, k, n) of values and derivatives up to an order at (s, t): k is 1, 3 or 6."""
         basis = bernstein.polynomials(self.exponents, s, t)
         if order == 0:
             return basis[:, None]
-        found = basis @ self.derivatives.transpose(1, 0, 2).reshape(self.size, -1)
-        return found.reshape(len(basis), len(self.derivatives), self.size)
+        parts = self.derivatives[: (order + 1) * (order + 2) // 2]
+        found = basis @ parts.transpose(1, 0, 2).reshape(self.size, -1)
+        return found.reshape(len(basis), len(parts), self.size)
 
 
 @lru_cache(maxsize=32)

@@ -73,7 +73,7 @@ def refuse_open(surface: LimitSurface) -> None:
         more = f" ({len(bad) - 1} more edges like it)" if len(bad) > 1 else ""
         raise ValueError(
             f"inside and outside need a closed surface of consistent orientation, but the edge of "
-            f"vertices {a} and {b} {why}{more}: close it, or ask for distances without signs"
+            f"vertices {a} and {b} {why}{more}: close it, or ask for what has no sides"
         )
 
 
