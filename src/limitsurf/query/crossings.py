@@ -15,12 +15,12 @@ from typing import Any, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.query.index import WIDTH, Cells
+from limitsurf.query.index import Cells
 
 Array = NDArray[Any]
 
 # what rounding may do to coordinates, of the largest: neighbours meet up to this
-SLACK = 2.0**-47
+SLACK = 2.0**-46
 # parts of the surface that are places
 _POINT = 2.0**-45
 _NEAR = 0.3  # how far derivatives are from the identity, at most, where Newton's method contracts
@@ -30,9 +30,10 @@ _AHEAD = 8  # rings that are made at once, at most
 _DEEPEST = 160  # rings, where nothing bounds what remains
 _SMALLEST = 2.0**-300  # parts of limit faces that are halved no more
 _TIE = 2.0**-38  # depths of hits of which the smallest limit face is to be known
-# of so many cells of a ray none is halved that is smaller, if the area that its mean derivatives
-# span is less, of the product of their lengths
-_CROWD, _TINY, _CURVE = 64, 2.0**-8, 1e-3
+# once so many cells have been halved for each cell that a ray meets none is that is smaller, if the
+# area that its mean derivatives span is less, of the product of their lengths; and none at all
+_CROWD, _TINY, _CURVE, _BUDGET = 48, 2.0**-8, 1e-3, 768
+_CROWDED = 1 << 20  # rays and boxes that are in memory at once, but for those of one ray
 _WIDE = 2.0**100  # of boxes that bound nothing
 _BLUR = 2.0**-20  # along rays, within which hits may be one at most
 _LONGEST = 2.0**400  # coordinates of which the squares are numbers
@@ -127,6 +128,9 @@ class Rays:
 
     def __len__(self) -> int:
         return len(self.along)
+
+    def __getitem__(self, which: Array) -> Self:
+        return type(self)(*(getattr(self, field.name)[which] for field in fields(self)))
 
     def sheared(self, ray: Array, points: Array) -> Array:
         """Points (P, n, 3) of the unit of the index as rays (P,) see them: plane, then depth."""
@@ -237,10 +241,24 @@ class Crossings:
         self._found = [Hits.none()]
         self._cells: list[_Pairs] = []
         self._corners: list[_Rests] = []
+        # cells that were met, and that were halved
+        self._met, self._halved = np.zeros((2, len(rays)), dtype=np.int64)
 
     def run(self) -> Hits:
         """All crossings that may count."""
-        ray, leaf = self._near()
+        parts = [np.arange(len(self._rays))]
+        while parts:
+            some = parts.pop()
+            near = self._near(some)
+            if near is None:
+                half = len(some) // 2
+                parts += [some[half:], some[:half]]
+            else:
+                self._search(*near)
+        return Hits.joined(self._found)
+
+    def _search(self, ray: Array, leaf: Array) -> None:
+        """Crossings with cells and corners (P,)."""
         n = len(self._index.points)
         for start in reversed(range(0, len(ray), _BATCH)):
             r, k = ray[start : start + _BATCH], leaf[start : start + _BATCH]
@@ -255,22 +273,23 @@ class Crossings:
                     self._one_batch(_taken(self._cells, _BATCH))
                 else:
                     self._beyond(_taken(self._corners, _BATCH // 16))
-        return Hits.joined(self._found)
 
     # ------------------------------------------------------------------ boxes
 
-    def _near(self) -> tuple[Array, Array]:
-        """Rays and leaves whose boxes they may cross: the first of each ray first."""
+    def _near(self, some: Array) -> tuple[Array, Array] | None:
+        """Rays and leaves whose boxes they may cross: the first of each ray first.
+
+        None if these are too many at once.
+        """
         rays, levels = self._rays, self._index.levels
-        ray = np.repeat(np.arange(len(rays)), len(levels[0][0]))
-        node = np.tile(np.arange(len(levels[0][0])), len(rays))
+        ray = np.repeat(some, len(levels[0][0]))
+        node = np.tile(np.arange(len(levels[0][0])), len(some))
         first = np.zeros(0)
         for depth, (lower, upper) in enumerate(levels):
             if depth:
-                node = (WIDTH * node[:, None] + np.arange(WIDTH)).ravel()
-                ray = np.repeat(ray, WIDTH)
-                inside = node < len(lower)
-                node, ray = node[inside], ray[inside]
+                node, ray = self._index.children(node, ray, depth - 1)
+            if len(ray) > _CROWDED and len(some) > 1:
+                return None
             box = [np.clip(x[node], -_WIDE, _WIDE)[:, None] for x in (lower, upper)]
             low, high = (np.take_along_axis(x, rays.axes[ray][:, None], axis=2)[:, 0] for x in box)
             middle, half = (low + high) / 2, (high - low) / 2 + SLACK
@@ -294,6 +313,7 @@ class Crossings:
 
     def _push_cells(self, ray: Array, cell: Array) -> None:
         index = self._index
+        self._met += np.bincount(ray, minlength=len(self._met))
         frame = np.zeros((len(cell), 3, 2))
         frame[:, 0] = index.origin[cell]
         frame[:, 1, 0], frame[:, 2, 1] = index.size[cell].T
@@ -339,14 +359,20 @@ class Crossings:
         self._corners.append(_Rests(rests.ray, rests.which, rests.ring + more))
         step = np.arange(int(more.sum())) - np.repeat(np.cumsum(more) - more, more)
         ray, which = (np.repeat(x, more) for x in (rests.ray, rests.which))
-        found = beyond.cells(which, np.repeat(rests.ring, more) + step)
+        # (many rays may ask for the same)
+        ring = np.repeat(rests.ring, more) + step
+        _, first, same = np.unique(
+            which * (_DEEPEST + _AHEAD) + ring, return_index=True, return_inverse=True
+        )
+        found = beyond.cells(which[first], ring[first])
         leaf, pieces = which + len(index.points), found.points.shape[1]
         frame = np.zeros((len(ray), pieces, 3, 2))
         scale = index.size[leaf][:, None]
-        frame[:, :, 0] = index.origin[leaf][:, None] + scale * found.origin
-        frame[:, :, [1, 2], [0, 1]] = scale * found.size
+        frame[:, :, 0] = index.origin[leaf][:, None] + scale * found.origin[same]
+        frame[:, :, [1, 2], [0, 1]] = scale * found.size[same]
         ray = np.repeat(ray, pieces)
-        points = found.points + beyond.limits[which][:, None, None]
+        self._met += np.bincount(ray, minlength=len(self._met))
+        points = found.points[same] + beyond.limits[which][:, None, None]
         points = self._rays.sheared(ray, points.reshape(len(ray), -1, 3))
         face = np.repeat(index.face[leaf], pieces)
         self._cells.append(_Pairs(ray, face, points, frame.reshape(-1, 3, 2)))
@@ -388,17 +414,15 @@ class Crossings:
         self._halve(pairs[some[~single]])
 
     def _crowded(self, pairs: _Pairs, which: Array, mean: Array) -> Array:
-        """Which of very many small cells of a ray are mere curves, and are halved no more."""
-        found = np.zeros(len(pairs), dtype=bool)
-        some = np.flatnonzero(which)
-        crowd = np.bincount(pairs.ray[some], minlength=len(self._rays))
-        some = some[crowd[pairs.ray[some]] > _CROWD]
-        if len(some):
-            some = some[np.abs(pairs.frame[some, 1:]).max(axis=(1, 2)) < _TINY]
-            du, dv = mean[some, 0], mean[some, 1]
-            det = np.abs(du[:, 0] * dv[:, 1] - du[:, 1] * dv[:, 0])
-            both = np.sqrt((du**2).sum(axis=1) * (dv**2).sum(axis=1))
-            found[some] = det <= _CURVE * both
+        """Which cells of rays with very many are halved no more: small ones that are mere curves."""
+        met, halved = self._met[pairs.ray], self._halved[pairs.ray]
+        found = which & (halved > _BUDGET * met)
+        some = np.flatnonzero(which & (halved > _CROWD * met))
+        some = some[np.abs(pairs.frame[some, 1:]).max(axis=(1, 2)) < _TINY]
+        du, dv = mean[some, 0], mean[some, 1]
+        det = np.abs(du[:, 0] * dv[:, 1] - du[:, 1] * dv[:, 0])
+        both = np.sqrt((du**2).sum(axis=1) * (dv**2).sum(axis=1))
+        found[some] |= det <= _CURVE * both
         return found
 
     def _bend(self, own: Array) -> Array:
@@ -502,6 +526,7 @@ class Crossings:
         frame = np.matmul(form.frames[way], pairs.frame[:, None, 1:])
         frame[:, :, 0] += pairs.frame[:, None, 0]
         shapes = (2 * count, *points.shape[2:]), (2 * count, 3, 2)
+        self._halved += np.bincount(pairs.ray, minlength=len(self._halved))
         ray, face = np.repeat(pairs.ray, 2), np.repeat(pairs.face, 2)
         self._cells.append(_Pairs(ray, face, points.reshape(shapes[0]), frame.reshape(shapes[1])))
 

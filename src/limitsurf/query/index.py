@@ -23,7 +23,7 @@ from limitsurf.surface import LimitSurface
 Array = NDArray[Any]
 
 _RINGS = 4  # of cells around special corners; those beyond are made when they are asked for
-WIDTH = 4  # children of a box
+_WIDTH = 4  # children of a box
 _MARGIN = 2.0**-49  # by which boxes are larger, of the largest coordinate: rounding of coefficients
 
 _known: WeakKeyDictionary[LimitSurface, Cells] = WeakKeyDictionary()
@@ -148,8 +148,8 @@ class Cells:
     def levels(self) -> list[tuple[Array, Array]]:
         """Lower and upper corners of boxes, (n, 3) each: of all, ..., of the leaves in order."""
         found = [(self.lower[self.order], self.upper[self.order])]
-        while len(found[-1][0]) > WIDTH:
-            first = np.arange(0, len(found[-1][0]), WIDTH)
+        while len(found[-1][0]) > _WIDTH:
+            first = np.arange(0, len(found[-1][0]), _WIDTH)
             lower, upper = found[-1]
             both = np.minimum.reduceat(lower, first), np.maximum.reduceat(upper, first)
             found.append(both)
@@ -168,9 +168,9 @@ class Cells:
 
     def children(self, node: Array, query: Array, level: int) -> tuple[Array, Array]:
         """Boxes that those of a level hold, and the queries of each, (n,) both."""
-        node = (WIDTH * node[:, None] + np.arange(WIDTH)).ravel()
+        node = (_WIDTH * node[:, None] + np.arange(_WIDTH)).ravel()
         inside = node < len(self.levels[level + 1][0])
-        return node[inside], np.repeat(query, WIDTH)[inside]
+        return node[inside], np.repeat(query, _WIDTH)[inside]
 
 
 def checked_surface(surface: Any, channel: str | None = None) -> LimitSurface:

@@ -15,7 +15,7 @@ from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.query.crossings import Crossings, Hits, Rays
 from limitsurf.query.index import Cells, checked_surface
-from limitsurf.query.sides import refuse_open
+from limitsurf.query.sides import covered, refuse_open
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -26,6 +26,7 @@ _TOUCHES = 2.0**-16  # the same where rays touch: the root of what rounding does
 _CLEAR = 2.0**-38  # depths that are known better are of rays that do not graze
 _ON = 2.0**-44  # points that are nearer, of the largest coordinate, are on a surface
 _DRAWS = 24  # directions of rays from points whose side is sought
+_TIED = 2.0**-19  # depths within which hits may be one
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -391,6 +392,8 @@ def _wound(surface: LimitSurface, points: ArrayLike, workers: int) -> tuple[Arra
         rest = rest[again & ~here]
         if not len(rest):
             break
+    else:  # (as where faces are squeezed into curves)
+        found[rest] = np.round(covered(surface, flat[rest]))
     return found.reshape(asked.shape[:-1])[()], on.reshape(asked.shape[:-1])[()]
 
 
@@ -481,8 +484,8 @@ def _followed(
         search = Crossings(cells, rays, every)
         hits = search.run()
         if not every:  # what was found before it
-            best = search.best[hits.ray]
-            hits = hits[np.flatnonzero(hits.t <= best + 1e-6 * np.abs(best))]
+            low, high = hits.depth - _TIED, hits.depth + _TIED
+            hits = hits[np.flatnonzero(rays.in_range(hits.ray, low, high, search.best))]
         hits = _once(surface, hits)
         hits.ray = here[hits.ray]
         return hits
@@ -494,20 +497,21 @@ def _once(surface: LimitSurface, hits: Hits) -> Hits:
     """Each of hits that cells share once; those that cross to both sides, or touch, touch."""
     hits = hits[np.lexsort((hits.u, hits.v, hits.face, hits.depth, hits.ray))]
     n, step = len(hits.ray), 1
-    one = np.arange(n - 1)
-    pairs = [np.zeros((2, 0), dtype=np.int64)]
+    one, pairs = np.arange(n - 1), [np.zeros((2, 0), dtype=np.int64)]
     while len(one):
         other = one + step
         close = hits.ray[one] == hits.ray[other]
         gap = hits.depth[other] - hits.depth[one]
         close &= gap <= hits.blur[one] + hits.blur[other]
         one, other = one[close], other[close]
-        pairs.append(np.stack([one, other])[:, _alike(surface, hits[one], hits[other])])
+        pairs.append(np.stack([one, other]))
         step += 1
         one = one[one + step < n]
-    if n < 2 or not sum(p.shape[1] for p in pairs):
-        return hits
     a, b = np.concatenate(pairs, axis=1)
+    same = _alike(surface, hits[a], hits[b])
+    a, b = a[same], b[same]
+    if not len(a):
+        return hits
     count, group = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)))
     front, back, rim, touch = (
         np.bincount(group, x, minlength=count) > 0
@@ -530,9 +534,6 @@ def _alike(surface: LimitSurface, one: Hits, other: Hits) -> Array:
     same = one.face == other.face
     found = same & near
     maybe = np.flatnonzero(one.rim & other.rim & ~found)
-    if surface.topology.lattice.dual or not len(maybe):
-        found[maybe] = True
-        return np.asarray(found)
     # those on limit faces of the cage's faces that have a vertex in common
     mesh, faces = surface.mesh, surface.limit_faces.face
     shape = mesh.n_faces, mesh.n_vertices

@@ -301,7 +301,7 @@ def sides(
     side[on] = 1
     doubt = np.flatnonzero(~(np.abs(cosine) > _CLEAR) & ~on)
     if len(doubt):
-        side[doubt] = np.where(np.abs(_covered(surface, points[doubt])) > 0.5, -1.0, 1.0)
+        side[doubt] = np.where(np.abs(covered(surface, points[doubt])) > 0.5, -1.0, 1.0)
     return side
 
 
@@ -317,7 +317,7 @@ def _cone(rim: Array, tip: Array) -> Array:
         return np.asarray(np.nan_to_num(cross / sine * np.arctan2(sine, cosine)).sum(axis=1))
 
 
-def _covered(surface: LimitSurface, points: Array) -> Array:
+def covered(surface: LimitSurface, points: Array) -> Array:
     """How many times a surface goes around points (Q, 3), by the solid angle of triangles on it."""
     if surface not in _triangles:
         pieces = tessellate(surface, _SEGMENTS, normals=False)
