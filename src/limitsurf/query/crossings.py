@@ -30,9 +30,10 @@ _AHEAD = 8  # rings that are made at once, at most
 _DEEPEST = 160  # rings, where nothing bounds what remains
 _SMALLEST = 2.0**-300  # parts of limit faces that are halved no more
 _TIE = 2.0**-38  # depths of hits of which the smallest limit face is to be known
-# once so many cells have been halved for each cell that a ray meets none is that is smaller, if the
-# area that its mean derivatives span is less, of the product of their lengths; and none at all
-_CROWD, _TINY, _CURVE, _BUDGET = 48, 2.0**-8, 1e-3, 768
+# of so many cells of a ray at once none is halved that is smaller, if the area that its mean
+# derivatives span is less, of the product of their lengths; and none after so many halvings for
+# each cell that the ray meets
+_CROWD, _TINY, _CURVE, _BUDGET = 64, 2.0**-8, 1e-3, 1024
 _CROWDED = 1 << 20  # rays and boxes that are in memory at once, but for those of one ray
 _WIDE = 2.0**100  # of boxes that bound nothing
 _BLUR = 2.0**-20  # along rays, within which hits may be one at most
@@ -415,9 +416,9 @@ class Crossings:
 
     def _crowded(self, pairs: _Pairs, which: Array, mean: Array) -> Array:
         """Which cells of rays with very many are halved no more: small ones that are mere curves."""
-        met, halved = self._met[pairs.ray], self._halved[pairs.ray]
-        found = which & (halved > _BUDGET * met)
-        some = np.flatnonzero(which & (halved > _CROWD * met))
+        found = which & (self._halved > _BUDGET * self._met)[pairs.ray]
+        crowd = np.bincount(pairs.ray[which], minlength=len(self._met)) > _CROWD + 4 * self._met
+        some = np.flatnonzero(which & crowd[pairs.ray])
         some = some[np.abs(pairs.frame[some, 1:]).max(axis=(1, 2)) < _TINY]
         du, dv = mean[some, 0], mean[some, 1]
         det = np.abs(du[:, 0] * dv[:, 1] - du[:, 1] * dv[:, 0])
@@ -488,8 +489,10 @@ class Crossings:
         form = self._form
         along = np.matmul(pairs.points[..., :2], way[:, :, None])
         s, t = (np.full(len(pairs), x) for x in form.ends.mean(axis=0))
-        for _ in range(_STEPS):
+        for _ in range(_STEPS * 4):  # (where the way out of the domain is barred it is slow)
             g = np.matmul(form.values(s, t, 1), along)[..., 0]
+            if (np.abs(g[:, 0]) <= SLACK).all():
+                break
             square = g[:, 1] ** 2 + g[:, 2] ** 2
             scale = np.where(square > 0, -g[:, 0] / np.where(square > 0, square, 1), 0)
             s, t = self._inside(s + scale * g[:, 1], t + scale * g[:, 2])
