@@ -3,7 +3,7 @@
 A ray's *plane* is that of two coordinates of space when it is sheared along the ray onto the
 coordinate plane across its largest direction: there the ray is the origin, and a cell is a map of
 two parameters to two coordinates of which the zeros are sought. Divided by its mean derivative the
-map is near the identity on small cells; where no derivative is farther from it than `_NEAR`,
+map is near the identity on small cells; where no derivative is farther from it than `NEAR`,
 Newton's method, clamped to the cell, finds the only zero or says that there is none.
 """
 
@@ -23,20 +23,21 @@ Array = NDArray[Any]
 SLACK = 2.0**-46
 # parts of the surface that are places
 _POINT = 2.0**-45
-_NEAR = 0.3  # how far derivatives are from the identity, at most, where Newton's method contracts
+NEAR = 0.3  # how far derivatives are from the identity, at most, where Newton's method contracts
 _STEPS = 40  # of Newton's method, at most
+TIED = 2.0**-19  # depths within which hits may be one
 _BATCH = 1 << 13  # pairs that are in memory at once
 _AHEAD = 8  # rings that are made at once, at most
 _DEEPEST = 160  # rings, where nothing bounds what remains
 _SMALLEST = 2.0**-300  # parts of limit faces that are halved no more
-_TIE = 2.0**-38  # depths of hits of which the smallest limit face is to be known
+TIE = 2.0**-38  # depths of hits of which the smallest limit face is to be known
 # of so many cells of a ray at once none is halved that is smaller, if the area that its mean
 # derivatives span is less, of the product of their lengths; and none after so many halvings for
 # each cell that the ray meets
 _CROWD, _TINY, _CURVE, _BUDGET = 64, 2.0**-8, 1e-3, 1024
 _CROWDED = 1 << 20  # rays and boxes that are in memory at once, but for those of one ray
-_WIDE = 2.0**100  # of boxes that bound nothing
-_BLUR = 2.0**-20  # along rays, within which hits may be one at most
+WIDE = 2.0**100  # of boxes that bound nothing
+BLUR = 2.0**-20  # along rays, within which hits may be one at most
 _LONGEST = 2.0**400  # coordinates of which the squares are numbers
 
 
@@ -148,7 +149,7 @@ class Rays:
 
     def in_range(self, ray: Array, low: Array, high: Array, best: Array) -> Array:
         """Whether depths between `low` and `high` (P,) may be of t that count."""
-        low, high = low - _TIE, high + _TIE
+        low, high = low - TIE, high + TIE
         first, last = np.sort(self.time(ray, np.stack([low, high], axis=1)), axis=1).T
         return np.asarray((last >= self.least[ray]) & (first <= best[ray]))
 
@@ -291,7 +292,7 @@ class Crossings:
                 node, ray = self._index.children(node, ray, depth - 1)
             if len(ray) > _CROWDED and len(some) > 1:
                 return None
-            box = [np.clip(x[node], -_WIDE, _WIDE)[:, None] for x in (lower, upper)]
+            box = [np.clip(x[node], -WIDE, WIDE)[:, None] for x in (lower, upper)]
             low, high = (np.take_along_axis(x, rays.axes[ray][:, None], axis=2)[:, 0] for x in box)
             middle, half = (low + high) / 2, (high - low) / 2 + SLACK
             slope = rays.slope[ray]
@@ -410,7 +411,7 @@ class Crossings:
         self._touch(pairs[some], way[some])
         some = np.flatnonzero(keep & ~flat)
         known, back = known[some], back[some]
-        single = known & (self._bend(own[some]) <= _NEAR**2)
+        single = known & (self._bend(own[some]) <= NEAR**2)
         self._newton(pairs[some[single]], back[single])
         self._halve(pairs[some[~single]])
 
@@ -479,7 +480,7 @@ class Crossings:
         uv = frame[:, 0] + s[:, None] * frame[:, 1] + t[:, None] * frame[:, 2]
         area = frame[:, 1, 0] * frame[:, 2, 1] - frame[:, 1, 1] * frame[:, 2, 0]
         sign = np.sign(det) * np.sign(area) * np.sign(self._rays.along[pairs.ray])
-        kind = _Kind(np.minimum(blur, _BLUR), sign, on)
+        kind = _Kind(np.minimum(blur, BLUR), sign, on)
         self._add(pairs.ray, pairs.face, uv, value[:, 2], kind)
 
     def _touch(self, pairs: _Pairs, way: Array) -> None:
@@ -502,9 +503,9 @@ class Crossings:
         uv = frame[:, 0] + s[hit, None] * frame[:, 1] + t[hit, None] * frame[:, 2]
         depth = x[hit, 0, 2]
         span = np.abs(x[hit, 1:, 2]).sum(axis=1)
-        blur = np.clip(span, 4 * SLACK, _BLUR)
+        blur = np.clip(span, 4 * SLACK, BLUR)
         # a part of the surface that is a place says nothing of the sort
-        touch = np.ptp(pairs.points[hit, :, 2], axis=1) > _TIE
+        touch = np.ptp(pairs.points[hit, :, 2], axis=1) > TIE
         kind = _Kind(blur, np.zeros(len(hit)), np.ones(len(hit)), touch)
         self._add(pairs.ray[hit], pairs.face[hit], uv, depth, kind)
 

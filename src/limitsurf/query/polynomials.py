@@ -116,7 +116,7 @@ def products(lattice: Lattice, degree: int) -> Array:
     """
     factor, product = (_exponents(lattice, d) for d in (degree, 2 * degree))
     number = {tuple(place): k for k, place in enumerate(product.tolist())}
-    weights, total = _multiples(factor), _multiples(product)
+    weights, total = multiples(factor), multiples(product)
     found = np.zeros((len(factor), len(factor), len(product)))
     for a, one in enumerate(factor):
         for b, other in enumerate(factor):
@@ -170,7 +170,7 @@ def _exponents(lattice: Lattice, degree: int) -> Array:
     return np.array([(i, j) for i in steps for j in steps])
 
 
-def _multiples(exponents: Array) -> Array:
+def multiples(exponents: Array) -> Array:
     """The integers that Bernstein polynomials begin with."""
     degree = int(exponents.max())
     if bernstein.is_tensor(exponents):

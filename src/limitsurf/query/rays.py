@@ -13,9 +13,10 @@ from scipy.sparse.csgraph import connected_components
 from limitsurf import numbers
 from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
-from limitsurf.query.crossings import Crossings, Hits, Rays
+from limitsurf.query.crossings import TIED, Crossings, Hits, Rays
 from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.sides import covered, refuse_open
+from limitsurf.query.traversal import followed, kernels_for
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -26,7 +27,6 @@ _TOUCHES = 2.0**-16  # the same where rays touch: the root of what rounding does
 _CLEAR = 2.0**-38  # depths that are known better are of rays that do not graze
 _ON = 2.0**-44  # points that are nearer, of the largest coordinate, are on a surface
 _DRAWS = 24  # directions of rays from points whose side is sought
-_TIED = 2.0**-19  # depths within which hits may be one
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -162,7 +162,7 @@ def intersect(
     asked = _Asked.of(surface, origins, directions, t_min, t_max)
     n, workers = len(asked), threads(workers)
     cells = Cells.of(surface, workers)
-    hits = _followed(surface, cells, asked, workers)
+    hits = _followed(surface, cells, asked, workers, "first")
     order = np.lexsort((hits.t, hits.ray))
     ray, first = np.unique(hits.ray[order], return_index=True)
     hits = hits[order[first]]
@@ -224,7 +224,7 @@ def intersect_all(
     if len(asked.shape) != 1:
         raise ValueError(f"rays must be of shape (n, 3), got {(*asked.shape, 3)}")
     workers = threads(workers)
-    hits = _followed(surface, Cells.of(surface, workers), asked, workers, every=True)
+    hits = _followed(surface, Cells.of(surface, workers), asked, workers, "every")
     hits = hits[np.lexsort((hits.face, hits.t, hits.ray))]
     offsets = np.concatenate([[0], np.cumsum(np.bincount(hits.ray, minlength=len(asked)))])
     places = hits.face, hits.u, hits.v
@@ -274,13 +274,7 @@ def occluded(
     workers = threads(workers)
     cells = Cells.of(surface, workers)
     found = np.zeros(len(asked), dtype=bool)
-
-    def work(part: slice) -> None:
-        rays, here = asked.rays(cells, part)
-        found[here[Crossings(cells, rays, False, any_=True).run().ray]] = True
-
-    for _ in over_chunks(len(asked), workers, work, _CHUNK):
-        pass
+    found[_followed(surface, cells, asked, workers, "any").ray] = True
     return np.asarray(found.reshape(asked.shape)[()])
 
 
@@ -382,7 +376,7 @@ def _wound(surface: LimitSurface, points: ArrayLike, workers: int) -> tuple[Arra
         some = flat[rest]
         bounds = np.broadcast_to([[-near], [np.inf]], (2, len(rest)))
         rays = _Asked((len(rest),), some, np.broadcast_to(way, some.shape), *bounds)
-        hits = _followed(surface, cells, rays, workers, every=True)
+        hits = _followed(surface, cells, rays, workers, "every")
         here = np.bincount(hits.ray[np.abs(hits.t) <= near], minlength=len(rest)) > 0
         ahead = hits[np.flatnonzero(hits.t > 0)]
         found[rest] = np.bincount(ahead.ray, ahead.sign, minlength=len(rest))
@@ -475,20 +469,29 @@ def _vectors(name: str, given: ArrayLike) -> Array:
 
 
 def _followed(
-    surface: LimitSurface, cells: Cells, asked: _Asked, workers: int, *, every: bool = False
+    surface: LimitSurface, cells: Cells, asked: _Asked, workers: int, what: str
 ) -> Hits:
-    """Hits of rays, each once: all of them, or the first and some of the others."""
+    """Hits of rays, each once: every one, the first and some of the others, or any."""
+    kernels = kernels_for(surface.engine, cells, len(asked))
 
     def work(part: slice) -> Hits:
         rays, here = asked.rays(cells, part)
-        search = Crossings(cells, rays, every)
-        hits = search.run()
-        if not every:  # what was found before it
-            low, high = hits.depth - _TIED, hits.depth + _TIED
-            hits = hits[np.flatnonzero(rays.in_range(hits.ray, low, high, search.best))]
-        hits = _once(surface, hits)
-        hits.ray = here[hits.ray]
-        return hits
+        known, left = Hits.none(), np.arange(len(rays))
+        if kernels is not None:
+            known, left = followed(kernels, rays, what)
+        if len(left):
+            some = rays[left]
+            search = Crossings(cells, some, what == "every", what == "any")
+            hits = search.run()
+            if what == "first":  # what was found before it
+                low, high = hits.depth - TIED, hits.depth + TIED
+                hits = hits[np.flatnonzero(some.in_range(hits.ray, low, high, search.best))]
+            hits.ray = left[hits.ray]
+            known = Hits.joined([known, hits])
+        if what != "any":
+            known = _once(surface, known)
+        known.ray = here[known.ray]
+        return known
 
     return Hits.joined([Hits.none(), *over_chunks(len(asked), workers, work, _CHUNK)])
 
