@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.query.index import Cells
+from limitsurf.scheme.lattice import Lattice
 
 Array = NDArray[Any]
 
@@ -437,15 +438,6 @@ class Crossings:
         slopes *= slopes
         return np.asarray((slopes[:, 0] + slopes[:, 1]).max(axis=2).sum(axis=1))
 
-    def _inside(self, s: Array, t: Array) -> tuple[Array, Array]:
-        """The nearest places of the domain."""
-        if self._lattice.sloped:
-            over = np.maximum(s + t - 1, 0) / 2
-            edge = over > 0
-            along = np.clip(s - over, 0, 1)
-            s, t = np.where(edge, along, s), np.where(edge, 1 - along, t)
-        return np.clip(s, 0, 1), np.clip(t, 0, 1)
-
     def _newton(self, pairs: _Pairs, back: Array) -> None:
         """The zeros of cells that have one at most."""
         if not len(pairs):
@@ -459,7 +451,7 @@ class Crossings:
             g = np.matmul(form.values(s[active], t[active], 1), plane[active])
             ds, dt = _step(g)
             before = s[active], t[active]
-            s[active], t[active] = self._inside(s[active] + ds, t[active] + dt)
+            s[active], t[active] = inside(self._lattice, s[active] + ds, t[active] + dt)
             moved = np.maximum(np.abs(s[active] - before[0]), np.abs(t[active] - before[1]))
             settled = (moved <= 2.0**-51) | ((moved <= 1e-11) & (moved >= 0.5 * last[active]))
             last[active] = moved
@@ -496,7 +488,7 @@ class Crossings:
                 break
             square = g[:, 1] ** 2 + g[:, 2] ** 2
             scale = np.where(square > 0, -g[:, 0] / np.where(square > 0, square, 1), 0)
-            s, t = self._inside(s + scale * g[:, 1], t + scale * g[:, 2])
+            s, t = inside(self._lattice, s + scale * g[:, 1], t + scale * g[:, 2])
         x = np.matmul(form.values(s, t, 1), pairs.points)
         hit = np.flatnonzero(np.abs(x[:, 0, :2]).max(axis=1) <= 4 * SLACK)
         frame = pairs.frame[hit]
@@ -544,10 +536,20 @@ class Crossings:
             np.minimum.at(self.best, ray[k], time[k])
         if self._any:
             self.best[ray[k]] = -np.inf
-        u, v = self._inside(*places[k].T)  # but for rounding
+        u, v = inside(self._lattice, *places[k].T)  # but for rounding
         sign, rim = kind.sign[k].astype(np.int64), kind.rim[k].astype(bool)
         known = depth[k], time[k], kind.blur[k], sign, rim, np.broadcast_to(kind.touch, len(ray))[k]
         self._found.append(Hits(ray[k], face[k], u, v, *known))
+
+
+def inside(lattice: Lattice, s: Array, t: Array) -> tuple[Array, Array]:
+    """The nearest places of the domain."""
+    if lattice.sloped:
+        over = np.maximum(s + t - 1, 0) / 2
+        edge = over > 0
+        along = np.clip(s - over, 0, 1)
+        s, t = np.where(edge, along, s), np.where(edge, 1 - along, t)
+    return np.clip(s, 0, 1), np.clip(t, 0, 1)
 
 
 def _has_zero(values: Array, spare: Any) -> Array:

@@ -21,7 +21,7 @@ from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
 
-_CHUNK = 1 << 12  # rays that are followed at once
+_CHUNK, _MANY = 1 << 12, 1 << 15  # rays that are followed at once, by NumPy and by kernels
 _ALIKE = 1e-7  # parameters of hits that are one, where several cells have it
 _TOUCHES = 2.0**-16  # the same where rays touch: the root of what rounding does, and more
 _CLEAR = 2.0**-38  # depths that are known better are of rays that do not graze
@@ -493,7 +493,8 @@ def _followed(
         known.ray = here[known.ray]
         return known
 
-    return Hits.joined([Hits.none(), *over_chunks(len(asked), workers, work, _CHUNK)])
+    chunk = _CHUNK if kernels is None else _MANY
+    return Hits.joined([Hits.none(), *over_chunks(len(asked), workers, work, chunk)])
 
 
 def _once(surface: LimitSurface, hits: Hits) -> Hits:

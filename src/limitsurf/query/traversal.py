@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import _kernels
-from limitsurf.query.crossings import BLUR, NEAR, SLACK, TIE, TIED, WIDE, Hits, Rays
+from limitsurf.query.crossings import BLUR, NEAR, SLACK, TIE, TIED, WIDE, Hits, Rays, inside
 from limitsurf.query.index import Cells
 from limitsurf.query.polynomials import Form, multiples
 from limitsurf.scheme.lattice import Lattice
@@ -140,6 +140,7 @@ def followed(kernels: Kernels, rays: Rays, what: str) -> tuple[Hits, Array]:
     keep = np.flatnonzero(~steep[ray[:n]]) if steep.any() else slice(0, n)
     ray, cell, real = ray[:n][keep], cell[:n][keep], real[:n][keep]
     u, v, depth, t, blur, sign, rim = np.ascontiguousarray(real.T)
+    u, v = inside(cells.lattice, u, v)  # but for rounding
     hits = Hits(
         ray, cells.face[cell], u, v, depth, t, blur, np.sign(sign).astype(np.int64), rim > 0,
         np.zeros(len(ray), dtype=bool),
