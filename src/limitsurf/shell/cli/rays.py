@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
@@ -121,7 +122,7 @@ def _rows(path: str) -> Array:
     if path == "-":
         lines = terminal.standard_input().read().splitlines()
     else:
-        with files.opened(files.Path(path)) as file:
+        with files.opened(Path(path)) as file:
             lines = file.read().decode("utf-8-sig", "replace").splitlines()
     rows, first = [], True
     for k, line in enumerate(lines, 1):
