@@ -63,6 +63,13 @@ if TYPE_CHECKING:
     from limitsurf.query.index import (
         SurfaceIndex as SurfaceIndex,
     )
+    from limitsurf.query.rays import AllRayHits as AllRayHits
+    from limitsurf.query.rays import RayHits as RayHits
+    from limitsurf.query.rays import contains as contains
+    from limitsurf.query.rays import intersect as intersect
+    from limitsurf.query.rays import intersect_all as intersect_all
+    from limitsurf.query.rays import occluded as occluded
+    from limitsurf.query.rays import winding_number as winding_number
     from limitsurf.query.samples import Samples as Samples
     from limitsurf.query.samples import sample as sample
     from limitsurf.query.sections import Curves as Curves
@@ -126,6 +133,7 @@ __version__ = "0.2.0"
 
 # what is public, and the module that defines it; imported on first use
 _HOME = {
+    "AllRayHits": "query.rays",
     "BezierPatches": "query.bezier",
     "Bounds": "query.bounds",
     "BezierRest": "query.bezier",
@@ -139,6 +147,7 @@ _HOME = {
     "Mesh": "cage.mesh",
     "MeshError": "cage.checks",
     "Picture": "shell.plot.plots",
+    "RayHits": "query.rays",
     "RefinedMesh": "refine",
     "Samples": "query.samples",
     "Scheme": "scheme.scheme",
@@ -152,6 +161,7 @@ _HOME = {
     "closest_point": "query.closest",
     "Curves": "query.sections",
     "contour": "query.sections",
+    "contains": "query.rays",
     "creases_by_angle": "query.creases",
     "eigenbasis": "spectra",
     "feet": "query.closest",
@@ -159,7 +169,10 @@ _HOME = {
     "from_trimesh": "shell.io.by_trimesh",
     "inertia": "integrals.body",
     "integrate": "integrals.body",
+    "intersect": "query.rays",
+    "intersect_all": "query.rays",
     "merged": "shell.io.merge",
+    "occluded": "query.rays",
     "plot": "shell.plot.plots",
     "plot_characteristic_map": "shell.plot.plots",
     "plot_convergence": "shell.plot.plots",
@@ -177,6 +190,7 @@ _HOME = {
     "to_trimesh": "shell.io.by_trimesh",
     "validate": "query",
     "volume": "integrals.body",
+    "winding_number": "query.rays",
     "write": "shell.io.by_suffix",
 }
 __all__ = [*_HOME]

@@ -14,6 +14,9 @@ from limitsurf.engine.choice import Answers
 from limitsurf.engine.protocol import JET, Request
 from limitsurf.engine.topology import Topology
 from limitsurf.options import Rules
+from limitsurf.query.crossings import Rays
+from limitsurf.query.index import Cells
+from limitsurf.query.traversal import followed, kernels_for
 from limitsurf.refine import refined
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.surface import LimitSurface
@@ -67,6 +70,8 @@ def compile_kinds(kinds: tuple[str, ...]) -> None:
     from limitsurf._kernels import jit
 
     for kind in kinds:
+        if kind == _kernels.SEARCHES:
+            _search()
         for scheme in SCHEMES.values():
             shape = _kernels.shape(scheme.spline.directions)
             if kind == _kernels.MESHES and not scheme.lattice.dual:  # they need no others
@@ -107,6 +112,16 @@ def _evaluate(scheme: Scheme, part: str) -> None:
         else:
             kernels.derivatives(request, JET)
             kernels.normals(request)
+
+
+def _search() -> None:
+    """Searches by kernels, of a surface that needs none otherwise."""
+    mesh = _samples(next(iter(SCHEMES.values())))[0]
+    cells = Cells.of(LimitSurface(mesh, engine="reference"))
+    kernels = kernels_for("compiled", cells, 1)
+    if kernels is not None:
+        origin, way, bounds = np.full((1, 3), -1.0), np.ones((1, 3)), np.array([[0.0], [np.inf]])
+        followed(kernels, Rays.of(cells.power, origin, way, *bounds), "first")
 
 
 def _samples(scheme: Scheme) -> list[Mesh]:

@@ -26,11 +26,12 @@ from limitsurf._kernels.locks import preparing as preparing
 VARIABLE = "LIMITSURF_ENGINE"
 CHOICES = ("auto", "reference", "compiled")
 # what kernels are for, in the order in which they are compiled: meshes, and by the shape of faces
-# derivatives and normals, weights, and tangents and curvature
-MESHES, WEIGHTS, CURVATURE = "meshes", "-weights", "-curvature"
+# derivatives and normals, weights, and tangents and curvature; last searches of surfaces
+MESHES, WEIGHTS, CURVATURE, SEARCHES = "meshes", "-weights", "-curvature", "searches"
 KINDS = (
     *("quads", MESHES, f"quads{WEIGHTS}", f"quads{CURVATURE}"),
     *("triangles", f"triangles{WEIGHTS}", f"triangles{CURVATURE}"),
+    SEARCHES,
 )
 # kinds whose kernels answer whatever is asked; reading it is cheap enough for every query
 available: set[str] = set()
@@ -129,6 +130,11 @@ def evaluating(shape: str) -> Any:
     One is imported when first asked for; ask while `preparing`.
     """
     return import_module(f"{__name__}.{shape}")
+
+
+def searching() -> Any:
+    """The kernels that search surfaces; ask while `preparing`."""
+    return import_module(f"{__name__}.traversal")
 
 
 def _pays(kind: str, seconds: float) -> bool:

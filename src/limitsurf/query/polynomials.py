@@ -98,12 +98,13 @@ class Form:
         return np.linalg.solve(own, there.reshape(len(frames), self.size, self.size))
 
     def values(self, s: Array, t: Array, order: int = 2) -> Array:
-        """Weights (Q, 6, n) of values and derivatives at (s, t); (Q, 1, n) if `order` is 0."""
+        """Weights (Q, k, n) of values and derivatives up to an order at (s, t): k is 1, 3 or 6."""
         basis = bernstein.polynomials(self.exponents, s, t)
         if order == 0:
             return basis[:, None]
-        found = basis @ self.derivatives.transpose(1, 0, 2).reshape(self.size, -1)
-        return found.reshape(len(basis), len(self.derivatives), self.size)
+        parts = self.derivatives[: (order + 1) * (order + 2) // 2]
+        found = basis @ parts.transpose(1, 0, 2).reshape(self.size, -1)
+        return found.reshape(len(basis), len(parts), self.size)
 
 
 @lru_cache(maxsize=32)
@@ -115,7 +116,7 @@ def products(lattice: Lattice, degree: int) -> Array:
     """
     factor, product = (_exponents(lattice, d) for d in (degree, 2 * degree))
     number = {tuple(place): k for k, place in enumerate(product.tolist())}
-    weights, total = _multiples(factor), _multiples(product)
+    weights, total = multiples(factor), multiples(product)
     found = np.zeros((len(factor), len(factor), len(product)))
     for a, one in enumerate(factor):
         for b, other in enumerate(factor):
@@ -169,7 +170,7 @@ def _exponents(lattice: Lattice, degree: int) -> Array:
     return np.array([(i, j) for i in steps for j in steps])
 
 
-def _multiples(exponents: Array) -> Array:
+def multiples(exponents: Array) -> Array:
     """The integers that Bernstein polynomials begin with."""
     degree = int(exponents.max())
     if bernstein.is_tensor(exponents):

@@ -73,7 +73,7 @@ def refuse_open(surface: LimitSurface) -> None:
         more = f" ({len(bad) - 1} more edges like it)" if len(bad) > 1 else ""
         raise ValueError(
             f"inside and outside need a closed surface of consistent orientation, but the edge of "
-            f"vertices {a} and {b} {why}{more}: close it, or ask for distances without signs"
+            f"vertices {a} and {b} {why}{more}: close it, or ask for what has no sides"
         )
 
 
@@ -301,7 +301,7 @@ def sides(
     side[on] = 1
     doubt = np.flatnonzero(~(np.abs(cosine) > _CLEAR) & ~on)
     if len(doubt):
-        side[doubt] = np.where(np.abs(_covered(surface, points[doubt])) > 0.5, -1.0, 1.0)
+        side[doubt] = np.where(np.abs(covered(surface, points[doubt])) > 0.5, -1.0, 1.0)
     return side
 
 
@@ -317,7 +317,7 @@ def _cone(rim: Array, tip: Array) -> Array:
         return np.asarray(np.nan_to_num(cross / sine * np.arctan2(sine, cosine)).sum(axis=1))
 
 
-def _covered(surface: LimitSurface, points: Array) -> Array:
+def covered(surface: LimitSurface, points: Array) -> Array:
     """How many times a surface goes around points (Q, 3), by the solid angle of triangles on it."""
     if surface not in _triangles:
         pieces = tessellate(surface, _SEGMENTS, normals=False)

@@ -35,6 +35,7 @@ from limitsurf.shell.cli.program import (
     workers_option,
     write_mesh,
 )
+from limitsurf.shell.cli.rays import intersect
 
 MANY = 2**63 - 1
 
@@ -220,6 +221,9 @@ def evaluate(
                         done(len(answers["face"]))
         if as_json and to_file:
             report(output, as_json, answers=count, limit_faces=faces)
+
+
+main.add_command(intersect)
 
 
 @main.command()

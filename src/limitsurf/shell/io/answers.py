@@ -30,6 +30,7 @@ Write: TypeAlias = Callable[[Answers], None]
 
 OWN = "face|[uv]|position|normal|d[uv]+"  # names of answers, which no channel can have
 DISTANCE = "distance"  # of nearest places
+PLAIN = ("ray", "t", "multiplicity")  # of one number each
 LINES = 1 << 14  # of CSV written at a time
 
 
@@ -292,6 +293,9 @@ def _columns(answers: Answers) -> dict[str, NDArray[Any]]:
     """Columns of numbers, (n,) each, by name."""
     columns = {name: answers[name] for name in NAMES}
     for name in [name for name in answers if name not in NAMES]:
+        if name in PLAIN and answers[name].ndim == 1:
+            columns[name] = answers[name]
+            continue
         values = answers[name].reshape(len(answers[name]), math.prod(answers[name].shape[1:]))
         if re.fullmatch(OWN, name):
             pattern = {"position": "{}", "normal": "n_{}"}.get(name, "{}_" + name[1:])
