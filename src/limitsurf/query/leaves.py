@@ -1,4 +1,4 @@
-"""Cells halved until the level set of a function in each is a graph, a side, or next to nothing.
+"""Cells parted until the level set of a function in each is a graph, a side, or next to nothing.
 
 Signs are those of the function plus `SHIFT`: what is 0 up to rounding counts as above. So a level
 set is the border of what is below, and is one of curves, also where the function vanishes on lines
@@ -23,7 +23,7 @@ Array = NDArray[Any]
 # so; what differs by rounding, also between cells that share a side
 SHIFT = 2.0**-48
 _CLEAR = 2.0**-50
-# cells on which a function is no more are not halved: which curves join there is undecided (so much
+# cells on which a function is no more are not parted: which curves join there is undecided (so much
 # more than the shift that curves which meet are not told apart by it)
 FLOOR = 2.0**-42
 GRAPH_S, GRAPH_T, TOUCH, KNOT, CORNER = range(5)
@@ -59,22 +59,28 @@ class Pieces:
             return parts[0]
         return cls(*(np.concatenate([getattr(p, x) for p in parts]) for x in cls.__slots__))
 
-    def halved(self, form: Form, own: Form) -> Pieces:
-        """Both halves of all, across the longest side; `own` is that of `values`."""
+    def ways(self, form: Form) -> Array:
+        """Which way cells are halved: across the longest side, (P,)."""
         at, there = self.points[:, form.corners], form.ends @ self.frame[:, 1:]
         a, b = form.across.T
         # (in space, and by parameters where a side is but a point)
         span = ((at[:, a] - at[:, b]) ** 2).sum(axis=2)
         span += 2.0**-60 * ((there[:, a] - there[:, b]) ** 2).sum(axis=2)
-        way, n = span.argmax(axis=1), 2 * len(self)
-        frame = np.matmul(form.frames[way], self.frame[:, None, 1:])
+        return np.asarray(span.argmax(axis=1))
+
+    def parted(self, frames: Array, values: Array, points: Array) -> Pieces:
+        """The k parts of all, by frames (P or 1, k, 3, 2) and matrices onto their coefficients."""
+        k = frames.shape[1]
+        n = k * len(self)
+        frame = np.matmul(frames, self.frame[:, None, 1:])
         frame[:, :, 0] += self.frame[:, None, 0]
+        own = np.matmul(values, self.values[:, None, :, None])
         return Pieces(
-            np.repeat(self.level, 2),
-            np.repeat(self.face, 2),
+            np.repeat(self.level, k),
+            np.repeat(self.face, k),
             frame.reshape(n, 3, 2),
-            np.matmul(own.halves[way], self.values[:, None, :, None]).reshape(n, own.size),
-            np.matmul(form.halves[way], self.points[:, None]).reshape(n, form.size, 3),
+            own.reshape(n, self.values.shape[1]),
+            np.matmul(points, self.points[:, None]).reshape(n, *self.points.shape[1:]),
         )
 
 
@@ -107,13 +113,14 @@ class Leaves:
         return len(self.kind)
 
 
-class Halving:
+class Parting:
     """The search for the leaves of levels (J,) of a function; `tolerance` is that of curves."""
 
     def __init__(self, cells: Cells, scalar: Scalar, levels: Array, tolerance: float) -> None:
         self._cells, self._scalar, self._levels = cells, scalar, levels
         self._tolerance = tolerance
         self._form, self._own = cells.form, scalar.form
+        self._quarters: tuple[Array, Array, Array] | None = None
         self._leaves: list[tuple[Pieces, Array, Array]] = []
         self._last: list[tuple[Array, Array, Array]] = []  # special corners: level, which, ring
 
@@ -182,7 +189,7 @@ class Halving:
         )
 
     def _judged(self, cells: Pieces) -> Pieces:
-        """What is to be looked at again: the halves of those that are no leaves."""
+        """What is to be looked at again: the parts of those that are no leaves."""
         f = cells.values
         least, most = f.min(axis=1), f.max(axis=1)
         meets = (least + SHIFT <= _CLEAR) & (most + SHIFT >= -_CLEAR)
@@ -210,7 +217,24 @@ class Halving:
         kind[knot] = KNOT
         leaf = touch | graph | knot
         self._leaves.append((cells[leaf], kind[leaf], bend[leaf]))
-        return cells[open_ & ~knot].halved(self._form, self._own)
+        return self._parts(cells[open_ & ~knot])
+
+    def _parts(self, cells: Pieces) -> Pieces:
+        """Halves of squares; of triangles the four that are like them, so that lines stay few."""
+        form, own = self._form, self._own
+        if not self._cells.lattice.sloped:
+            way = cells.ways(form)
+            return cells.parted(form.frames[way], own.halves[way], form.halves[way])
+        if self._quarters is None:
+            children = self._cells.lattice.children
+            frames = np.zeros((len(children), 3, 2))
+            frames[:, 0] = [child.origin for child in children]
+            sign = np.array([-1 if child.turned else 1 for child in children])
+            frames[:, 1, 0] = frames[:, 2, 1] = sign
+            frames /= 2
+            parts = [np.round(f.part(frames) * 4.0**f.degree) / 4.0**f.degree for f in (own, form)]
+            self._quarters = frames[None], parts[0][None], parts[1][None]
+        return cells.parted(*self._quarters)
 
     def _graphs(self, cells: Pieces, small: Array) -> tuple[Array, Array, Array]:
         """Whether level sets are graphs of s or t, (P,), bounds of their second derivatives.

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from limitsurf.engine.protocol import threads
 from limitsurf.query.index import Cells, checked_surface
-from limitsurf.query.leaves import Halving
+from limitsurf.query.leaves import Parting
 from limitsurf.query.scalars import Height, Scalar, SquaredDistance, Subdivided
 from limitsurf.query.tracing import Network, Nodes, chained
 from limitsurf.surface import LimitSurface
@@ -121,7 +121,7 @@ def section(
 
     All points are in the plane, and of curves that pass through vertices, also special ones, the
     vertex is a point, up to 1e-13 of the largest coordinate of the points that the surface depends
-    on. Cells of the surface are halved until the Bernstein coefficients of the height above the
+    on. Cells of the surface are parted until the Bernstein coefficients of the height above the
     plane show that the section is a graph in each, with a bound of its second derivative that says
     how many points it takes. What is within rounding of the plane, or smaller than `tolerance` amid
     much that the plane only touches, is left as it is. ``derivations/sections.py`` derives all
@@ -291,7 +291,7 @@ def _traced(
 ) -> tuple[Array, Curves]:  # fmt: skip
     """The curves on which a function has values (k,), and which of them."""
     scaled = _scaled_tolerance(cells, tolerance)
-    leaves = Halving(cells, scalar, heights, scaled).run()
+    leaves = Parting(cells, scalar, heights, scaled).run()
     network = Network(surface, leaves, cells.form, scalar.form)
     spans = network.spans
     number = leaves.cells.level[spans.leaf]
