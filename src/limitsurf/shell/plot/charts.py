@@ -78,9 +78,6 @@ def draw_characteristic_map(
 ) -> None:
     """Images of the sectors under the characteristic map, with nested rings around the vertex."""
     surface = fan.limit(fan.characteristic_map())
-    axes = figure.add_axes((0.03, 0.03, 0.94, 0.87), aspect="equal")
-    axes.set_axis_off()
-    surface = fan.surface(fan.characteristic_map())
     if ticks:
         axes = figure.add_axes((0.12, 0.08, 0.85, 0.82), aspect="equal")
         _plain_axes(axes, look)
