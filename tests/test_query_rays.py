@@ -62,10 +62,12 @@ def test_every_scheme(scheme, cage, closed, by_numpy):
     surface = of_scheme(scheme, cage)
     start, way = shots(surface, 100)
     ends = np.array(surface.topology.lattice.corners, dtype=float)
-    place = (ends[:, None] + np.array([0, 0.25])[:, None] * (np.roll(ends, -1, 0) - ends)[:, None])
+    place = ends[:, None] + np.array([0, 0.25])[:, None] * (np.roll(ends, -1, 0) - ends)[:, None]
     on = surface.evaluate(np.arange(len(surface.limit_faces))[:, None], *place.reshape(-1, 2).T)
     on = on[np.isfinite(on).all(axis=2)][:60]
-    away = surface.points.mean(axis=0) + 3 * np.abs(surface.points).max() * np.array([0.3, 0.5, 0.7])
+    away = surface.points.mean(axis=0) + 3 * np.abs(surface.points).max() * np.array(
+        [0.3, 0.5, 0.7]
+    )
     found, counts, ray = all_hits(
         surface,
         np.concatenate([start, np.broadcast_to(away, on.shape)]),
@@ -455,7 +457,14 @@ def test_command_line(tmp_path):
         assert hits["ray"].tolist() == [0, 0, 2, 2]
         assert hits["multiplicity"].tolist() == [1] * 4
         assert hits["position"].shape == (4, 3)
-    assert len(succeed("intersect", path, "--rays", "-", "--t-max", 1, stdin="0,0,9,1,1,1").splitlines()) == 1
+    assert (
+        len(
+            succeed(
+                "intersect", path, "--rays", "-", "--t-max", 1, stdin="0,0,9,1,1,1"
+            ).splitlines()
+        )
+        == 1
+    )
     asked.write_text("1,2,3,0,0,1\n1,2,3\n")
     assert "line 2: need six numbers" in fail("intersect", path, "--rays", asked)
     assert "either --ray" in fail("intersect", path)

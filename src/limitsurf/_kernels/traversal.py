@@ -123,7 +123,11 @@ def _newton(x: Array, shape: Shape, sloped: bool, room: Room, slack: float) -> b
             k = shape.lower[m, 3]
             d0, d1, d2 = d0 + w * x[k, 0], d1 + w * x[k, 1], d2 + w * x[k, 2]
         if sloped:
-            f0, f1, f2 = r * a0 + s * b0 + t * c0, r * a1 + s * b1 + t * c1, r * a2 + s * b2 + t * c2
+            f0, f1, f2 = (
+                r * a0 + s * b0 + t * c0,
+                r * a1 + s * b1 + t * c1,
+                r * a2 + s * b2 + t * c2,
+            )
             u0, u1, u2 = b0 - a0, b1 - a1, b2 - a2
             v0, v1, v2 = c0 - a0, c1 - a1, c2 - a2
         else:
@@ -234,13 +238,17 @@ def _meets(
     sx, sy = lines.slope[q, 0], lines.slope[q, 1]
     z, hz = 0.5 * (z0 + z1), 0.5 * (z1 - z0) + slack
     x0, x1, y0, y1 = boxes[node, a], boxes[node, 3 + a], boxes[node, b], boxes[node, 3 + b]
-    x, y = 0.5 * (x0 + x1) - sx * z - lines.start[q, 0], 0.5 * (y0 + y1) - sy * z - lines.start[q, 1]
+    x, y = (
+        0.5 * (x0 + x1) - sx * z - lines.start[q, 0],
+        0.5 * (y0 + y1) - sy * z - lines.start[q, 1],
+    )
     hx, hy = 0.5 * (x1 - x0) + slack, 0.5 * (y1 - y0) + slack
     if abs(x) > hx + abs(sx) * hz or abs(y) > hy + abs(sy) * hz:
         return np.inf
     if abs(sx * y - sy * x) > abs(sx) * hy + abs(sy) * hx + slack:
         return np.inf
-    return z0 if lines.along[q, 0] > 0 else -z1
+    least: float = z0 if lines.along[q, 0] > 0 else -z1
+    return least
 
 
 @inlined
@@ -288,9 +296,7 @@ def _simple(x: Array, shape: Shape, slack: float, own: Array) -> int:
 
 
 @inlined
-def _settled(
-    own: Array, sloped: bool, limits: Limits, lines: Lines, q: int, real: Array
-) -> bool:
+def _settled(own: Array, sloped: bool, limits: Limits, lines: Lines, q: int, real: Array) -> bool:
     """Whether the zero of a cell counts; depth, t, blur, sign and rim go to ``real[2:]``."""
     s, t = own[0], own[1]
     det = own[5] * own[9] - own[6] * own[8]
@@ -313,9 +319,9 @@ def traverse(
     tree: Hierarchy, shape: Shape, lines: Lines, limits: Limits, sloped: bool, what: int,
     room: Room, ray: Array, cell: Array, real: Array, left: Array,
 ) -> int:  # fmt: skip
-    """How many crossings of rays with cells there are, which are written down; `left` (Q,) is 1 for
-    those rays of which not all that counts is known, and which have none here.
+    """Write down where rays cross cells; the number of crossings.
 
+    `left` (Q,) is set to 1 for those rays of which not all that counts is known: they have none.
     Hits have their ray and cell, (H,) int64, and real (H, 7): u, v, depth, t, how well depth is
     known, the sign of what the ray sees, and whether it is on the rim of a cell. Of what is asked,
     the first, any or every one, others that are as near may be among them.
@@ -431,7 +437,7 @@ def traverse(
                 break
         if what == ANY and total > begin:
             continue
-        if over or doubt <= (np.inf if what == EVERY else best + limits.tied) and doubt < np.inf:
+        if over or (doubt < np.inf and (what == EVERY or doubt <= best + limits.tied)):
             left[q] = 1
             total = begin
         elif what == FIRST:

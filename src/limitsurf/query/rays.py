@@ -468,9 +468,7 @@ def _vectors(name: str, given: ArrayLike) -> Array:
     return values
 
 
-def _followed(
-    surface: LimitSurface, cells: Cells, asked: _Asked, workers: int, what: str
-) -> Hits:
+def _followed(surface: LimitSurface, cells: Cells, asked: _Asked, workers: int, what: str) -> Hits:
     """Hits of rays, each once: every one, the first and some of the others, or any."""
     kernels = kernels_for(surface.engine, cells, len(asked))
 

@@ -136,6 +136,8 @@ def _rows(path: str) -> Array:
         if len(row) == 6:
             rows.append(row)
         elif not first or (cells.count(",") != 5):
-            raise ValueError(f"{name}: line {k}: need six numbers x,y,z,dx,dy,dz, got {cells[:40]!r}")
+            raise ValueError(
+                f"{name}: line {k}: need six numbers x,y,z,dx,dy,dz, got {cells[:40]!r}"
+            )
         first = False
     return np.array(rows, dtype=float).reshape(-1, 6)
