@@ -34,8 +34,8 @@ Run this file: it says nothing unless an assertion fails.
 # 2. what a double root is, and to what accuracy it is known;
 # 3. why crossings with any one direction say how often a closed surface goes around a point.
 #
-# - R. Krawczyk, "Newton-Algorithmen zur Bestimmung von Nullstellen mit Fehlerschranken", Computing 4,
-#   1969: Newton's method where derivatives are near one matrix.
+# - R. Krawczyk, "Newton-Algorithmen zur Bestimmung von Nullstellen mit Fehlerschranken", Computing
+#   4, 1969: Newton's method where derivatives are near one matrix.
 # - J. Milnor, "Topology from the Differentiable Viewpoint", 1965: degrees.
 
 # %%
@@ -89,7 +89,7 @@ for lattice, degree in ((QUADS, 3), (TRIANGLES, 4)):
     if lattice is TRIANGLES:
         places = np.where(places.sum(axis=1, keepdims=True) > 1, 1 - places, places)
     values = form.values(*places.T, 1)
-    for trial in range(200):
+    for _ in range(200):
         size = 0.02 * rng.random()
         net = form.exponents / degree - rng.random(2) + size * rng.normal(size=(form.size, 2))
         slopes = form.derivatives[1:3] @ net - np.eye(2)[:, None]

@@ -168,7 +168,7 @@ def test_hits_are_those_of_triangles_and_in_hulls(name):
     pieces = ls.tessellate(surface, 20 if len(surface.limit_faces) < 60 else 4, normals=False)
     corners = pieces.points[pieces.indices[pieces.triangles]]
     same = [crossed(corners, p, d) == n for p, d, n in zip(start, way, counts, strict=True)]
-    assert np.mean(same) > 0.95  # but near silhouettes
+    assert np.mean(same) >= 0.95  # but near silhouettes
     # what a ray hits it enters by a hull, and where it enters none it hits nothing
     low, high, _ = hulls(surface, 2 if len(surface.limit_faces) < 60 else 1)
     with np.errstate(divide="ignore"):

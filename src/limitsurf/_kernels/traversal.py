@@ -247,7 +247,8 @@ def _meets(
         return np.inf
     if abs(sx * y - sy * x) > abs(sx) * hy + abs(sy) * hx + slack:
         return np.inf
-    return z0 if lines.along[q, 0] > 0 else -z1
+    least: float = z0 if lines.along[q, 0] > 0 else -z1
+    return least
 
 
 @inlined
@@ -318,9 +319,9 @@ def traverse(
     tree: Hierarchy, shape: Shape, lines: Lines, limits: Limits, sloped: bool, what: int,
     room: Room, ray: Array, cell: Array, real: Array, left: Array,
 ) -> int:  # fmt: skip
-    """How many crossings of rays with cells there are, which are written down; `left` (Q,) is 1 for
-    those rays of which not all that counts is known, and which have none here.
+    """Write down where rays cross cells; the number of crossings.
 
+    `left` (Q,) is set to 1 for those rays of which not all that counts is known: they have none.
     Hits have their ray and cell, (H,) int64, and real (H, 7): u, v, depth, t, how well depth is
     known, the sign of what the ray sees, and whether it is on the rim of a cell. Of what is asked,
     the first, any or every one, others that are as near may be among them.
@@ -436,7 +437,7 @@ def traverse(
                 break
         if what == ANY and total > begin:
             continue
-        if over or doubt <= (np.inf if what == EVERY else best + limits.tied) and doubt < np.inf:
+        if over or (doubt < np.inf and (what == EVERY or doubt <= best + limits.tied)):
             left[q] = 1
             total = begin
         elif what == FIRST:

@@ -417,7 +417,7 @@ class Crossings:
         self._halve(pairs[some[~single]])
 
     def _crowded(self, pairs: _Pairs, which: Array, mean: Array) -> Array:
-        """Which cells of rays with very many are halved no more: small ones that are mere curves."""
+        """Which cells of rays with very many are halved no more: small ones, mere curves."""
         found = which & (self._halved > _BUDGET * self._met)[pairs.ray]
         crowd = np.bincount(pairs.ray[which], minlength=len(self._met)) > _CROWD + 4 * self._met
         some = np.flatnonzero(which & crowd[pairs.ray])
@@ -490,7 +490,7 @@ class Crossings:
             scale = np.where(square > 0, -g[:, 0] / np.where(square > 0, square, 1), 0)
             s, t = inside(self._lattice, s + scale * g[:, 1], t + scale * g[:, 2])
         x = np.matmul(form.values(s, t, 1), pairs.points)
-        hit = np.flatnonzero(np.abs(x[:, 0, :2]).max(axis=1) <= 4 * SLACK)
+        hit = np.flatnonzero(np.abs(x[:, 0, :2]).max(axis=1) <= 2 * SLACK)
         frame = pairs.frame[hit]
         uv = frame[:, 0] + s[hit, None] * frame[:, 1] + t[hit, None] * frame[:, 2]
         depth = x[hit, 0, 2]
