@@ -427,9 +427,9 @@ for n in (7, 10):
 #
 # Around a quad whose vertices all are amid four quads the points of the first step are a part of a
 # regular lattice: the limit is the biquadratic B-spline of the vertices. Its knots are in the
-# middle of edges: along the quad, between the second and the third of four vertices, it is quadratic up to
-# $\frac12$, with the weights $\frac12 (\frac12 - t)^2, \frac34 - t^2, \frac12 (\frac12 + t)^2, 0$,
-# and from there on the mirror image.
+# middle of edges: along the quad, between the second and the third of four vertices, it is
+# quadratic up to $\frac12$, with the weights $\frac12 (\frac12 - t)^2, \frac34 - t^2, \frac12
+# (\frac12 + t)^2, 0$, and from there on the mirror image.
 
 # %%
 lower = [(HALF - t) ** 2 / 2, 3 * QUARTER - t**2, (HALF + t) ** 2 / 2, 0]

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import replace
 from fractions import Fraction as F
 
 import numpy as np
@@ -15,6 +16,7 @@ from oracles_creases import Cage
 import limitsurf as ls
 from limitsurf.refine import dual
 from limitsurf.scheme.doo_sabin import DOO_SABIN
+from limitsurf.spectra.fan import fan_of
 
 REFERENCE = CASES.parent / "schemes"
 NOWHERE = pytest.mark.skipif(not REFERENCE.is_dir(), reason="no reference numbers here")
@@ -318,7 +320,7 @@ def test_kernels_know_faces_of_one_and_of_four_pieces(scheme):
 
 
 def test_kernels_beside_polygons_with_very_many_corners():
-    """Whose points have too many weights: rows are by NumPy, positions are not."""
+    """Of whose points some have too many weights: their rows are by NumPy, positions are not."""
     turn = 2 * np.pi * np.arange(300) / 300
     ring = np.column_stack([np.cos(turn), np.sin(turn), np.cos(3 * turn) / 8])
     i, j = np.arange(300), np.roll(np.arange(300), -1)
@@ -331,6 +333,102 @@ def test_kernels_beside_polygons_with_very_many_corners():
     assert np.abs(kernels.evaluate(*query) - numpy.evaluate(*query)).max() <= 1e-14
     assert np.abs(kernels.normal(*query) - numpy.normal(*query)).max() <= 1e-11
     assert abs(kernels.weights(*query) - numpy.weights(*query)).max() <= 1e-14
+
+
+def prism(n):
+    """A band of n quads between two n-gons, moved a little."""
+    turn = 2 * np.pi * np.arange(n) / n
+    ring = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    i, j = np.arange(n), np.roll(np.arange(n), -1)
+    points = np.concatenate([ring, ring + np.eye(3)[2]])
+    points += np.random.default_rng(n).integers(-8, 9, points.shape) / 64
+    return points, [i[::-1], i + n, *np.stack([i, j, j + n, i + n], axis=1)]
+
+
+@pytest.mark.parametrize("n", [7, 8, 21])
+def test_a_wide_polygon_is_told_by_few_points(n):
+    """As by all of its corners: by a scheme of the same masks, of which nothing else is known."""
+    plain = replace(DOO_SABIN, name="plain", corner=DOO_SABIN.mask)
+    few, all_ = (ls.LimitSurface(ls.Mesh(*prism(n)), scheme=x) for x in (DOO_SABIN, plain))
+    assert {x.size for x in few.patches.sectors if x} == {3 + 5, 6 + 5}
+    assert {x.size for x in all_.patches.sectors if x} == {3 + 5, n + 5}
+    rng, q = np.random.default_rng(0), 300
+    face, (u, v) = rng.integers(0, len(few.limit_faces), q), 1 - rng.random((2, q)) ** 4
+    for nu in [(0, 0), *ORDERS]:
+        a, b = (s.evaluate(face, u, v, nu=nu) for s in (few, all_))
+        assert np.abs(a - b).max() <= 1e-12 * max(1, np.abs(b).max())
+    assert np.abs(few.normal(face, u, v) - all_.normal(face, u, v)).max() <= 1e-12
+    assert np.abs(few.normal(face, 1, 1) - all_.normal(face, 1, 1)).max() <= 1e-12
+    assert abs(few.weights(face, u, v) - all_.weights(face, u, v)).max() <= 1e-14
+
+
+@pytest.mark.parametrize("pole", [False, True])
+def test_very_wide_polygons_cost_no_more_than_many(pole):
+    n = 2000
+    points, faces = prism(n)
+    if pole:  # pairs of edges of the first, and a point in its middle
+        i = np.arange(0, n, 2)
+        middle = np.full(len(i), 2 * n)
+        faces[:1] = np.stack([(i + 2) % n, i + 1, i, middle], axis=1)
+        points = np.concatenate([points, [[0, 0, -0.5]]])
+    s = ls.LimitSurface(ls.Mesh(points, faces), scheme="doo-sabin", engine="reference")
+    kept = [*(x.size for x in s.patches.controls), *(x.nnz for x in s.patches.extras)]
+    assert sum(kept) <= 300 * n  # as squares they were more than n * n
+    cap = s.limit_faces.first[-n - 1]  # the other one
+    assert (
+        np.abs(s.evaluate(cap + np.arange(3), 1, 1) - points[n : 2 * n].mean(axis=0)).max() < 1e-14
+    )
+    assert np.isfinite(s.normal([0, cap], [0, 0.9], [0, 0.8])).all()
+
+
+@pytest.mark.parametrize("name", ["prism_7", "grid"])
+def test_kernels_give_tangents_and_curvature(name, monkeypatch):
+    from limitsurf.engine.reference import Reference
+
+    mesh = grid(6, scheme="doo-sabin") if name == "grid" else of_zoo(name)
+    kernels, numpy = (ls.LimitSurface(mesh, engine=e) for e in ("compiled", "reference"))
+    rng, n = np.random.default_rng(0), 400
+    query = rng.integers(0, len(kernels.limit_faces), n), *rng.random((2, n))
+    true = numpy.curvature(*query), *numpy.tangents(*query)
+    left = []
+    for what in ("curvatures", "tangents"):
+        own = getattr(Reference, what)
+
+        def counted(self, request, *more, own=own):
+            left.append(request.face.size)
+            return own(self, request, *more)
+
+        monkeypatch.setattr(Reference, what, counted)
+    found = kernels.curvature(*query), *kernels.tangents(*query)
+    assert sum(left) <= n / 20
+    for name_ in ("k1", "k2", "mean", "gaussian"):
+        x, y = (getattr(of[0], name_) for of in (found, true))
+        assert np.array_equal(np.isnan(x), np.isnan(y))
+        assert np.nanmax(np.abs(x - y) / (1 + np.abs(y))) <= 1e-9
+    assert all(np.nanmax(np.abs(x - y)) <= 1e-12 for x, y in zip(found[1:], true[1:], strict=True))
+
+
+@pytest.mark.parametrize("n", [3, 4, 5, 9])
+def test_eigenfunctions_scale(n):
+    """All that there are on the sectors of a polygon; a map by two, with axes that are regular."""
+    fan, rng = fan_of("doo-sabin", "interior", n), np.random.default_rng(0)
+    face, (u, v) = np.arange(n)[:, None], rng.random((2, 20))
+    plane = fan.limit(fan.characteristic_map())
+    whole = plane.evaluate(face, u, v)
+    assert np.abs(plane.evaluate(face, u / 2, v / 2) - whole / 2).max() <= 1e-15
+    x, y = plane.evaluate(np.arange(n), 1, 0).T
+    turn = 2 * np.pi * np.arange(n) / n
+    assert np.abs(np.array([x, y]) - np.hypot(x, y) * [np.cos(turn), np.sin(turn)]).max() <= 4e-15
+    if n > 4:
+        with pytest.raises(ValueError, match=r"no basis of eigenvectors .*: 2 of"):
+            fan.modes()
+        return
+    modes = fan.modes()
+    assert np.linalg.matrix_rank([m.values for m in modes]) == len(modes) == 4 * n
+    for mode in modes:
+        f = fan.limit(mode.values)
+        gap = f.evaluate(face, u / 2, v / 2) - mode.eigenvalue * f.evaluate(face, u, v)
+        assert np.abs(gap).max() <= 1e-14
 
 
 def test_kernels_survive_a_pickle():

@@ -2,8 +2,8 @@
 
 A piece of a spline is a special corner like others: its eigenfunctions are the monomials
 ``s^i t^j``, with the eigenvalues ``2^-(i + j)``, and its coefficients in them are what
-`Spline.pieces` says (``derivations/pieces.py``). So kernels that know eigenfunctions of some degrees
-know splines of these degrees, though they have none of their weights.
+`Spline.pieces` says (``derivations/pieces.py``). So kernels that know eigenfunctions of some
+degrees know splines of these degrees, though they have none of their weights.
 """
 
 from __future__ import annotations
