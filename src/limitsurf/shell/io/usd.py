@@ -110,11 +110,12 @@ def schemes(
 
 def times(name: str, file: str, *, prim: str | None = None) -> list[float]:
     """The frames at which points or transforms of what `read` reads are given, ascending."""
-    losses, found = Losses(name, strict=False), set()
+    losses = Losses(name, strict=False)
+    found: set[float] = set()
+    seen: set[Any] = set()
     diagnostics = UsdUtils.CoalescingDiagnosticDelegate()
     stage = Usd.Stage.Open(os.path.abspath(file))
     scene = _shown(stage, prim, Usd.TimeCode.EarliestTime(), losses)
-    seen = set()
     for each, _ in scene.placed:
         while each and each.GetPath() not in seen:
             seen.add(each.GetPath())
