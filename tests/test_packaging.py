@@ -1,4 +1,4 @@
-"""What is installed: a source distribution, a wheel made of it, and that in an empty environment."""
+"""What is installed: a source distribution, a wheel made of it, and that where nothing else is."""
 
 import json
 import os

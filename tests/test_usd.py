@@ -328,6 +328,48 @@ def test_data_of_faces_are_written(tmp_path, suffix):
         ls.write(tmp_path / f"b{suffix}", mesh.with_tags(face_data={"two words": [1, 2]}))
 
 
+MOVING = """#usda 1.0
+def Xform "lift" {
+    double3 xformOp:translate.timeSamples = {1: (0, 0, 0), 5: (0, 0, 8)}
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    def Mesh "sheet" {
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points.timeSamples = {
+            1: [(0, 0, 0), (1, 0, 0), (0, 1, 0)],
+            3: [(0, 0, 0), (3, 0, 0), (0, 1, 0)],
+        }
+        %s
+    }
+}
+"""
+
+
+def test_frames_of_an_animation(tmp_path):
+    path = tmp_path / "a.usda"
+    path.write_text(MOVING % "")
+    found = list(ls.frames(path))
+    assert [time for time, _ in found] == [1, 3, 5]
+    x, z = np.array([[points[1, 0], points[1, 2]] for _, points in found]).T
+    assert x.tolist() == [1, 3, 3]
+    assert z.tolist() == [0, 4, 8]
+    ((time, points),) = ls.frames(path, prim="/lift/sheet", times=[2])
+    assert (time, points[1].tolist()) == (2, [2, 0, 2])
+    still = tmp_path / "still.usda"
+    ls.write(still, ls.Mesh(POINTS, FACES))
+    assert [time for time, _ in ls.frames(still)] == [0]
+
+
+def test_frames_that_are_no_one_cage(tmp_path):
+    path = tmp_path / "a.usda"
+    change = "int[] faceVertexIndices.timeSamples = {1: [0, 1, 2], 3: [0, 2, 1]}"
+    path.write_text((MOVING % change).replace("int[] faceVertexIndices = [0, 1, 2]", ""))
+    with pytest.raises(ls.MeshError, match="at time 3 its faces are others than before"):
+        list(ls.frames(path))
+    with pytest.raises(ValueError, match="only a USD file has frames"):
+        list(ls.frames(tmp_path / "a.obj"))
+
+
 CORNERS = "[(0, 0), (1, 0), (1, 1), (0, 1), (1, 0), (2, 0), (2, 1), (1, 1)]"
 
 

@@ -87,6 +87,9 @@ if TYPE_CHECKING:
     from limitsurf.scheme import schemes as schemes
     from limitsurf.scheme.scheme import Scheme as Scheme
     from limitsurf.shell.io.by_suffix import (
+        frames as frames,
+    )
+    from limitsurf.shell.io.by_suffix import (
         read as read,
     )
     from limitsurf.shell.io.by_suffix import (
@@ -165,6 +168,7 @@ _HOME = {
     "creases_by_angle": "query.creases",
     "eigenbasis": "spectra",
     "feet": "query.closest",
+    "frames": "shell.io.by_suffix",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",
     "inertia": "integrals.body",

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import os
 import tempfile
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from io import TextIOWrapper
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limitsurf.cage.checks import MeshError
 from limitsurf.cage.mesh import Mesh
@@ -241,6 +243,67 @@ def read(
         if str(error).startswith(name):
             raise
         raise MeshError(f"{name}: {error}") from None
+
+
+def frames(
+    file: Path, *, prim: str | None = None, times: Iterable[float] | None = None
+) -> Iterator[tuple[float, NDArray[np.float64]]]:
+    """The points of a cage in each frame of an animation, one frame after the other.
+
+    Parameters
+    ----------
+    file : str or os.PathLike
+        A USD file.
+    prim : str, optional
+        As for `read`.
+    times : iterable of float, optional
+        Frames, as time codes; by default all at which points or transforms are given, or 0 where
+        nothing moves. Between samples USD interpolates.
+
+    Yields
+    ------
+    (time, points (n_vertices, 3))
+        As ``read(file, prim=prim, time=time).points`` has them.
+
+    Raises
+    ------
+    MeshError
+        Faces that change from frame to frame, and whatever `read` raises.
+    ValueError
+        A file of another format.
+
+    Examples
+    --------
+    One surface is built, and moved, since nothing but points changes:
+
+    >>> import limitsurf as ls
+    >>> def heights(path):
+    ...     surface = ls.LimitSurface(ls.read(path))
+    ...     for time, points in ls.frames(path):
+    ...         yield time, surface.with_points(points).evaluate(0, 0.5, 0.5)[2]
+    """
+    name, kind = _named(file, None, "")
+    if kind not in (*formats.USD, ".usdz"):
+        raise ValueError(f"{name}: only a USD file has frames that are read")
+    if times is None:
+        with _on_disk(file, name, kind, None) as (path, folder):
+            found = formats.read_by_library(name, kind, path, folder, call="times", prim=prim)
+            times = found or [0.0]
+    first: Mesh | None = None
+    for time in times:
+        with warnings.catch_warnings():
+            if first is not None:  # what is said of a file is said once
+                warnings.simplefilter("ignore")
+            mesh = read(file, prim=prim, time=time, merge=False)
+        if first is None:
+            first = mesh
+        elif not (
+            np.array_equal(mesh.sizes, first.sizes)
+            and np.array_equal(mesh.indices, first.indices)
+            and mesh.n_vertices == first.n_vertices
+        ):
+            raise MeshError(f"{name}: at time {time:g} its faces are others than before")
+        yield float(time), mesh.points
 
 
 def schemes(

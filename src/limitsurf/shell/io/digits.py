@@ -84,8 +84,8 @@ def _eight(eights: NDArray[Any], high: IntArray, count: IntArray) -> tuple[Any, 
     shift = ((8 - count) * 8).astype(np.uint64)
     value = (value >> shift) << shift  # NumPy leaves 0 of a shift by 64
     good: BoolArray = ((value + _ABOVE_9) | value) & _EIGHTY == 0
-    for factor, shift, mask in _STEPS:
-        value = (value * factor + (value >> shift)) & mask
+    for factor, bits, mask in _STEPS:
+        value = (value * factor + (value >> bits)) & mask
     return value, good
 
 

@@ -37,7 +37,8 @@ def read(name: str, suffix: str, path: str, folder: str | None, *, strict: bool 
     if file is None:
         raise MeshError(f"{name}: rhino3dm cannot read it: truncated or broken")
     layers = {layer.Index: layer for layer in file.Layers}
-    parts, others = [], {}
+    parts: list[Part] = []
+    others: dict[str, list[str]] = {}
     for number, item in enumerate(file.Objects):
         shape, about, where = item.Geometry, item.Attributes, f"object {number}"
         kind = type(shape).__name__

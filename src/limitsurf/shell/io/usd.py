@@ -108,6 +108,25 @@ def schemes(
     return {x.path: x.choice(*CHOICES["scheme"]) or DEFAULTS["scheme"] for x in readers}
 
 
+def times(name: str, file: str, *, prim: str | None = None) -> list[float]:
+    """The frames at which points or transforms of what `read` reads are given, ascending."""
+    losses = Losses(name, strict=False)
+    found: set[float] = set()
+    seen: set[Any] = set()
+    diagnostics = UsdUtils.CoalescingDiagnosticDelegate()
+    stage = Usd.Stage.Open(os.path.abspath(file))
+    scene = _shown(stage, prim, Usd.TimeCode.EarliestTime(), losses)
+    for each, _ in scene.placed:
+        while each and each.GetPath() not in seen:
+            seen.add(each.GetPath())
+            for attribute in each.GetAuthoredAttributes():
+                if attribute.GetName() == "points" or attribute.GetName().startswith("xformOp:"):
+                    found.update(attribute.GetTimeSamples())
+            each = each.GetParent()
+    diagnostics.TakeUncoalescedDiagnostics()  # which `read` has told
+    return sorted(found)
+
+
 def _shown(stage: Any, path: str | None, time: Any, losses: Losses) -> Traversal:
     """What is shown of a stage, or at or below a path; ValueError if there is no such path."""
     scene = Traversal(time, losses)
