@@ -34,7 +34,7 @@ COPIED = HERE / "_copied"
 DOCUMENTS = ("notebooks", "derivations")
 # The first cell of each notebook, which its page does not show.
 INSTALL = """\
-# Where limitsurf is missing, as on a fresh machine in the cloud, install it from a clone or a wheel.
+# Where limitsurf is missing, as on a fresh machine, install it from a clone or a wheel.
 import importlib.util
 
 SOURCE = "."  # the folder of a clone, or a wheel
