@@ -3,6 +3,7 @@
 import functools
 import http.server
 import io
+import json
 import os
 import re
 import shutil
@@ -15,6 +16,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import browser
+import jupytext
 import numpy as np
 import pytest
 
@@ -242,6 +244,19 @@ def look_at(folder, documents, scenes, chromium):
     assert not missing
 
 
+def check_download(folder, script):
+    """The notebook that is offered is the script, with outputs and a cell before it to install."""
+    (path,) = folder.glob(f"_downloads/*/{script.stem}.ipynb")
+    install, *cells = json.loads(path.read_text("utf-8"))["cells"]
+    assert "%pip install" in "".join(install["source"])
+    wanted = jupytext.read(script, fmt="py:percent").cells
+    assert [c["cell_type"] for c in cells] == [c.cell_type for c in wanted]
+    code = [("".join(c["source"]), w.source) for c, w in zip(cells, wanted, strict=True)]
+    kinds = [c.cell_type == "code" for c in wanted]
+    assert all(a == b for (a, b), is_code in zip(code, kinds, strict=True) if is_code)
+    assert any(c.get("outputs") for c in cells)
+
+
 # One test, so that the site is built once; where there is no browser, the next one says so.
 @pytest.mark.long
 def test_site(tmp_path):
@@ -253,6 +268,7 @@ def test_site(tmp_path):
     for notebook in sorted((ROOT / "notebooks").glob("*.py")):
         (page,) = folder.rglob(f"notebooks/{notebook.stem}.html")
         assert "cell_output" in page.read_text(encoding="utf-8"), f"{notebook.name} was not run"
+        check_download(folder, notebook)
     assert scenes
     check_links(documents)
     if (found := browser.find()) is not None:

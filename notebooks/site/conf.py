@@ -9,6 +9,7 @@ built before is run again when its own text has changed, or with the option ``-E
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from collections.abc import Iterator
@@ -21,6 +22,8 @@ import zmq
 from docutils import nodes
 from jupyter_client.manager import KernelManager
 from nbformat import NotebookNode
+from nbformat.v4 import new_code_cell
+from sphinx.addnodes import download_reference
 
 import limitsurf
 from limitsurf.shell.files import replacing
@@ -29,6 +32,14 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 COPIED = HERE / "_copied"
 DOCUMENTS = ("notebooks", "derivations")
+# The first cell of each notebook, which its page does not show.
+INSTALL = """\
+# Where limitsurf is missing, as on a fresh machine, install it from a clone or a wheel.
+import importlib.util
+
+SOURCE = "."  # the folder of a clone, or a wheel
+if importlib.util.find_spec("limitsurf") is None:
+    %pip install -q "{SOURCE}[plot]\""""
 
 if hasattr(KernelManager, "transport_encryption") and zmq.has("curve"):
     KernelManager.transport_encryption.default_value = "auto"  # kernels warn of sockets without it
@@ -38,7 +49,10 @@ author = "the limitsurf authors"
 copyright = author
 release = version = limitsurf.__version__
 
-extensions = ["myst_nb", "numpydoc", "sphinx.ext.autodoc", "sphinx.ext.autosummary"]
+extensions = [
+    *("myst_nb", "numpydoc", "sphinx.ext.autodoc", "sphinx.ext.autosummary"),
+    "sphinx.ext.viewcode",  # the source of all that the reference names
+]
 exclude_patterns = ["_copied/pictures"]
 default_role = "py:obj"
 templates_path = ["_templates"]
@@ -72,7 +86,7 @@ html_sidebars: dict[str, list[str]] = {
     page: [] for page in ("index", "tutorial", "concepts", "gallery")
 }
 html_theme_options = {
-    "logo": {"text": "limitsurf"},
+    "logo": {"text": f"limitsurf {version}"},
     "secondary_sidebar_items": ["page-toc"],
     "footer_start": ["copyright"],
     "footer_end": [],
@@ -107,7 +121,8 @@ def copy_documents() -> None:
         if path.suffix == ".md":
             text = with_contents(linked(path.read_text("utf-8")))
         else:
-            text = jupytext.writes(rendered(jupytext.read(path, fmt="py:percent")), fmt="ipynb")
+            notebook = jupytext.read(path, fmt="py:percent")
+            text = jupytext.writes(rendered(notebook), fmt="ipynb")
         # a copy that is not touched is not run again
         if not copy.exists() or copy.read_bytes() != text.encode():
             with replacing(copy) as file:
@@ -122,10 +137,11 @@ def clear_pictures(app: Any, env: Any, page: str) -> None:
 
 
 def rendered(document: NotebookNode) -> NotebookNode:
-    """A notebook for this interpreter, with links to the copies."""
+    """A notebook for this interpreter, to be downloaded as well, with links to the copies."""
     document.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3"}
     document.metadata["mystnb"] = {"execution_in_temp": True}  # what it writes goes nowhere
     document.metadata["language_info"] = {"name": "python", "pygments_lexer": "ipython3"}
+    document.cells.insert(0, new_code_cell(INSTALL, metadata={"tags": ["remove-cell"]}))
     for number, cell in enumerate(document.cells):
         cell["id"] = str(number)  # they are random, and equal text is to have equal copies
         if cell.cell_type == "markdown":
@@ -154,7 +170,20 @@ def _mathml(translator: Any, node: nodes.math | nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
+def offer_notebook(app: Any, page: nodes.document) -> None:
+    """Under the title of a notebook, a link to it as a file with all that it shows."""
+    name = app.env.docname
+    if not name.startswith("_copied/") or not (HERE / f"{name}.ipynb").exists():
+        return
+    file = Path(app.env.mystnb_config.output_folder, f"{name}.ipynb")
+    link = download_reference("", reftarget="/" + os.path.relpath(file, app.srcdir))
+    link += nodes.literal("", file.name)
+    title = next(page.findall(nodes.title))
+    title.parent.insert(1, nodes.paragraph("", "This page as a notebook, outputs included: ", link))
+
+
 def setup(app: Any) -> None:
     copy_documents()
+    app.connect("doctree-read", offer_notebook, priority=100)  # before files are collected
     app.connect("env-purge-doc", clear_pictures)
     app.add_html_math_renderer("mathml", (_mathml, None), (_mathml, None))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import _kernels, lazy, numbers
+from limitsurf import _kernels, html, lazy, numbers
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles
 from limitsurf.channels import ChannelMesh
@@ -303,6 +303,12 @@ class LimitSurface:
             f"<LimitSurface of {len(self.limit_faces)} limit faces over {self.mesh.n_vertices} "
             f"vertices, {self._topology.rules.scheme.name}>"
         )
+
+    def _repr_html_(self) -> str:
+        known = {"limit faces": len(self.limit_faces), "vertices": self.mesh.n_vertices}
+        rules = {name: getattr(rule, "name", rule) for name, rule in self.rules.items()}
+        channels = ", ".join(self.mesh.channels)
+        return html.facts(type(self).__name__, {**known, **rules, "channels": channels})
 
     # ------------------------------------------------------------------ public evaluation
 

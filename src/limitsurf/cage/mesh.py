@@ -9,6 +9,7 @@ from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar, get_args, ov
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from limitsurf import html
 from limitsurf.cage import checks
 from limitsurf.cage.checks import Channel, FacesLike, MeshError
 from limitsurf.cage.connectivity import Connectivity, derived, read_only
@@ -318,16 +319,8 @@ class Mesh:
         """Numbers (c,) of edges from their vertices (c, 2), ascending; they must exist."""
         return self.connectivity.edge_numbers(ends)
 
-    def __repr__(self) -> str:
-        on_rim = self.boundary_vertex | self.nonmanifold_vertex
-        interior = self.vertex_faces[~on_rim & (self.vertex_faces > 0)]
-        parts = [
-            checks.count(self.n_vertices, "vertex"),
-            checks.count(self.n_edges, "edge"),
-            f"{checks.count(self.n_faces, 'face')} {histogram(self.sizes)}",
-        ]
-        if len(interior):
-            parts.append(f"interior valences {histogram(interior)}")
+    def _facts(self) -> dict[str, Any]:
+        """Numbers of what is in it, by their nouns; what there is none of but faces is left out."""
         tagged = {
             "boundary vertex": self.boundary_vertex.sum(),
             "non-manifold vertex": self.nonmanifold_vertex.sum(),
@@ -336,12 +329,36 @@ class Mesh:
             "corner": len(self.corners[0]),
             "hole": len(self.holes),
         }
-        parts += [checks.count(n, noun) for noun, n in tagged.items() if n]
+        known = {"vertex": self.n_vertices, "edge": self.n_edges, "face": self.n_faces}
+        return known | {noun: int(n) for noun, n in tagged.items() if n}
+
+    def _valences(self) -> str:
+        on_rim = self.boundary_vertex | self.nonmanifold_vertex
+        interior = self.vertex_faces[~on_rim & (self.vertex_faces > 0)]
+        return str(histogram(interior)) if len(interior) else ""
+
+    def _options(self) -> dict[str, Any]:
         options = {name: getattr(self, name) for name in CHOICES}
-        parts += [f"{name}={value!r}" for name, value in options.items() if value is not None]
+        return {name: value for name, value in options.items() if value is not None}
+
+    def __repr__(self) -> str:
+        known = {noun: checks.count(n, noun) for noun, n in self._facts().items()}
+        known["face"] += f" {histogram(self.sizes)}"
+        parts = list(known.values())
+        if valences := self._valences():
+            parts.insert(3, f"interior valences {valences}")
+        parts += [f"{name}={value!r}" for name, value in self._options().items()]
         parts += [f"channel {name!r}" for name in self.channels]
         parts += [f"face data {name!r}" for name in self.face_data]
         return f"{type(self).__name__}({', '.join(parts)})"
+
+    def _repr_html_(self) -> str:
+        known = {checks.count(2, noun)[2:]: n for noun, n in self._facts().items()}
+        known["faces"] = f"{self.n_faces} {histogram(self.sizes)}"
+        others = {"channels": self.channels, "face data": self.face_data}
+        lists = {name: ", ".join(found) for name, found in others.items()}
+        valences = {"interior valences": self._valences()}
+        return html.facts(type(self).__name__, {**known, **valences, **self._options(), **lists})
 
     def __eq__(self, other: object) -> bool:
         """Whether points, faces, tags, channels and data of faces are all the same."""

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from limitsurf import html
+from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.orders import checked_order
 from limitsurf.engine.protocol import Request, threads
 from limitsurf.query.index import Cells, checked_surface
@@ -41,13 +43,17 @@ class Bounds:
     lower: Array
     upper: Array
 
+    def _repr_html_(self) -> str:
+        ends = {name: html.rows(getattr(self, name), 1) for name in ("lower", "upper")}
+        return html.table(ends, repr(self))
+
     def __repr__(self) -> str:
         n = self.lower.size // 3
         return f"Bounds({n} box{'es' * (n != 1)})"
 
 
 def bounds(
-    surface: LimitSurface,
+    surface: LimitSurface | Mesh,
     face: ArrayLike | None = None,
     u: ArrayLike | None = None,
     v: ArrayLike | None = None,
@@ -63,8 +69,8 @@ def bounds(
 
     Parameters
     ----------
-    surface : LimitSurface
-        Of float64 points, (n_vertices, 3).
+    surface : LimitSurface or Mesh
+        Of float64 points, (n_vertices, 3). Of a mesh it is ``LimitSurface(mesh)``.
     face : array_like of int, optional
         Limit faces, (...); all by default.
     u, v : array_like, optional
@@ -102,6 +108,8 @@ def bounds(
     >>> top.lower.round(4).tolist(), top.upper.round(4).tolist()
     ([0.1952, 0.1952, 0.75], [0.8048, 0.8048, 0.9198])
     """
+    if isinstance(surface, Mesh):
+        surface = LimitSurface(surface)
     surface = checked_surface(surface, channel)
     index = Cells.of(surface, threads(workers))
     order = checked_order(nu)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import numbers
+from limitsurf import html, numbers
 from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.query.index import Cells, checked_surface
@@ -64,6 +64,10 @@ class ClosestPoints:
     u: Array
     v: Array
     normal: Array
+
+    def _repr_html_(self) -> str:
+        flat = {name: html.rows(getattr(self, name)) for name in ("face", "u", "v", "distance")}
+        return html.table({**flat, "point": html.rows(self.point, 1)}, repr(self))
 
     def __repr__(self) -> str:
         n = self.distance.size

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import memory, numbers
+from limitsurf import html, memory, numbers
 from limitsurf.caching import cached_property
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.faces import Faces
@@ -129,6 +129,10 @@ class Polygons:
             normal_indices=number if len(normals) else self.normal_indices,
             channels={name: (values, number) for name, values in found.items()},
         )
+
+    def _repr_html_(self) -> str:
+        known = {"points": len(self.points), "faces": len(self.sizes), "normals": len(self.normals)}
+        return html.facts(type(self).__name__, {**known, "channels": ", ".join(self.channels)})
 
     def __repr__(self) -> str:
         parts = [f"{len(self.points)} points", f"{len(self.sizes)} faces"]

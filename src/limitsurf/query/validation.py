@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from limitsurf import numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.cage.checks import checked_integer
+from limitsurf.html import Report
 from limitsurf.patches import neighbourhood, squares
 from limitsurf.refine import RefinedMesh, dual, refined, refuse_levels
 from limitsurf.surface import LimitSurface
@@ -39,7 +40,7 @@ def validate(
 
     Returns
     -------
-    structured ndarray, (levels,)
+    structured ndarray, (levels,), which notebooks show as a table
         Fields ``level`` (1, 2, ...), ``error``, the largest distance of a refined vertex from the
         surface at its parent parameters; ``order``, the observed order of convergence
         ``log2(error[level - 1] / error[level])``, where level 0 is the cage; ``limit_error``, the
@@ -91,7 +92,7 @@ def validate(
     table["error"] = errors[1:]
     with np.errstate(divide="ignore", invalid="ignore"):
         table["order"] = np.log2(np.array(errors[:-1]) / errors[1:])
-    return table
+    return table.view(Report)
 
 
 ROUNDING = 1e-12  # of the largest coordinate; what refinement adds up stays far below

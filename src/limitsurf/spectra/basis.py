@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from limitsurf import html
 from limitsurf.caching import cached_property
 from limitsurf.cage.checks import checked_integer
 from limitsurf.scheme.scheme import Scheme
@@ -205,6 +206,17 @@ class Eigenbasis:
             f"<Eigenbasis of {self.scheme.name} at {self.sector.place}: "
             f"{self.float64.size} control points, eigenvalues {spectrum}, ...>"
         )
+
+    def _repr_html_(self) -> str:
+        groups = self.groups
+        sizes = [float(self.float64.rates[0][group.places[0]]) for group in groups]
+        columns: dict[str, list[Any]] = {
+            "size of eigenvalue": sizes,
+            "times": [len(group.places) for group in groups],
+            "belongs to": [", ".join(group.origins) for group in groups],
+        }
+        title = f"{self.scheme.name} at {self.sector.place}: {self.float64.size} control points"
+        return html.table(columns, title)
 
     def _repr_latex_(self) -> str:
         import sympy

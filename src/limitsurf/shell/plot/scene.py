@@ -127,10 +127,13 @@ class Box:
         from matplotlib.ticker import MaxNLocator
 
         low, high = points.min(axis=0), points.max(axis=0)
+        slack = 1e-9 * (high - low)  # rounding is not to take it to the next round number
+        low, high = low + slack, high - slack
+        locator = MaxNLocator(4, steps=[1, 2, 5, 10])
         ends, ticks = np.stack([low, high]), [1, 1, 1]
         for k in range(3):
             if high[k] - low[k] > 1e-6 * (high - low).max():
-                found = np.asarray(MaxNLocator(4).tick_values(low[k], high[k]))
+                found = np.asarray(locator.tick_values(low[k], high[k]))
                 ends[:, k], ticks[k] = found[[0, -1]], len(found)
         return cls(ends, ticks)
 
