@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from limitsurf.integrals.body import inertia as inertia
     from limitsurf.integrals.body import integrate as integrate
     from limitsurf.integrals.body import volume as volume
+    from limitsurf.integrals.quadrature import Quadrature as Quadrature
+    from limitsurf.integrals.quadrature import quadrature as quadrature
     from limitsurf.query import (
         Tessellation as Tessellation,
     )
@@ -133,6 +135,7 @@ _HOME = {
     "Mesh": "cage.mesh",
     "MeshError": "cage.checks",
     "Picture": "shell.plot.plots",
+    "Quadrature": "integrals.quadrature",
     "RefinedMesh": "refine",
     "Scheme": "scheme.scheme",
     "SurfaceIndex": "query.index",
@@ -156,6 +159,7 @@ _HOME = {
     "plot_convergence": "shell.plot.plots",
     "plot_eigenfunctions": "shell.plot.plots",
     "precompile": "compiling",
+    "quadrature": "integrals.quadrature",
     "read": "shell.io.by_suffix",
     "refined": "refine",
     "refinement_gap": "query",
