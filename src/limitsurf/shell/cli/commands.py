@@ -417,8 +417,8 @@ def measure(*, cage: Cage, rtol: float, workers: int, as_json: bool) -> None:
     there are area, centroid and inertia of the surface itself, of mass 1 per unit of area.
 
     Keys of --json: cage; area; volume (null if the surface is not closed); of (what has the next
-    two: body or surface); centroid (x, y, z); inertia (3 rows of 3 numbers); no_volume (why there is
-    none, else null).
+    two: body or surface); centroid (x, y, z); inertia (3 rows of 3 numbers); no_volume (why there
+    is none, else null).
     """
     surface = cage.surface()
     no_volume, volume, of = None, None, "body"
