@@ -77,11 +77,11 @@ assert found == [1, Rational(1, 4)]
 #
 # Relative to the limit of the corner the control points are $A^n y$. Let $c$ be the minimal
 # polynomial of $A$ there, reversed, so that $c(z)$ is the product of $1 - l z$ over eigenvalues
-# $l$, multiple ones where there are Jordan blocks. An integral $F_n$ of degree $p$ in the control points
-# is linear in the symmetric power of order $p$ of its companion matrix, to the power $n$; by Cayley
-# and Hamilton it satisfies the recurrence of $q(z) = \prod (1 - r z)$ over all products $r$ of $p$
-# eigenvalues, $M = \binom{\deg c + p - 1}{p}$ of them. So $q(z) \sum F_n z^n$ is a polynomial of
-# degree below $M$, and at $z = 1$
+# $l$, multiple ones where there are Jordan blocks. An integral $F_n$ of degree $p$ in the control
+# points is linear in the symmetric power of order $p$ of its companion matrix, to the power $n$; by
+# Cayley and Hamilton it satisfies the recurrence of $q(z) = \prod (1 - r z)$ over all products $r$
+# of $p$ eigenvalues, $M = \binom{\deg c + p - 1}{p}$ of them. So $q(z) \sum F_n z^n$ is a
+# polynomial of degree below $M$, and at $z = 1$
 #
 # $$\sum_{n = 0}^\infty F_n = \sum_{n < M} F_n \, \frac{q_0 + \dots + q_{M - 1 - n}}{q(1)}.$$
 #
