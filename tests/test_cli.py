@@ -324,6 +324,7 @@ def test_keys_of_json_are_documented(cage, tmp_path):
     for command, arguments in {
         "info": [cage],
         "validate": [cage, "--levels", 1],
+        "measure": [cage],
         "basis": ["--valence", 3],
         "tessellate": [cage, "-n", 2, "-o", target],
         "refine": [cage, "-o", target],

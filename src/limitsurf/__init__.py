@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from limitsurf.integrals.body import inertia as inertia
     from limitsurf.integrals.body import integrate as integrate
     from limitsurf.integrals.body import volume as volume
+    from limitsurf.integrals.quadrature import Quadrature as Quadrature
+    from limitsurf.integrals.quadrature import quadrature as quadrature
     from limitsurf.query import (
         Tessellation as Tessellation,
     )
@@ -151,6 +153,7 @@ _HOME = {
     "MeshError": "cage.checks",
     "Picture": "shell.plot.plots",
     "RayHits": "query.rays",
+    "Quadrature": "integrals.quadrature",
     "RefinedMesh": "refine",
     "Samples": "query.samples",
     "Scheme": "scheme.scheme",
@@ -182,6 +185,7 @@ _HOME = {
     "plot_convergence": "shell.plot.plots",
     "plot_eigenfunctions": "shell.plot.plots",
     "precompile": "compiling",
+    "quadrature": "integrals.quadrature",
     "read": "shell.io.by_suffix",
     "refined": "refine",
     "refinement_gap": "query",

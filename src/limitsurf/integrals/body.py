@@ -123,7 +123,8 @@ def volume(surface: LimitSurface, *, rtol: float = _RTOL, workers: int = 1) -> f
     0.327552379087
     """
     moments, _, power = _of_body(surface, "volume", 0, rtol, workers)
-    return _unscaled(moments.volume, -3 * power)
+    found: float | Fraction = _unscaled(moments.volume, -3 * power)
+    return found
 
 
 def centroid(
@@ -314,10 +315,7 @@ def _cells(
     checked(surface, what)
     check_rtol(rtol)
     if is_exact(surface):
-        raise TypeError(
-            f"the {what} needs square roots, which Fractions do not have: give float64 points; "
-            "volume, and centroid and inertia of the body, know Fractions"
-        )
+        refuse_exact(what)
     n = len(surface.limit_faces)
     faces = np.arange(n)
     if face is not None:
@@ -325,6 +323,14 @@ def _cells(
         request.check(n, surface.topology.lattice)
         faces = request.face.astype(np.int64)
     return Cells(surface, faces, threads(workers))
+
+
+def refuse_exact(what: str) -> None:
+    """Refuse Fractions where there are roots."""
+    raise TypeError(
+        f"the {what} needs square roots, which Fractions do not have: give float64 points; "
+        "volume, and centroid and inertia of the body, know Fractions"
+    )
 
 
 def check_rtol(rtol: Any) -> None:
@@ -401,4 +407,5 @@ def _unscaled(value: Any, power: int) -> Any:
 
 def _scaled(values: Array, power: int) -> Array:
     """Numbers times a power of two; inf beyond the range of float64."""
-    return numbers.type_of(values).scaled(values, np.full(values.shape, power))
+    flat = numbers.type_of(values).scaled(values.ravel(), np.full(values.size, power))
+    return np.asarray(flat.reshape(values.shape))

@@ -44,12 +44,6 @@ class Cells:
         topology, points = surface.topology, surface.points
         used = _used(surface, faces)
         own = points[used]
-        if not np.isfinite(own).all():
-            vertex = int(used[np.flatnonzero(~np.isfinite(own).all(axis=1))[0]])
-            raise ValueError(
-                f"the points of the cage must be finite, but vertex {vertex} is at "
-                f"{points[vertex].tolist()}"
-            )
         least, most = (
             f(axis=0, initial=0) if not len(own) else f(axis=0) for f in (own.min, own.max)
         )

@@ -44,10 +44,10 @@ def float_moments(cells: Cells, order: int, workers: int) -> Moments:
     """Moments up to an order, about the origin of the cells and in their scale."""
     rule = moments_rule(cells.scheme, 3 + order)
     step = max(_AT_ONCE // len(rule.weights), 1)
-    parts = []
+    parts: list[Array] = []
 
     def regular(some: slice) -> Array:
-        return _integrals(rule, cells.points[some], order)[0].sum(axis=0)
+        return np.asarray(_integrals(rule, cells.points[some], order)[0].sum(axis=0))
 
     def corners(some: slice) -> Array:
         return corner_sums(cells, np.arange(some.start, some.stop), rule, order)

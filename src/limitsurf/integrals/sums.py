@@ -49,11 +49,12 @@ def surface_integrals(
         if scale is None:
             scale, count = absolute.sum(axis=0), max(len(points), 1)
         share = np.maximum(absolute, scale / count)
-        good = (gap <= np.maximum(rtol / 4 * share, 16 * _EPS * absolute)).all(axis=1)
-        last = depth == _DEEPEST or (~good).sum() > _MOST
+        enough = np.maximum(rtol / 4 * share, 16 * _EPS * absolute)
+        good = np.asarray((gap <= enough).all(axis=1))
+        last = depth == _DEEPEST or np.count_nonzero(~good) > _MOST
         if last and not good.all():
             missed = gap[~good].sum(axis=0)
-            good[:] = True
+            good = np.ones(len(good), dtype=bool)
         total, size = total + value[good].sum(axis=0), size + absolute[good].sum(axis=0)
         if good.all():
             break
