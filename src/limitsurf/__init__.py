@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from limitsurf.query import (
         validate as validate,
     )
+    from limitsurf.query.approximate import ApproximatePatches as ApproximatePatches
+    from limitsurf.query.approximate import approximate as approximate
     from limitsurf.query.bezier import (
         BezierPatches as BezierPatches,
     )
@@ -54,6 +56,7 @@ if TYPE_CHECKING:
         feet as feet,
     )
     from limitsurf.query.creases import creases_by_angle as creases_by_angle
+    from limitsurf.query.deviation import Deviation as Deviation
     from limitsurf.query.index import (
         SurfaceIndex as SurfaceIndex,
     )
@@ -117,11 +120,13 @@ __version__ = "0.2.0"
 
 # what is public, and the module that defines it; imported on first use
 _HOME = {
+    "ApproximatePatches": "query.approximate",
     "BezierPatches": "query.bezier",
     "Bounds": "query.bounds",
     "BezierRest": "query.bezier",
     "ClosestPoints": "query.closest",
     "Curvature": "surface",
+    "Deviation": "query.deviation",
     "Eigenbasis": "spectra",
     "ExactOperator": "refine",
     "Faces": "cage.faces",
@@ -136,6 +141,7 @@ _HOME = {
     "SurfaceIndex": "query.index",
     "Tessellation": "query",
     "agrees": "query",
+    "approximate": "query.approximate",
     "bezier_patches": "query.bezier",
     "bounds": "query.bounds",
     "closest_point": "query.closest",
