@@ -142,6 +142,18 @@ def test_what_papers_leave_out_is_refused():
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("power", [-600, 600])
+def test_units_do_not_matter(kind, power):
+    surface, _ = bent_cube(0)
+    scaled = surface.with_points(np.ldexp(surface.points, power))
+    one, two = (ls.approximate(x, kind) for x in (surface, scaled))
+    assert (np.ldexp(one.points, power) == two.points).all()
+    one, two = one.error(surface), two.error(scaled)
+    assert np.ldexp(one.parametric, power) == pytest.approx(two.parametric, rel=1e-12)
+    assert one.angle_found == pytest.approx(two.angle_found, abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_holes_have_no_patch(kind):
     points, faces = torus(4, 4)
     surface = made((points, faces, {"holes": [5]}))

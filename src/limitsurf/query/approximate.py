@@ -109,7 +109,7 @@ class ApproximatePatches:
         shape, which, s, t = self._places(face, u, v)
         points, _, _ = self._at(which, s, t)
         weights = line_values(3, s)[:, :, None] * line_values(3, t)[:, None]
-        return np.einsum("qij,qijd->qd", weights, points).reshape(*shape, 3)
+        return np.asarray(np.einsum("qij,qijd->qd", weights, points).reshape(*shape, 3))
 
     def normal(
         self, face: ArrayLike, u: ArrayLike, v: ArrayLike, *, geometric: bool = False
@@ -128,7 +128,8 @@ class ApproximatePatches:
         --------
         >>> import limitsurf as ls
         >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
-        >>> ls.approximate(ls.LimitSurface(square), "acc").normal(0, 0.25, 0.5).round(12).tolist()
+        >>> patches = ls.approximate(ls.LimitSurface(square), "acc")
+        >>> abs(patches.normal(0, 0.25, 0.5)).round(12).tolist()
         [0.0, 0.0, 1.0]
         """
         shape, which, s, t = self._places(face, u, v)
@@ -143,8 +144,8 @@ class ApproximatePatches:
             inner = b[:, 1:3, None] * c[:, None, 1:3]
             du += np.einsum("qij,qijd->qd", inner, along)
             dv += np.einsum("qij,qijd->qd", inner, across)
-        cross = np.cross(du, dv)
         with np.errstate(invalid="ignore", divide="ignore"):
+            cross = np.cross(*(x / _length(x)[:, None] for x in (du, dv)))
             return np.asarray(cross / _length(cross)[:, None]).reshape(*shape, 3)
 
     def error(self, surface: LimitSurface, *, workers: int = 1) -> Deviation:
@@ -192,8 +193,8 @@ class ApproximatePatches:
     ) -> tuple[tuple[int, ...], Array, Array, Array]:
         request = Request.of(face, np.asarray(u, float), np.asarray(v, float), False, 1)
         request.check(len(self), self._fine.topology.lattice)
-        shape = request.face.shape
-        return shape, *(np.ravel(x) for x in (request.face, request.u, request.v))
+        which, s, t = (np.ravel(x) for x in (request.face, request.u, request.v))
+        return request.face.shape, which, s, t
 
     def _at(self, which: Array, s: Array, t: Array) -> tuple[Array, Array, Array]:
         """Bezier points (Q, 4, 4, 3) at places, and derivatives of those inside, (Q, 2, 2, 3)."""
@@ -218,7 +219,9 @@ class ApproximatePatches:
         return points, along, across
 
 
-def approximate(surface: LimitSurface, kind: Kind, *, levels: int = 0) -> ApproximatePatches:
+def approximate(
+    surface: LimitSurface, kind: Kind, *, levels: int = 0, workers: int = 1
+) -> ApproximatePatches:
     """Patches near a limit surface, one to each quad, of the kinds that games and GPUs draw.
 
     Parameters
@@ -233,6 +236,8 @@ def approximate(surface: LimitSurface, kind: Kind, *, levels: int = 0) -> Approx
     levels : int
         How often the cage is refined before, so that there are 4 times as many patches each time,
         which are nearer to the surface.
+    workers : int
+        Threads, as for `LimitSurface.evaluate`, for faces that are one patch anyway.
 
     Returns
     -------
@@ -304,7 +309,7 @@ def approximate(surface: LimitSurface, kind: Kind, *, levels: int = 0) -> Approx
     along, across = np.full((n, 3, 4, 3), np.nan), np.full((n, 4, 3, 3), np.nan)
     inside = np.full((n, 2, 2, 2, 3), np.nan)
     exact = np.flatnonzero(whole)
-    points[exact] = bezier_patches(fine, face=exact).points
+    points[exact] = bezier_patches(fine, face=exact, workers=workers).points
     along[exact], across[exact] = (3 * np.diff(points[exact], axis=k) for k in (1, 2))
     inside[exact] = points[exact][:, 1:3, 1:3, None]
     rest = np.flatnonzero(known & ~whole)
@@ -369,7 +374,7 @@ class _Corners:
             indices,
         )  # fmt: skip
 
-    def around(self, values: Array, turn: Array) -> Array:
+    def around(self, values: Array, turn: float) -> Array:
         """Sums over rings of values (n_corners, 3) times cosines of angles from each corner.
 
         Entry j of a ring is at the angle ``2 pi (j + turn) / n`` from its first.
@@ -464,4 +469,6 @@ def _lines(c: _Corners, along: Array, tangent: Array) -> Array:
 
 
 def _length(vectors: Array) -> Array:
-    return np.asarray(np.sqrt((vectors**2).sum(axis=-1)))
+    """Lengths (...) of vectors (..., 3), of any size."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    return np.asarray(np.hypot(np.hypot(x, y), z))

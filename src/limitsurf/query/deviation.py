@@ -150,4 +150,6 @@ def _found(
 
 
 def _length(vectors: Array) -> Array:
-    return np.asarray(np.sqrt((vectors**2).sum(axis=-1)))
+    """Lengths (...) of vectors (..., 3), of any size."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    return np.asarray(np.hypot(np.hypot(x, y), z))
