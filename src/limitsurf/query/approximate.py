@@ -28,7 +28,7 @@ Kind: TypeAlias = Literal["acc", "gregory"]
 
 KINDS: tuple[str, ...] = get_args(Kind)
 # of the corners of a quad, counter-clockwise: the Bezier points there, towards the next and the
-# previous corner, and inside; and the signs of u and v in the directions of both
+# previous corner, and inside
 _CORNER = (0, 0), (3, 0), (3, 3), (0, 3)
 _NEXT = (1, 0), (3, 1), (2, 3), (0, 2)
 _PREVIOUS = (0, 1), (2, 0), (3, 2), (1, 3)
@@ -304,7 +304,7 @@ def approximate(
             f"faces, and not regular ({len(refused)} such faces): there are no masks for it; "
             "with more levels there may be"
         )
-    corners = _Corners.of(mesh, smooth & known)
+    corners = _Corners.of(mesh)
     points = np.full((n, 4, 4, 3), np.nan)
     along, across = np.full((n, 3, 4, 3), np.nan), np.full((n, 4, 3, 3), np.nan)
     inside = np.full((n, 2, 2, 2, 3), np.nan)
@@ -342,11 +342,18 @@ def _smooth(surface: LimitSurface) -> Array:
 class _Corners:
     """What masks add up, at all corners of faces (n_corners, ...).
 
+    Where rings are open it is nothing that means anything.
+
     Attributes
     ----------
-    n : valences; position : of the corner in the ring of its vertex; next, previous : corners of
-    the face; after, before : corners of the ring; vertex, edge, face : the points in the ring, the
-    vertex itself, that at the end of the corner's edge, and that opposite in its face.
+    n, position : (n_corners,) int
+        Faces around the vertex, and place of the corner in their ring.
+    next, previous, after, before : (n_corners,) int
+        Corners of the face, and of the ring, beside each.
+    vertex, edge, face : (n_corners, 3)
+        Points: the vertex itself, the other end of the corner's edge, the opposite one of its face.
+    indices : (n_corners,) int
+        Vertices.
     """
 
     n: Array
@@ -361,8 +368,8 @@ class _Corners:
     indices: Array
 
     @classmethod
-    def of(cls, mesh: Mesh, faces: Array) -> _Corners:
-        """Those of a mesh of quads; at vertices of closed rings, whichever these `faces` have."""
+    def of(cls, mesh: Mesh) -> _Corners:
+        """Those of a mesh of quads."""
         cage, indices, points = mesh.connectivity, mesh.indices, mesh.points
         n = np.abs(cage.valences[indices])
         n = np.where(n > 0, n, 1)
