@@ -118,8 +118,12 @@ ASKING = [
     if inspect.isfunction(getattr(limitsurf, name))
     and next(iter(inspect.signature(getattr(limitsurf, name)).parameters), "").startswith("surface")
 ]  # fmt: skip
-# one asks no query, one takes channels beside the points
-CALLED = {"agrees": {"channel"}, "tessellate": {"channels", "workers"}}
+# one asks no query, one takes channels beside the points, one is of points alone
+CALLED = {
+    "agrees": {"channel"},
+    "approximate": {"workers"},
+    "tessellate": {"channels", "workers"},
+}
 
 
 @pytest.mark.parametrize("name", ASKING)

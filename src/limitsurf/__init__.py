@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from limitsurf.query import (
         validate as validate,
     )
+    from limitsurf.query.approximate import ApproximatePatches as ApproximatePatches
+    from limitsurf.query.approximate import approximate as approximate
     from limitsurf.query.bezier import (
         BezierPatches as BezierPatches,
     )
@@ -62,6 +64,7 @@ if TYPE_CHECKING:
         feet as feet,
     )
     from limitsurf.query.creases import creases_by_angle as creases_by_angle
+    from limitsurf.query.deviation import Deviation as Deviation
     from limitsurf.query.index import (
         SurfaceIndex as SurfaceIndex,
     )
@@ -139,11 +142,13 @@ __version__ = "0.2.0"
 # what is public, and the module that defines it; imported on first use
 _HOME = {
     "AllRayHits": "query.rays",
+    "ApproximatePatches": "query.approximate",
     "BezierPatches": "query.bezier",
     "Bounds": "query.bounds",
     "BezierRest": "query.bezier",
     "ClosestPoints": "query.closest",
     "Curvature": "surface",
+    "Deviation": "query.deviation",
     "Eigenbasis": "spectra",
     "ExactOperator": "refine",
     "Faces": "cage.faces",
@@ -161,6 +166,7 @@ _HOME = {
     "Tessellation": "query",
     "agrees": "query",
     "area": "integrals.body",
+    "approximate": "query.approximate",
     "bezier_patches": "query.bezier",
     "bounds": "query.bounds",
     "centroid": "integrals.body",
