@@ -138,7 +138,7 @@ class Parting:
     def _first(self) -> Pieces:
         values, cells = self._scalar.of_cells(), self._cells
         least, most = values.min(axis=1), values.max(axis=1)
-        level, cell = [], []
+        level, cell = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
         for number, height in enumerate(self._levels):
             there = least - height + SHIFT <= _CLEAR
             cell.append(np.flatnonzero(there & (most - height + SHIFT >= -_CLEAR)))
