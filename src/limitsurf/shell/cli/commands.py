@@ -363,7 +363,7 @@ def section(
 
     \b
     Example:
-      limitsurf section cage.obj --normal 0 0 1 | head -n 3
+      limitsurf section cage.obj --normal 0 0 1
       limitsurf section cage.obj --normal 1 2 0 --tolerance 1e-5 -o lines.obj
 
     All curves are found, however small, and each point is on the surface. Columns of CSV are the
