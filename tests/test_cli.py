@@ -328,6 +328,7 @@ def test_keys_of_json_are_documented(cage, tmp_path):
         "basis": ["--valence", 3],
         "tessellate": [cage, "-n", 2, "-o", target],
         "refine": [cage, "-o", target],
+        "section": [cage, "-o", tmp_path / "a.csv"],
         "convert": [cage, target],
         "plot": [cage, "-o", tmp_path / "a.png", "--size", 60, 40, "-n", 2],
         "demo": ["-o", tmp_path, "--queries", 1000],

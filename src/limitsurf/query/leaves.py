@@ -29,8 +29,9 @@ FLOOR = 2.0**-42
 GRAPH_S, GRAPH_T, TOUCH, KNOT, CORNER = range(5)
 _POINTS = 16  # of a curve in a cell, at most, unless its slope is about constant there
 _DEEP = 40  # rings around special corners: beyond, float64 cannot tell parameters near 1 apart
-# cells smaller than the tolerance that may be undecided at once, and any at all
-_CROWD, _MOST = 1 << 11, 1 << 17
+# cells smaller than the tolerance that may be undecided at once; and any at all, besides some for
+# each cell that is met at first: more come of lines along which the level set only touches
+_CROWD, _MOST, _EACH = 1 << 11, 1 << 13, 8
 
 
 @dataclass(slots=True)
@@ -120,6 +121,7 @@ class Parting:
         self._cells, self._scalar, self._levels = cells, scalar, levels
         self._tolerance = tolerance
         self._form, self._own = cells.form, scalar.form
+        self._most = _MOST
         self._quarters: tuple[Array, Array, Array] | None = None
         self._leaves: list[tuple[Pieces, Array, Array]] = []
         self._last: list[tuple[Array, Array, Array]] = []  # special corners: level, which, ring
@@ -127,6 +129,7 @@ class Parting:
     def run(self) -> Leaves:
         """All leaves."""
         pending = self._first()
+        self._most = _MOST + _EACH * len(pending)
         level, which = self._corners()
         ring = 0
         while len(pending) or len(level):
@@ -138,7 +141,7 @@ class Parting:
     def _first(self) -> Pieces:
         values, cells = self._scalar.of_cells(), self._cells
         least, most = values.min(axis=1), values.max(axis=1)
-        level, cell = [], []
+        level, cell = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
         for number, height in enumerate(self._levels):
             there = least - height + SHIFT <= _CLEAR
             cell.append(np.flatnonzero(there & (most - height + SHIFT >= -_CLEAR)))
@@ -212,7 +215,7 @@ class Parting:
         knot = open_ & (np.maximum(most, -least) <= FLOOR)
         if (open_ & small).sum() > _CROWD:
             knot |= open_ & small
-        if (open_ & ~knot).sum() > _MOST:
+        if (open_ & ~knot).sum() > self._most:
             knot |= open_
         kind[knot] = KNOT
         leaf = touch | graph | knot

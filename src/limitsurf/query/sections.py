@@ -202,7 +202,7 @@ def contour(
     >>> ball = ls.LimitSurface(ls.Mesh(points, quads))
     >>> ls.contour(ball, "z", [0.25, 0.5, 0.75]).value.tolist()
     [0.25, 0.5, 0.75]
-    >>> ls.contour(ball, "distance", 0.43, origin=[0.5, 0.5, 0.5])
+    >>> ls.contour(ball, "distance", 0.432, origin=[0.5, 0.5, 0.5])
     Curves(8 curves of ... points, 8 closed)
     """
     surface = checked_surface(surface, channel)
