@@ -100,8 +100,8 @@ assert expand(Rational(1, 4) - m * (1 - m) - (m - Rational(1, 2)) ** 2) == 0
 # For constant $H$ let $h_{ij} = H(x_i - x_j, x_i - x_j)$, so that $f(x) = \sum \lambda_i X_i -
 # \frac12 \sum_{i < j} \lambda_i \lambda_j h_{ij}$. Split $h_{ij} = \alpha_{ij} (X_j - X_i) +
 # h'_{ij}$ with $|\alpha_{ij}| \le 2$. The first part moves the point within the triangle: the new
-# share of corner $i$ is $\lambda_i (1 + \frac12 \sum_j \pm \alpha_{ij} \lambda_j) \ge \lambda_i (1 -
-# \sum_{j \ne i} \lambda_j) \ge 0$, and the sum stays one. So the distance from the triangle is at
+# share of corner $i$ is $\lambda_i (1 + \frac12 \sum_j \pm \alpha_{ij} \lambda_j)
+# \ge \lambda_i (1 - \sum_{j \ne i} \lambda_j) \ge 0$, and the sum stays one. So the distance from the triangle is at
 # most $\frac12 |\sum \lambda_i \lambda_j h'_{ij}|$: a surface that is flat, with straight edges, is
 # at distance 0 however its parameters run. Best is the projection of $h_{ij}$ onto the edge.
 
@@ -125,11 +125,12 @@ for sign in product((-2, 2), repeat=3):
 # %% [markdown]
 # ## 4. The largest sum
 #
-# The weights $w = (\lambda_0 \lambda_1, \lambda_1 \lambda_2, \lambda_2 \lambda_0)$ are not negative,
-# two of them sum to $\lambda_i (1 - \lambda_i) \le \frac14$, and all to at most $\frac13$. The length
-# of $\sum w_k h_k$ is convex in $w$, so it is largest at a vertex of the polytope of these
-# inequalities: 0, $\frac14$ alone, and $(\frac16, \frac1{12}, \frac1{12})$, each in three ways.
-# Half of it is then at most $\frac18 \max(|h_k|, \frac13 |h_k + h_0 + h_1 + h_2|)$.
+# The weights $w = (\lambda_0 \lambda_1, \lambda_1 \lambda_2, \lambda_2 \lambda_0)$ are not
+# negative, two of them sum to $\lambda_i (1 - \lambda_i) \le \frac14$, and all to at most
+# $\frac13$. The length of $\sum w_k h_k$ is convex in $w$, so it is largest at a vertex of the
+# polytope of these inequalities: 0, $\frac14$ alone, and $(\frac16, \frac1{12}, \frac1{12})$, each
+# in three ways. Half of it is then at most
+# $\frac18 \max(|h_k|, \frac13 |h_k + h_0 + h_1 + h_2|)$.
 
 # %%
 third, quarter = Rational(1, 3), Rational(1, 4)
@@ -177,13 +178,13 @@ for bump in (0.02, 0.2):
 # %% [markdown]
 # ## 5. Special corners
 #
-# Around a special corner second derivatives may grow without bounds. Distance from a triangle is a
-# convex function, so on a piece of the surface over a part of the triangle it is at most its largest
-# value at the Bernstein coefficients of that piece. A part at a special corner is two triangles that
-# meet in the diagonal from the corner (one, if faces are triangles). Of the three cells of each ring
-# the one across lies in both: its polynomial of degrees $d$ has degree $2 d$ on the triangles on
-# either side of the diagonal. What remains after some rings is within a distance of the corner's
-# limit (`pieces.beyond.Beyond.reach`), which is a corner of both triangles.
+# Around a special corner second derivatives may grow without bounds. Distance from a triangle is
+# a convex function, so on a piece of the surface over a part of the triangle it is at most its
+# largest value at the Bernstein coefficients of that piece. A part at a special corner is two
+# triangles that meet in the diagonal from the corner (one, if faces are triangles). Of the three
+# cells of each ring the one across lies in both: its polynomial of degrees $d$ has degree $2 d$ on
+# the triangles on either side of the diagonal. What remains after some rings is within a distance
+# of the corner's limit (`pieces.beyond.Beyond.reach`), which is a corner of both triangles.
 
 # %%
 points = rng.normal(size=(16, 3))

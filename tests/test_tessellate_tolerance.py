@@ -234,3 +234,18 @@ def test_what_is_refused():
         ls.tessellate(surface, chord=1e-9, max_triangles=10)
     with pytest.raises(MemoryError, match="allow for a larger error"):
         ls.tessellate(surface, chord=3e-13)
+
+
+@pytest.mark.parametrize("name", ["cube", "ngons", "dart", "torus_of_loop"])
+def test_levels_divide_each_other(name):
+    surface = CASES[name]()
+    size = np.ptp(surface.points, axis=0).max()
+    chords = size * np.array([1e-3, 1e-1, 1e-2])
+    made = ls.levels_of_detail(surface, chords, normals=False)
+    assert [x.chord_error <= chord for x, chord in zip(made, chords, strict=True)] == [True] * 3
+    fine, coarse, middle = ({tuple(p) for p in x.points.tolist()} for x in made)
+    assert len(coarse) < len(middle) < len(fine)
+    assert len(coarse - middle) <= 0.02 * len(coarse)
+    assert len(middle - fine) <= 0.02 * len(middle)
+    for found in made:
+        assert set(runs(found).values()) == {1}

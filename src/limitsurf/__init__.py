@@ -22,6 +22,9 @@ if TYPE_CHECKING:
         agrees as agrees,
     )
     from limitsurf.query import (
+        levels_of_detail as levels_of_detail,
+    )
+    from limitsurf.query import (
         refinement_gap as refinement_gap,
     )
     from limitsurf.query import (
@@ -141,6 +144,7 @@ _HOME = {
     "feet": "query.closest",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",
+    "levels_of_detail": "query",
     "merged": "shell.io.merge",
     "plot": "shell.plot.plots",
     "plot_characteristic_map": "shell.plot.plots",

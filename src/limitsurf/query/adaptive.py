@@ -93,17 +93,21 @@ class Division:
     ----------
     cells : Cells
         Of a surface, without rings around special corners.
+    kept : (F,) bool
+        The limit faces that are wanted.
+
+    Attributes
+    ----------
     excess : callable
     most : callable
         Is told how many parts there are at least, and about how many there will be; may raise.
-    kept : (F,) bool
-        The limit faces that are wanted.
     """
 
-    def __init__(
-        self, cells: Cells, excess: Excess, most: Callable[[int, float], None], kept: Array
-    ) -> None:
-        self.cells, self.form, self._excess, self._most = cells, cells.form, excess, most
+    excess: Excess
+    most: Callable[[int, float], None]
+
+    def __init__(self, cells: Cells, kept: Array) -> None:
+        self.cells, self.form = cells, cells.form
         self._kept = kept[cells.face]
         self._points = [cells.points]  # of all polynomials
         n = len(cells.points)
@@ -176,12 +180,12 @@ class Division:
             error = _polygon(self.form.ends, *second, corners)
             none = np.full(len(face), -1)
             parts = Parts(face, place, step, error, *second, root, none, 0 * none)
-            excess = self._excess(corners, points, error)
+            excess = self.excess(corners, points, error)
             done = excess <= 1
             found.append(parts[done])
             self._known += int(done.sum())
             rest = np.flatnonzero(~done)
-            self._most(self._known + len(rest), self._known + float(excess[rest].sum()))
+            self.most(self._known + len(rest), self._known + float(excess[rest].sum()))
             if not len(rest):
                 return Parts.joined(found)
             known = second[0][rest], second[1][rest]
@@ -228,7 +232,7 @@ class Division:
         found = []
         while len(which):
             error, points = self._corners(which, ring)
-            done = self._excess(points, points, error) <= 1
+            done = self.excess(points, points, error) <= 1
             which_, ring_ = which[done], ring[done]
             place, step = self._frame(which_, ring_)
             zero, none = np.zeros((len(which_), 3, 3)), np.full(len(which_), -1)
@@ -237,7 +241,7 @@ class Division:
             found.append(Parts(*known))
             self._known += len(which_)
             which, ring = which[~done], ring[~done]
-            self._most(self._known + len(which), 0.0)
+            self.most(self._known + len(which), 0.0)
             found += self._rings(which, ring)
             ring = ring + 1
         return found

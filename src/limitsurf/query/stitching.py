@@ -7,6 +7,7 @@ the cage, or the ways from the middles of edges to that of an n-gon.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -95,26 +96,40 @@ def stitched(
     error : float
         A bound of the distance of the surface from them.
     """
+    return next(levels(surface, [wanted], workers))
+
+
+def levels(
+    surface: LimitSurface, all_wanted: Sequence[Wanted], workers: int
+) -> Iterator[tuple[Stitches, Array, Array, Array, float]]:
+    """Polygons as wanted, coarse ones first, each by dividing the parts of those before."""
     cells = Cells(surface, workers, 0)
-    scaled = wanted.scaled(cells.power)
-    division = Division(cells, scaled.excess, scaled.check, surface.patches.with_limit)
     turn = cells.beyond.corner(np.arange(len(cells.beyond)))
-    parts = division.first()
-    while True:
-        stitches = Stitches(surface, parts, turn)
-        parts = stitches.parts
-        sites, sizes, part = stitches.polygons()
-        scaled.check(len(parts), triangles=int((sizes - 2).sum()))
-        which, times = stitches.crowded()
-        crowded = np.zeros(len(parts), dtype=np.int64)
-        crowded[which] = times
-        error, excess = _cut(surface, cells, stitches, sites, sizes, part, scaled, workers)
-        bad = np.flatnonzero((crowded > 0) | (excess > 1))
-        if not len(bad):
-            break
-        parts = division.finer(parts, bad, np.maximum(crowded[bad], 1))
-    largest = float(np.ldexp(error.max(initial=0) + LOST, -cells.power))
-    return stitches, sites, sizes, parts.face[part], largest
+    every = [wanted.scaled(cells.power) for wanted in all_wanted]
+    division = Division(cells, surface.patches.with_limit)
+    parts = None
+    for scaled in every:
+        division.excess, division.most = scaled.excess, scaled.check
+        if parts is None:
+            parts = division.first()
+        else:
+            coarse = np.flatnonzero(parts.error > scaled.chord)
+            parts = division.finer(parts, coarse, np.ones(len(coarse), dtype=np.int64))
+        while True:
+            stitches = Stitches(surface, parts, turn)
+            parts = stitches.parts
+            sites, sizes, part = stitches.polygons()
+            scaled.check(len(parts), triangles=int((sizes - 2).sum()))
+            which, times = stitches.crowded()
+            crowded = np.zeros(len(parts), dtype=np.int64)
+            crowded[which] = times
+            error, excess = _cut(surface, cells, stitches, sites, sizes, part, scaled, workers)
+            bad = np.flatnonzero((crowded > 0) | (excess > 1))
+            if not len(bad):
+                break
+            parts = division.finer(parts, bad, np.maximum(crowded[bad], 1))
+        largest = float(np.ldexp(error.max(initial=0) + LOST, -cells.power))
+        yield stitches, sites, sizes, parts.face[part], largest
 
 
 def _cut(

@@ -16,7 +16,7 @@ from limitsurf.caching import cached_property
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.faces import Faces
 from limitsurf.cage.mesh import Mesh, Up
-from limitsurf.query.stitching import Stitches, Wanted, stitched
+from limitsurf.query.stitching import Stitches, Wanted, levels, stitched
 from limitsurf.query.welding import sides
 from limitsurf.scheme.net import Net
 from limitsurf.surface import LimitSurface
@@ -25,7 +25,6 @@ Array: TypeAlias = NDArray[Any]
 
 POLYGON = 200  # bytes that one of a tessellation takes, at least
 
-_EXACT = "polygons need float64 points, these are exact: convert them first"
 _DIAGONALS = 1 << 22  # of polygons that are in memory at once
 
 
@@ -285,7 +284,82 @@ def tessellate(
         raise TypeError(f"tessellate needs a LimitSurface, got {type(surface).__name__}")
     if surface.points.shape[1:] != (3,):
         raise ValueError(f"got points of shape {surface.points.shape}, need (n_vertices, 3)")
-    sites, corners, sizes, owner, error = _parts(surface, n, wanted, workers)
+    parts = _parts(surface, n, wanted, workers)
+    return _assembled(surface, parts, normals, channels, workers)
+
+
+def levels_of_detail(
+    surface: LimitSurface,
+    chords: Iterable[float],
+    *,
+    normals: bool = True,
+    channels: Iterable[str] = (),
+    workers: int = 1,
+) -> list[Tessellation]:
+    """Polygons to several tolerances, of which finer ones divide coarser ones.
+
+    Each is as by ``tessellate(surface, chord=...)``. The points of a coarser one are points of all
+    finer ones too, with the same face, u and v, but for those inside of parts that are cut into
+    triangles all around, between finer neighbours on every side.
+
+    Parameters
+    ----------
+    surface : LimitSurface
+        Of float64 points, (n_vertices, 3).
+    chords : iterable of float
+        Tolerances, in any order.
+    normals, channels, workers
+        As for `tessellate`.
+
+    Returns
+    -------
+    list of Tessellation
+        In the order of `chords`.
+
+    Raises
+    ------
+    ValueError, TypeError, MemoryError
+        As by `tessellate`.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> cube = ls.Mesh(
+    ...     [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)],
+    ...     [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    >>> fine, coarse = ls.levels_of_detail(ls.LimitSurface(cube), [0.001, 0.01])
+    >>> len(fine.triangles) > 4 * len(coarse.triangles)
+    True
+    """
+    asked = list(chords)
+    every = [_wanted(None, chord, None, None) for chord in asked]
+    _check(surface)
+    order = np.argsort([-wanted.chord for wanted in every], kind="stable")
+    made = levels(surface, [every[k] for k in order.tolist()], workers)
+    names = [channels] if isinstance(channels, str) else list(channels)
+    found = [_assembled(surface, parts, normals, names, workers) for parts in made]
+    return [found[k] for k in np.argsort(order, kind="stable").tolist()]
+
+
+def _check(surface: LimitSurface) -> None:
+    """Refuse what is no surface of float64 points in space."""
+    if not isinstance(surface, LimitSurface):
+        raise TypeError(f"tessellate needs a LimitSurface, got {type(surface).__name__}")
+    if surface.points.shape[1:] != (3,):
+        raise ValueError(f"got points of shape {surface.points.shape}, need (n_vertices, 3)")
+    if numbers.type_of(surface.points).exact:
+        raise TypeError("polygons need float64 points, these are exact: convert them first")
+
+
+def _assembled(
+    surface: LimitSurface,
+    parts: tuple[_Sites | Stitches, Array, Array, Array, float | None],
+    normals: bool,
+    channels: Iterable[str],
+    workers: int,
+) -> Tessellation:
+    """Polygons with all that their corners have."""
+    sites, corners, sizes, owner, error = parts
     number, place = sites.welded(surface.mesh)
     at = sites.places(place)
     rows, directions = np.zeros(0, np.int64), np.zeros((0, 3))
@@ -330,16 +404,14 @@ def _parts(
 ) -> tuple[_Sites | Stitches, Array, Array, Array, float | None]:
     """Places, corners of polygons and sizes, limit faces of these, and a bound of the error."""
     if min(wanted.chord, wanted.edge) < math.inf:
-        if numbers.type_of(surface.points).exact:
-            raise TypeError(_EXACT)
+        _check(surface)
         return stitched(surface, wanted, workers)
     n = 8 if n is None else int(n)
     faces = len(surface.limit_faces)
     most = math.isqrt(int(min(memory.available() / POLYGON, 2**62)) // max(faces, 1))
     advice = f"up to n={most} fits" if most else "none fits"
     memory.refuse_beyond(faces * n * n, POLYGON, "polygons", advice)
-    if numbers.type_of(surface.points).exact:
-        raise TypeError(_EXACT)
+    _check(surface)
     sites = _Sites(surface, n)
     corners, sizes = sites.corners()
     wanted.check(0, triangles=int((sizes - 2).sum()))
