@@ -30,6 +30,9 @@ if TYPE_CHECKING:
         agrees as agrees,
     )
     from limitsurf.query import (
+        levels_of_detail as levels_of_detail,
+    )
+    from limitsurf.query import (
         refinement_gap as refinement_gap,
     )
     from limitsurf.query import (
@@ -184,6 +187,7 @@ _HOME = {
     "integrate": "integrals.body",
     "intersect": "query.rays",
     "intersect_all": "query.rays",
+    "levels_of_detail": "query",
     "merged": "shell.io.merge",
     "occluded": "query.rays",
     "plot": "shell.plot.plots",

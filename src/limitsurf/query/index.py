@@ -101,10 +101,10 @@ class Cells:
     beyond : Beyond
     lower, upper : (C + R, 3)
     order : (C + R,) int
-        Leaves of the hierarchy.
+        Leaves of the hierarchy, if there are 4 rings of cells, as searches want them.
     """
 
-    def __init__(self, surface: LimitSurface, workers: int) -> None:
+    def __init__(self, surface: LimitSurface, workers: int, rings: int = _RINGS) -> None:
         topology, points = surface.topology, surface.points
         self.lattice = topology.lattice
         used = _used(surface)
@@ -114,6 +114,7 @@ class Cells:
         self.power = -int(np.frexp(largest)[1]) if largest else 0
         faces = np.arange(len(surface.limit_faces))
         depth = RINGS - (surface.limit_faces.corner >= 0)
+        depth = rings - (surface.limit_faces.corner >= 0)
         scheme, scaled = topology.rules.scheme, np.zeros(points.shape)
         scaled[used] = np.ldexp(points[used], self.power)
 
@@ -131,6 +132,8 @@ class Cells:
         rest = [x.reshape(-1, 3) for x in (cells.rest.lower, cells.rest.upper)]
         self.lower = np.concatenate([lower, rest[0]]) - _MARGIN
         self.upper = np.concatenate([upper, rest[1]]) + _MARGIN
+        if rings != _RINGS:
+            return
         if topology not in _orders:
             with np.errstate(invalid="ignore"):
                 _orders[topology] = _morton(self.lower, self.upper)

@@ -16,16 +16,14 @@ from limitsurf.caching import cached_property
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.faces import Faces
 from limitsurf.cage.mesh import Mesh, Up
+from limitsurf.query.stitching import Stitches, Wanted, levels, stitched
+from limitsurf.query.welding import sides
 from limitsurf.scheme.net import Net
 from limitsurf.surface import LimitSurface
 
 Array: TypeAlias = NDArray[Any]
 
 POLYGON = 200  # bytes that one of a tessellation takes, at least
-
-# two unit normals this close, in each coordinate, are one: far above their rounding (1e-12, more
-# where derivatives almost vanish), far below any crease to be seen, and what float32 tells apart
-_SAME_NORMAL = 1e-6
 
 _DIAGONALS = 1 << 22  # of polygons that are in memory at once
 
@@ -174,6 +172,9 @@ class Tessellation(Polygons):
         Data of the faces of the cage, by polygon.
     units, up
         Those of the cage, for files: see ``Mesh``.
+    chord_error : float or None
+        A bound of the distance of the surface from the polygons, in the units of the points, if
+        they were made to a tolerance: see `tessellate`.
 
     Examples
     --------
@@ -188,33 +189,50 @@ class Tessellation(Polygons):
     v: NDArray[np.float64]
     units: float | None = None
     up: Up | None = None
+    chord_error: float | None = None
 
     _by_point: ClassVar[tuple[str, ...]] = ("points", "face", "u", "v")
 
 
 def tessellate(
     surface: LimitSurface,
-    n: int = 8,
+    n: int | None = None,
     *,
+    chord: float | None = None,
+    edge: float | None = None,
+    max_triangles: int | None = None,
     normals: bool = True,
     channels: Iterable[str] = (),
     workers: int = 1,
 ) -> Tessellation:
-    """Polygons on the surface, n x n to each limit face, without gaps.
+    """Polygons on the surface, n x n to each limit face or as many as a tolerance needs, no gaps.
 
     Points are welded by what they are in the cage (on a vertex, an edge, inside a face), not by
-    distance: polygons of neighbouring faces share them. All are on the surface. They have as many
-    corners as limit faces, triangles by Loop's scheme. An edge of an n-gon has 2 n segments, n from
-    each of the two limit faces there; a whole face beside one takes them over, so that some of its
-    polygons have 5 to 8 corners and no corner of one polygon lies amid the side of another. Faces
-    without a limit (holes) are left out.
+    distance: polygons of neighbouring faces share them. All are on the surface, and no corner of
+    one polygon lies amid the side of another. Faces without a limit (holes) are left out.
+
+    With `n`, polygons have as many corners as limit faces, triangles by Loop's scheme. An edge of
+    an n-gon has 2 n segments, n from each of the two limit faces there; a whole face beside one
+    takes them over, so that some of its polygons have 5 to 8 corners.
+
+    With `chord` or `edge`, limit faces are halved, and the halves again, where it takes that: along
+    u or v or both, finer towards special corners, so that few polygons are where the surface is
+    nearly flat. Polygons with finer ones beside them are cut into triangles.
 
     Parameters
     ----------
     surface : LimitSurface
         Of float64 points, (n_vertices, 3).
-    n : int
-        Segments along u and v of each limit face, at least 1.
+    n : int, optional
+        Segments along u and v of each limit face, at least 1; 8 if no tolerance is given.
+    chord : float, optional
+        How far the surface may be from the polygons, in the units of the points, however these are
+        cut into triangles: at every (face, u, v) from the triangle whose corners have parameters
+        around it. That is proved, not sampled: ``chord_error`` of the result has the bound.
+    edge : float, optional
+        Longest edge of a triangle, in the units of the points.
+    max_triangles : int, optional
+        Make no more than so many.
     normals : bool
         Whether to find normals: one for each side at creases and boundaries between faces of
         opposite orientation. Sides whose unit normals differ by less than 1e-6 are one.
@@ -226,17 +244,28 @@ def tessellate(
     Returns
     -------
     Tessellation
-        The polygons of each limit face in turn, row by row (v), n to a row.
+        The polygons of each limit face in turn, row by row (v); with `n`, n to a row.
 
     Raises
     ------
     ValueError
-        For an n that is not an integer >= 1, points of another shape, or a channel that the mesh
-        does not have.
+        For an n that is not an integer >= 1, or one beside a tolerance; a tolerance that is not
+        above 0, or too small for float64; more than `max_triangles`, before any is made, with the
+        number; points that are of another shape, or with a tolerance not finite; a channel that
+        the mesh does not have.
     TypeError
-        For a surface of exact numbers.
+        For a surface of exact numbers, and tolerances that are no numbers.
     MemoryError
         At once, for more polygons than there is memory for; it says which n fits.
+
+    Notes
+    -----
+    On a part of a limit face with one polynomial, second derivatives are a mean and what differs
+    from it, bounded by Bernstein coefficients. The mean gives the distance from a triangle but for
+    what moves points along its edges, which leaves them in the triangle; the rest is bounded after
+    Filip, Magedson and Markot, "Surface algorithms using bounds on derivatives", CAGD 3 (1986). At
+    special corners, where second derivatives may have no bound, the hulls of rings around them are
+    compared with triangles. All is derived in ``derivations/tessellation.py``.
 
     Examples
     --------
@@ -244,26 +273,97 @@ def tessellate(
     >>> cube = ls.Mesh(
     ...     [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)],
     ...     [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-    >>> pieces = ls.tessellate(ls.LimitSurface(cube), 4)
+    >>> surface = ls.LimitSurface(cube)
+    >>> pieces = ls.tessellate(surface, 4)
     >>> pieces
     Tessellation(98 points, 96 faces, 98 normals)
     >>> corners = pieces.points[pieces.indices[pieces.triangles]]
     >>> corners.shape
     (192, 3, 3)
+    >>> ls.tessellate(surface, chord=0.01).chord_error <= 0.01
+    True
     """
-    n = checked_integer("n", n, 1)
+    wanted = _wanted(n, chord, edge, max_triangles)
     if not isinstance(surface, LimitSurface):
         raise TypeError(f"tessellate needs a LimitSurface, got {type(surface).__name__}")
     if surface.points.shape[1:] != (3,):
         raise ValueError(f"got points of shape {surface.points.shape}, need (n_vertices, 3)")
-    faces = len(surface.limit_faces)
-    most = math.isqrt(int(min(memory.available() / POLYGON, 2**62)) // max(faces, 1))
-    advice = f"up to n={most} fits" if most else "none fits"
-    memory.refuse_beyond(faces * n * n, POLYGON, "polygons", advice)
+    parts = _parts(surface, n, wanted, workers)
+    return _assembled(surface, parts, normals, channels, workers)
+
+
+def levels_of_detail(
+    surface: LimitSurface,
+    chords: Iterable[float],
+    *,
+    normals: bool = True,
+    channels: Iterable[str] = (),
+    workers: int = 1,
+) -> list[Tessellation]:
+    """Polygons to several tolerances, of which finer ones divide coarser ones.
+
+    Each is as by ``tessellate(surface, chord=...)``. The points of a coarser one are points of all
+    finer ones too, with the same face, u and v, but for those inside of parts that are cut into
+    triangles all around, between finer neighbours on every side.
+
+    Parameters
+    ----------
+    surface : LimitSurface
+        Of float64 points, (n_vertices, 3).
+    chords : iterable of float
+        Tolerances, in any order.
+    normals, channels, workers
+        As for `tessellate`.
+
+    Returns
+    -------
+    list of Tessellation
+        In the order of `chords`.
+
+    Raises
+    ------
+    ValueError, TypeError, MemoryError
+        As by `tessellate`.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> cube = ls.Mesh(
+    ...     [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)],
+    ...     [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    >>> fine, coarse = ls.levels_of_detail(ls.LimitSurface(cube), [0.001, 0.01])
+    >>> len(fine.triangles) > 4 * len(coarse.triangles)
+    True
+    """
+    asked = list(chords)
+    every = [_wanted(None, chord, None, None) for chord in asked]
+    _check(surface)
+    order = np.argsort([-wanted.chord for wanted in every], kind="stable")
+    made = levels(surface, [every[k] for k in order.tolist()], workers)
+    names = [channels] if isinstance(channels, str) else list(channels)
+    found = [_assembled(surface, parts, normals, names, workers) for parts in made]
+    return [found[k] for k in np.argsort(order, kind="stable").tolist()]
+
+
+def _check(surface: LimitSurface) -> None:
+    """Refuse what is no surface of float64 points in space."""
+    if not isinstance(surface, LimitSurface):
+        raise TypeError(f"tessellate needs a LimitSurface, got {type(surface).__name__}")
+    if surface.points.shape[1:] != (3,):
+        raise ValueError(f"got points of shape {surface.points.shape}, need (n_vertices, 3)")
     if numbers.type_of(surface.points).exact:
         raise TypeError("polygons need float64 points, these are exact: convert them first")
-    sites = _Sites(surface, n)
-    corners, sizes = sites.corners()
+
+
+def _assembled(
+    surface: LimitSurface,
+    parts: tuple[_Sites | Stitches, Array, Array, Array, float | None],
+    normals: bool,
+    channels: Iterable[str],
+    workers: int,
+) -> Tessellation:
+    """Polygons with all that their corners have."""
+    sites, corners, sizes, owner, error = parts
     number, place = sites.welded(surface.mesh)
     at = sites.places(place)
     rows, directions = np.zeros(0, np.int64), np.zeros((0, 3))
@@ -278,9 +378,48 @@ def tessellate(
         of_channels[name] = values, value[corners]
     points = surface.evaluate(*at, workers=workers)
     shape = points, sizes, number[corners], directions, rows, of_channels
-    owner = surface.limit_faces.face[np.repeat(sites.face, len(sites.net.cells))]
+    owner = surface.limit_faces.face[owner]
     data = {name: values[owner] for name, values in surface.mesh.face_data.items()}
-    return Tessellation(*shape, *at, surface.mesh.units, surface.mesh.up, face_data=data)
+    known = surface.mesh.units, surface.mesh.up, error
+    return Tessellation(*shape, *at, *known, face_data=data)
+
+
+def _wanted(n: int | None, chord: Any, edge: Any, max_triangles: int | None) -> Wanted:
+    """What polygons are wanted, checked."""
+    if n is not None:
+        checked_integer("n", n, 1)
+    found = {}
+    for name, value in (("chord", chord), ("edge", edge)):
+        if value is None:
+            continue
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+            raise TypeError(f"{name} must be a number, got {type(value).__name__}")
+        if not 0 < value < math.inf:
+            raise ValueError(f"{name} must be above 0 and finite, got {value}")
+        if n is not None:
+            raise ValueError(f"got n={n} and {name}={value}: give one of them")
+        found[name] = float(value)
+    most = math.inf if max_triangles is None else checked_integer("max_triangles", max_triangles, 1)
+    return Wanted(**found, most=most)
+
+
+def _parts(
+    surface: LimitSurface, n: int | None, wanted: Wanted, workers: int
+) -> tuple[_Sites | Stitches, Array, Array, Array, float | None]:
+    """Places, corners of polygons and sizes, limit faces of these, and a bound of the error."""
+    if min(wanted.chord, wanted.edge) < math.inf:
+        _check(surface)
+        return stitched(surface, wanted, workers)
+    n = 8 if n is None else int(n)
+    faces = len(surface.limit_faces)
+    most = math.isqrt(int(min(memory.available() / POLYGON, 2**62)) // max(faces, 1))
+    advice = f"up to n={most} fits" if most else "none fits"
+    memory.refuse_beyond(faces * n * n, POLYGON, "polygons", advice)
+    _check(surface)
+    sites = _Sites(surface, n)
+    corners, sizes = sites.corners()
+    wanted.check(0, triangles=int((sizes - 2).sum()))
+    return sites, corners, sizes, np.repeat(sites.face, len(sites.net.cells)), None
 
 
 def _tips(points: Array) -> Array:
@@ -443,33 +582,9 @@ class _Sites:
         extra = np.arange(K * width, S)
         sites = np.concatenate([(np.arange(K)[:, None] * width + rim).ravel(), extra])
         known = np.concatenate([grid(rim), surface.normal(*self.places(extra), workers=workers)])
-        side, chosen = _sides(number[sites], known, n_points)
+        side, chosen = sides(number[sites], known, n_points)
         rows = np.empty(S, dtype=np.int64)
         rows[sites] = side
         middle = np.arange(K * len(inner)).reshape(K, len(inner))
         rows[: K * width].reshape(K, width)[:, inner] = len(chosen) + middle
         return rows, np.concatenate([known[chosen], grid(inner)])
-
-
-def _sides(point: Array, normals: Array, n_points: int) -> tuple[Array, Array]:
-    """Number equal normals (S, 3) at the same point (S,) alike: (S,), and one of each number.
-
-    NaN counts as one more normal.
-    """
-    number = np.empty(len(point), dtype=np.int64)
-    leaders: list[Array] = []
-    count, leader, rest = 0, np.empty(n_points, dtype=np.int64), np.arange(len(point))
-    while len(rest):
-        # at each point the first one left, and all that equal it
-        leader[point[rest[::-1]]] = rest[::-1]
-        ahead = leader[point[rest]]
-        same = np.ones(len(rest), dtype=bool)
-        for x in normals.T:
-            a, b = x[rest], x[ahead]
-            same &= (np.abs(a - b) <= _SAME_NORMAL) | (np.isnan(a) & np.isnan(b))
-        first = rest[ahead == rest]
-        number[first] = count + np.arange(len(first))
-        number[rest[same]] = number[ahead[same]]
-        leaders.append(first)
-        count, rest = count + len(first), rest[~same]
-    return number, np.concatenate([np.zeros(0, dtype=np.int64), *leaders])

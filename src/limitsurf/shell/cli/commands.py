@@ -233,10 +233,21 @@ main.add_command(intersect)
     "-n",
     "n",
     type=click.IntRange(1, MANY),
-    default=8,
-    show_default=True,
     metavar="N",
-    help="N x N polygons per limit face.",
+    help="N x N polygons per limit face; 8 if no tolerance is given.",
+)
+@click.option(
+    "--chord",
+    type=float,
+    metavar="LENGTH",
+    help="How far the surface may be from the polygons, in the units of the cage: a proved bound.",
+)
+@click.option("--edge", type=float, metavar="LENGTH", help="Longest edge of a triangle.")
+@click.option(
+    "--max-triangles",
+    type=click.IntRange(1, MANY),
+    metavar="N",
+    help="Make no more than so many, or fail before any is made.",
 )
 @output_option
 @to_option
@@ -257,7 +268,10 @@ main.add_command(intersect)
 def tessellate(
     *,
     cage: Cage,
-    n: int,
+    n: int | None,
+    chord: float | None,
+    edge: float | None,
+    max_triangles: int | None,
     output: str,
     to: str | None,
     normals: bool | None,
@@ -265,18 +279,20 @@ def tessellate(
     workers: int,
     as_json: bool,
 ) -> None:
-    """Write the surface as polygons, N x N per limit face, welded.
+    """Write the surface as polygons, N x N per limit face or to a tolerance, welded.
 
     \b
     Example:
       limitsurf tessellate cage.obj -n 4 -o fine.obj
+      limitsurf tessellate cage.obj --chord 0.001 -o fine.stl
       limitsurf tessellate cage.obj -n 4 | limitsurf info -
 
     All vertices lie on the surface, and no edge is open that is closed in the cage. USD holds all
     channels; other formats texture coordinates at most: the channel uv, or else st, or else the
     only one of two numbers. Others are left out with a warning.
 
-    Keys of --json: output, vertices, faces, triangles, limit_faces, n, normals, channels.
+    Keys of --json: output, vertices, faces, triangles, limit_faces, n and chord_error (null where
+    they are not known), normals, channels.
     """
     from limitsurf.shell.io.formats import WITH_NORMALS
 
@@ -287,7 +303,10 @@ def tessellate(
     surface = cage.surface(channels)
     channels = _with_others(surface, channels, suffix)
     with terminal.working("tessellating"):
-        made = ls.tessellate(surface, n, normals=normals, channels=channels, workers=workers)
+        made = ls.tessellate(
+            surface, n, chord=chord, edge=edge, max_triangles=max_triangles,
+            normals=normals, channels=channels, workers=workers,
+        )  # fmt: skip
     write_mesh(
         output,
         to,
@@ -297,7 +316,8 @@ def tessellate(
         faces=len(made.sizes),
         triangles=int((made.sizes - 2).sum()),
         limit_faces=len(surface.limit_faces),
-        n=n,
+        n=8 if n is None and made.chord_error is None else n,
+        chord_error=made.chord_error,
         normals=normals,
         channels=channels,
     )

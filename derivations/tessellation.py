@@ -1,0 +1,197 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: py:percent
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% tags=["remove-cell"]
+"""How far a surface is from the triangles between its points.
+
+Run this file: it says nothing unless an assertion fails.
+"""
+
+# %% [markdown]
+# # Tessellation to a tolerance
+#
+# Let $x_0, x_1, x_2$ be the corners of a triangle of parameters, $X_i = f(x_i)$, and
+# $x = \sum \lambda_i x_i$ a place in it, $\lambda_i \ge 0$, $\sum \lambda_i = 1$. How far is $f(x)$
+# from the triangle $(X_0, X_1, X_2)$, at most?
+#
+# - D. Filip, R. Magedson, R. Markot, "Surface algorithms using bounds on derivatives", Computer
+#   Aided Geometric Design 3 (1986).
+
+# %%
+from itertools import combinations, permutations, product
+
+import numpy as np
+from sympy import Matrix, Rational, expand, simplify, symbols
+
+from limitsurf.pieces import bernstein
+from limitsurf.query.adaptive import _distance, _triangle, triangles_error
+from limitsurf.query.polynomials import Form
+from limitsurf.scheme.lattice import QUADS
+
+# %% [markdown]
+# ## 1. Second derivatives
+#
+# Taylor's formula from $x$ to each corner, with $\sum \lambda_i (x_i - x) = 0$, is
+#
+# $$\sum \lambda_i X_i - f(x) = \sum_i \lambda_i \int_0^1 (1 - \tau)\,
+# f''(x + \tau (x_i - x))(x_i - x, x_i - x)\, d\tau.$$
+#
+# It needs first derivatives that are continuous and second ones that are bounded. If $f'' = H$ is
+# constant the right side is $\frac12 \sum_i \lambda_i H(x_i - x, x_i - x)$, which the edges alone
+# determine:
+#
+# $$\sum_i \lambda_i H(x_i - x, x_i - x) = \sum_{i < j} \lambda_i \lambda_j
+# H(x_i - x_j, x_i - x_j).$$
+
+# %%
+l0, l1, a, b, c = symbols("l0 l1 a b c")
+shares = [l0, l1, 1 - l0 - l1]
+corners = [Matrix(symbols(f"s{i} t{i}")) for i in range(3)]
+form = Matrix([[a, b], [b, c]])
+inside = sum((w * p for w, p in zip(shares, corners, strict=True)), Matrix([0, 0]))
+
+
+def squared(step: Matrix) -> object:
+    """The form along a step, twice."""
+    return (step.T * form * step)[0]
+
+
+left = sum(w * squared(p - inside) for w, p in zip(shares, corners, strict=True))
+right = sum(
+    shares[i] * shares[j] * squared(corners[i] - corners[j]) for i, j in combinations(range(3), 2)
+)
+assert expand(left - right) == 0
+
+# %% [markdown]
+# ## 2. What differs from the mean
+#
+# In a part of a face with parameters $(s, t)$ let $H$ be any constant, and the second derivatives
+# differ from it by at most $r_{ss}, r_{st}, r_{tt}$ (lengths of vectors): the largest difference of
+# Bernstein coefficients, since their mean with weights that are not negative and sum to one is what
+# is bounded. That adds at most $\frac12 \sum \lambda_i (r_{ss}\, \delta_i^2 + 2 r_{st}
+# |\delta_i \epsilon_i| + r_{tt}\, \epsilon_i^2)$ with $x_i - x = (\delta_i, \epsilon_i)$. A mean of
+# squares of deviations in an interval of length $w$ is at most $w^2 / 4$, and by Cauchy and Schwarz
+# the mean of products at most $w h / 4$. So for a triangle in a box $w \times h$ it is at most
+#
+# $$\tfrac18 (r_{ss}\, w^2 + 2 r_{st}\, w h + r_{tt}\, h^2).$$
+
+# %%
+# the mean of squares: deviations from the mean of numbers between 0 and 1
+m, x = symbols("m x")
+# (x - m)^2 <= (1 - m)^2 x + m^2 (1 - x) on [0, 1], a parabola below its chord; of mean m (1 - m)
+chord = (1 - m) ** 2 * x + m**2 * (1 - x)
+assert expand(chord - (x - m) ** 2 - x * (1 - x)) == 0
+assert expand(chord.subs(x, m) - m * (1 - m)) == 0
+assert expand(Rational(1, 4) - m * (1 - m) - (m - Rational(1, 2)) ** 2) == 0
+
+# %% [markdown]
+# ## 3. Sliding along edges
+#
+# For constant $H$ let $h_{ij} = H(x_i - x_j, x_i - x_j)$, so that $f(x) = \sum \lambda_i X_i -
+# \frac12 \sum_{i < j} \lambda_i \lambda_j h_{ij}$. Split $h_{ij} = \alpha_{ij} (X_j - X_i) +
+# h'_{ij}$ with $|\alpha_{ij}| \le 2$. The first part moves the point within the triangle: the new
+# share of corner $i$ is $\lambda_i (1 + \frac12 \sum_j \pm \alpha_{ij} \lambda_j)
+# \ge \lambda_i (1 - \sum_{j \ne i} \lambda_j) \ge 0$, and the sum stays one. So the distance from
+# the triangle is at most $\frac12 |\sum \lambda_i \lambda_j h'_{ij}|$: a surface that is flat, with straight
+# edges, is at distance 0 however its parameters run. Best is the projection of $h_{ij}$ onto the edge.
+
+# %%
+alpha = symbols("alpha01 alpha02 alpha12")
+pairs = list(combinations(range(3), 2))
+X = symbols("X0:3")
+moved = sum(w * p for w, p in zip(shares, X, strict=True)) - Rational(1, 2) * sum(
+    shares[i] * shares[j] * k * (X[j] - X[i]) for k, (i, j) in zip(alpha, pairs, strict=True)
+)
+new = [expand(moved).coeff(p) for p in X]
+assert expand(sum(new) - 1) == 0
+for sign in product((-2, 2), repeat=3):
+    for i in range(3):
+        share = simplify(new[i].subs(dict(zip(alpha, sign, strict=True))) / shares[i])
+        least = 1 - sum(w for j, w in enumerate(shares) if j != i)
+        for at in ((0, 0), (1, 0), (0, 1), (Rational(1, 3), Rational(1, 3))):
+            where = dict(zip((l0, l1), at, strict=True))
+            assert share.subs(where) >= least.subs(where) >= 0
+
+# %% [markdown]
+# ## 4. The largest sum
+#
+# The weights $w = (\lambda_0 \lambda_1, \lambda_1 \lambda_2, \lambda_2 \lambda_0)$ are not
+# negative, two of them sum to $\lambda_i (1 - \lambda_i) \le \frac14$, and all to at most
+# $\frac13$. The length of $\sum w_k h_k$ is convex in $w$, so it is largest at a vertex of the
+# polytope of these inequalities: 0, $\frac14$ alone, and $(\frac16, \frac1{12}, \frac1{12})$, each
+# in three ways. Half of it is then at most
+# $\frac18 \max(|h_k|, \frac13 |h_k + h_0 + h_1 + h_2|)$.
+
+# %%
+third, quarter = Rational(1, 3), Rational(1, 4)
+planes = [((1, 0, 0), 0), ((0, 1, 0), 0), ((0, 0, 1), 0), ((1, 1, 1), third)]
+planes += [((1, 1, 0), quarter), ((0, 1, 1), quarter), ((1, 0, 1), quarter)]
+vertices = set()
+for three in combinations(planes, 3):
+    matrix = Matrix([row for row, _ in three])
+    if matrix.det() != 0:
+        w = matrix.solve(Matrix([value for _, value in three]))
+        below = all(sum(p * q for p, q in zip(row, w, strict=True)) <= v for row, v in planes[3:])
+        if min(w) >= 0 and below:
+            vertices.add(tuple(w))
+sixth, twelfth = Rational(1, 6), Rational(1, 12)
+wanted = {(0, 0, 0), *permutations((quarter, 0, 0)), *permutations((sixth, twelfth, twelfth))}
+eighth = Rational(1, 8)
+# (1/8, 1/8, 0) lies amid an edge: it is no vertex, but planes may meet there
+assert vertices - wanted <= {*permutations((eighth, eighth, 0))}
+
+# %% [markdown]
+# All of that against a bicubic patch: `triangles_error` holds, and is no more than twice what is
+# found.
+
+# %%
+form_ = Form.of(QUADS, 3)
+rng = np.random.default_rng(0)
+for bump in (0.02, 0.2):
+    flat = np.column_stack([form_.exponents / 3, np.zeros(16)])
+    points = flat + bump * rng.normal(size=flat.shape)
+    second = (form_.derivatives[3:] @ points).reshape(3, 16, 3)
+    middle = (second.min(axis=1) + second.max(axis=1)) / 2
+    loose = np.sqrt(((second - middle[:, None]) ** 2).sum(axis=2)).max(axis=1)
+    for at in (
+        form_.ends[[0, 1, 2]],
+        form_.ends[[1, 2, 3]],
+        np.array([[0.5, 0.5], [1, 0], [1, 1]]),
+    ):
+        own = form_.values(*at.T, 0)[:, 0] @ points
+        bound = triangles_error(middle, loose, at, own)
+        w = rng.dirichlet((1, 1, 1), 2000)
+        there = form_.values(*(w @ at).T, 0)[:, 0] @ points
+        far = _distance((there - own[0])[None], (own - own[0])[None])[0]
+        assert far.max() <= bound
+
+# %% [markdown]
+# ## 5. Special corners
+#
+# Around a special corner second derivatives may grow without bounds. Distance from a triangle is
+# a convex function, so on a piece of the surface over a part of the triangle it is at most its
+# largest value at the Bernstein coefficients of that piece. A part at a special corner is two
+# triangles that meet in the diagonal from the corner (one, if faces are triangles). Of the three
+# cells of each ring the one across lies in both: its polynomial of degrees $d$ has degree $2 d$ on
+# the triangles on either side of the diagonal. What remains after some rings is within a distance
+# of the corner's limit (`pieces.beyond.Beyond.reach`), which is a corner of both triangles.
+
+# %%
+points = rng.normal(size=(16, 3))
+_, whole = _triangle(form_, form_.ends[[0, 1, 2]])
+places = np.array([(i, j) for j in range(7) for i in range(7 - j)])
+s, t = rng.dirichlet((1, 1, 1), 50)[:, 1:].T
+triangular = bernstein.polynomials(places, s, t) @ (whole @ points)
+# (s, t) from corner 0: to corner 1 = (1, 0) and to corner 2 = (1, 1)
+square = form_.values(s + t, t, 0)[:, 0] @ points
+assert abs(triangular - square).max() < 1e-10

@@ -1,0 +1,449 @@
+"""Limit faces cut into parts on which the surface is near to triangles: proved, not sampled.
+
+Parts are halves of halves of limit faces, so that their corners are multiples of powers of 1/2 and
+those of neighbours meet. On most the surface is one polynomial, of which second derivatives bound
+the distance to a triangle. At a special corner, where they need not exist, that is bounded by hulls
+of the rings around it: ``derivations/tessellation.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf.pieces import bernstein
+from limitsurf.query.index import Cells
+from limitsurf.query.polynomials import Form
+
+if TYPE_CHECKING:
+    from limitsurf.scheme.lattice import Lattice
+
+Array = NDArray[Any]
+
+BITS = 50  # u and v are multiples of 2^-50
+WHOLE = 1 << BITS
+FINEST = 1 << 6  # the smallest size of a part: there is a dyadic point inside
+LOST = 2.0**-46  # what rounding takes, of the largest coordinate
+
+_RINGS = 5  # of cells that bound what is at a special corner, before what remains is bounded whole
+_PORTION = 4096  # parts that are handled at once
+_PORTION_OF_CORNERS = 256
+
+# tells how far from what is wanted parts are, 1 or less where it is reached: of their corners
+# (L, c, 3), control points (L, m, 3) and distances (L,) of the surface from triangles
+Excess = Callable[[Array, Array, Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """Parts of limit faces.
+
+    Attributes
+    ----------
+    face : (L,) int64
+    place : (L, 2) int64
+        Corner 0 in units of 2^-BITS of u and v.
+    step : (L, 2) int64
+        From there along the sides; both negative in triangles turned by half a turn.
+    error : (L,) float64
+        Bounds of the distance to triangles between the corners, in the unit of the cells.
+    bent : (L, 3, 3) float64
+        Means of second derivatives (ss, st, tt) in the parts' own parameters.
+    loose : (L, 3) float64
+        By how much these differ from that anywhere in the part.
+    root : (L,) int64
+        The polynomial on it; -1 at special corners.
+    corner, ring : (L,) int64
+        Which special corner it is at, -1 elsewhere, and how many rings are cut off.
+    """
+
+    face: Array
+    place: Array
+    step: Array
+    error: Array
+    bent: Array
+    loose: Array
+    root: Array
+    corner: Array
+    ring: Array
+
+    def __len__(self) -> int:
+        return len(self.face)
+
+    def __getitem__(self, which: Array | slice) -> Self:
+        return type(self)(*(getattr(self, x.name)[which] for x in fields(self)))
+
+    @classmethod
+    def joined(cls, parts: list[Self]) -> Self:
+        """All of several."""
+        columns = ([getattr(one, x.name) for one in parts] for x in fields(cls))
+        return cls(*(np.concatenate(x) for x in columns))
+
+
+class Division:
+    """Limit faces divided until nothing exceeds what is wanted.
+
+    Parameters
+    ----------
+    cells : Cells
+        Of a surface, without rings around special corners.
+    kept : (F,) bool
+        The limit faces that are wanted.
+
+    Attributes
+    ----------
+    excess : callable
+    most : callable
+        Is told how many parts there are at least, and about how many there will be; may raise.
+    """
+
+    excess: Excess
+    most: Callable[[int, float], None]
+
+    def __init__(self, cells: Cells, kept: Array) -> None:
+        self.cells, self.form = cells, cells.form
+        self._kept = kept[cells.face]
+        self._points = [cells.points]  # of all polynomials
+        n = len(cells.points)
+        self._frames = [_integers(cells.origin[:n], cells.size[:n])]
+        self._faces = [cells.face[:n]]
+        self._roots, self._known = n, 0
+        self._ways = _ways(self.form, cells.lattice)
+
+    def first(self) -> Parts:
+        """The coarsest parts that are good enough by themselves."""
+        n = len(self.cells.points)
+        cells, corners = (np.flatnonzero(x) for x in (self._kept[:n], self._kept[n:]))
+        found = [self._refined(cells[:0])]
+        for start in range(0, len(cells), _PORTION):
+            found.append(self._refined(cells[start : start + _PORTION]))
+        found += self._around(corners, np.zeros(len(corners), dtype=np.int64))
+        return Parts.joined(found)
+
+    def finer(self, parts: Parts, which: Array, times: Array) -> Parts:
+        """The parts with some divided, those at special corners so many times, others once."""
+        kept = np.ones(len(parts), dtype=bool)
+        kept[which] = False
+        found = [parts[kept]]
+        self._known = int(kept.sum())
+        special = parts.corner[which] >= 0
+        flat = parts[which[~special]]
+        if len(flat):
+            points = self.points(flat)
+            found.append(self._divided(*self._halves(flat, points, self._second(points))))
+        deep, times = parts[which[special]], times[special]
+        for k in range(int(times.max(initial=0))):
+            here = times > k
+            found += self._rings(deep.corner[here], deep.ring[here] + k)
+        found += self._around(deep.corner, deep.ring + times)
+        return Parts.joined(found)
+
+    def points(self, parts: Parts) -> Array:
+        """Bernstein coefficients (L, n, 3) of parts that are not at special corners."""
+        if len(self._points) > 1:
+            self._points = [np.concatenate(self._points)]
+            frames = [np.concatenate(x) for x in zip(*self._frames, strict=True)]
+            self._frames = [(frames[0], frames[1])]
+        place, step = (x[parts.root] for x in self._frames[0])
+        frame = np.zeros((len(parts), 3, 2))
+        frame[:, 0] = (parts.place - place) / step
+        frame[:, 1, 0], frame[:, 2, 1] = (parts.step / step).T
+        return np.asarray(np.matmul(self.form.part(frame), self._points[0][parts.root]))
+
+    # ------------------------------------------------------------------ one polynomial
+
+    def _add(self, face: Array, place: Array, step: Array, points: Array) -> Array:
+        """Polynomials that are new: their numbers."""
+        self._points.append(points)
+        self._frames.append((place, step))
+        self._faces.append(face)
+        self._roots += len(face)
+        return np.arange(self._roots - len(face), self._roots)
+
+    def _refined(self, root: Array) -> Parts:
+        """The parts of cells of the surface."""
+        place, step = (x[root] for x in self._frames[0])
+        return self._divided(self.cells.face[root], place, step, root, self.cells.points[root])
+
+    def _divided(self, face: Array, place: Array, step: Array, root: Array, points: Array) -> Parts:
+        """The parts of parts with polynomials (L, n, 3)."""
+        found = []
+        while True:
+            second = self._second(points)
+            corners = points[:, self.form.corners]
+            error = _polygon(self.form.ends, *second, corners)
+            none = np.full(len(face), -1)
+            parts = Parts(face, place, step, error, *second, root, none, 0 * none)
+            excess = self.excess(corners, points, error)
+            done = excess <= 1
+            found.append(parts[done])
+            self._known += int(done.sum())
+            rest = np.flatnonzero(~done)
+            self.most(self._known + len(rest), self._known + float(excess[rest].sum()))
+            if not len(rest):
+                return Parts.joined(found)
+            known = second[0][rest], second[1][rest]
+            face, place, step, root, points = self._halves(parts[rest], points[rest], known)
+
+    def _second(self, points: Array) -> tuple[Array, Array]:
+        """Means (L, 3, 3) of second derivatives, and how far others are from them (L, 3)."""
+        n = self.form.size
+        found = np.matmul(self.form.derivatives[3:].reshape(3 * n, n), points)
+        found = found.reshape(len(points), 3, n, 3)
+        middle = (found.min(axis=2) + found.max(axis=2)) / 2
+        return middle, _norm(found - middle[:, :, None]).max(axis=2)
+
+    def _halves(self, parts: Parts, points: Array, second: tuple[Array, Array]) -> Any:
+        """Parts of parts, as `_divided` takes them."""
+        bent, loose = second
+        corners = points[:, self.form.corners]
+        if len(self._ways) > 1:
+            along = corners[:, [1, 3]] - corners[:, :1]
+            slid = bent[:, [0, 2]] - _slide(bent[:, [0, 2]], along)
+            size = _norm(slid) + loose[:, [0, 2]]
+            twist = _norm(bent[:, 1]) > size.max(axis=1)
+            way = np.where(twist, _norm(along).argmax(axis=1), size.argmax(axis=1))
+        else:
+            way = np.zeros(len(parts), dtype=np.int64)
+        found = []
+        for k, (frames, matrices) in enumerate(self._ways):
+            here = np.flatnonzero(way == k)
+            new = np.matmul(matrices, points[here, None]).reshape(-1, *points.shape[1:])
+            step = parts.step[here, None]
+            place = parts.place[here, None] + step * frames[:, 0] // 2
+            steps = step * frames[:, [1, 2], [0, 1]] // 2
+            face, root = (np.repeat(x[here], len(frames)) for x in (parts.face, parts.root))
+            found.append((face, place.reshape(-1, 2), steps.reshape(-1, 2), root, new))
+        made = [np.concatenate(x) for x in zip(*found, strict=True)]
+        if (np.abs(made[2]) < FINEST).any():
+            raise ValueError(_TOO_FINE)
+        return made
+
+    # ------------------------------------------------------------------ special corners
+
+    def _around(self, which: Array, ring: Array) -> list[Parts]:
+        """The parts of what is at special corners from some rings on."""
+        found = []
+        while len(which):
+            error, points = self._corners(which, ring)
+            done = self.excess(points, points, error) <= 1
+            which_, ring_ = which[done], ring[done]
+            place, step = self._frame(which_, ring_)
+            zero, none = np.zeros((len(which_), 3, 3)), np.full(len(which_), -1)
+            face = self.cells.face[len(self.cells.points) + which_]
+            known = face, place, step, error[done], zero, zero[:, 0], none, which_, ring_
+            found.append(Parts(*known))
+            self._known += len(which_)
+            which, ring = which[~done], ring[~done]
+            self.most(self._known + len(which), 0.0)
+            found += self._rings(which, ring)
+            ring = ring + 1
+        return found
+
+    def _frame(self, which: Array, ring: Array) -> tuple[Array, Array]:
+        """Where what is at special corners from some rings on lies."""
+        leaf = len(self.cells.points) + which
+        origin, size = self.cells.origin[leaf], self.cells.size[leaf]
+        half = np.ldexp(1.0, -ring)[:, None]
+        place, step = _integers(
+            origin + size * self.form.ends[self.cells.beyond.corner(which)] * (1 - half),
+            size * half,
+        )
+        if (np.abs(step) < FINEST).any():
+            raise ValueError(_TOO_FINE)
+        return place, step
+
+    def _rings(self, which: Array, ring: Array) -> list[Parts]:
+        """The parts of the cells of a ring around special corners."""
+        found = []
+        for start in range(0, len(which), _PORTION // 4):
+            here = which[start : start + _PORTION // 4]
+            made = self.cells.beyond.cells(here, ring[start : start + len(here)])
+            leaf, count = len(self.cells.points) + here, made.points.shape[1]
+            points = self.cells.beyond.limits[here][:, None, None] + made.points
+            origin, size = self.cells.origin[leaf][:, None], self.cells.size[leaf][:, None]
+            place, step = _integers(origin + size * made.origin, size * made.size)
+            if (np.abs(step) < FINEST).any():
+                raise ValueError(_TOO_FINE)
+            face = np.repeat(self.cells.face[leaf], count)
+            known = face, place.reshape(-1, 2), step.reshape(-1, 2)
+            flat = points.reshape(-1, *points.shape[2:])
+            root = self._add(*known, flat)
+            found.append(self._divided(*known, root, flat))
+        return found
+
+    def _corners(self, which: Array, ring: Array) -> tuple[Array, Array]:
+        """Distances (M,) to triangles at special corners, and corners of these (M, c, 3)."""
+        beyond, size = self.cells.beyond, len(self.form.ends)
+        error, points = np.empty(len(which)), np.empty((len(which), size, 3))
+        turn = beyond.corner(which)
+        for k in np.unique(turn).tolist():
+            alike = np.flatnonzero(turn == k)
+            for start in range(0, len(alike), _PORTION_OF_CORNERS):
+                here = alike[start : start + _PORTION_OF_CORNERS]
+                error[here], points[here] = self._corner(k, which[here], ring[here])
+        return error, points + beyond.limits[which][:, None]
+
+    def _corner(self, k: int, which: Array, ring: Array) -> tuple[Array, Array]:
+        """The same at corner k of parts, relative to the limit there."""
+        beyond, form = self.cells.beyond, self.form
+        size = len(form.ends)
+        rings = [beyond.cells(which, ring + n) for n in range(_RINGS)]
+        # corners of the part are corners of cells
+        half = np.ldexp(1.0, -ring[:1])
+        wanted = form.ends[k] * (1 - half) + half * form.ends
+        there = rings[0].origin[0][:, None] + rings[0].size[0][:, None] * form.ends
+        cell, corner = ((there[:, :, None] == wanted).all(axis=3)).nonzero()[:2]
+        which_corner = (there[cell, corner][:, None] == wanted).all(axis=2).argmax(axis=1)
+        points = np.zeros((len(which), size, 3))
+        points[:, which_corner] = rings[0].points[:, cell, form.corners[corner]]
+        of_corner = np.full(size, -1)
+        of_corner[which_corner] = cell
+        after = [(k + 1 + n) % size for n in range(size - 1)]
+        split, quarters = _corner_splits(self.cells.lattice, form)
+        error = beyond.reach(which, ring + _RINGS, np.zeros((len(which), 3)))[0]
+        for n, pair in enumerate(pairwise(after)):
+            triangle = points[:, [k, *pair]]
+            if size == 3:
+                hulls = [(quarters, slice(None))]
+            else:
+                # that across from the special corner is of two triangles
+                whole = (quarters, of_corner[[after[0], after[2]][n]])
+                hulls = [whole, (split[k % 2][n ^ (k >= 2)], of_corner[after[1]])]
+            for level, ring_cells in enumerate(rings):
+                for (fine, plain), cells in hulls:
+                    found = ring_cells.points[:, cells]
+                    found = np.matmul(plain if level else fine, found).reshape(len(which), -1, 3)
+                    error = np.maximum(error, _distance(found, triangle).max(axis=1))
+        return error, points
+
+
+_TOO_FINE = "float64 cannot tell the parts apart that this tolerance needs: allow for more"
+
+
+def triangles_error(bent: Array, loose: Array, at: Array, points: Array) -> Array:
+    """How far a surface is from triangles, at most: (...,).
+
+    Parameters
+    ----------
+    bent, loose : (..., 3, 3), (..., 3)
+        Second derivatives, as in `Parts`.
+    at : (..., 3, 2)
+        Corners of the triangles in the parameters of these.
+    points : (..., 3, 3)
+        The surface there.
+    """
+    turned = [1, 2, 0]
+    steps, along = at[..., turned, :] - at, points[..., turned, :] - points
+    s, t = steps[..., None, 0], steps[..., None, 1]
+    curve = s * s * bent[..., None, 0, :] + 2 * s * t * bent[..., None, 1, :]
+    curve = curve + t * t * bent[..., None, 2, :]
+    curve = curve - _slide(curve, along)
+    alone = _norm(curve).max(axis=-1)
+    mixed = _norm(curve + curve.sum(axis=-2, keepdims=True)).max(axis=-1) / 3
+    width = np.ptp(at, axis=-2)
+    s, t = width[..., 0], width[..., 1]
+    rest = s * s * loose[..., 0] + 2 * s * t * loose[..., 1] + t * t * loose[..., 2]
+    return np.asarray((np.maximum(alone, mixed) + rest) / 8)
+
+
+def _slide(curve: Array, along: Array) -> Array:
+    """The part of second differences along edges that moves no point out of a triangle."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = (curve * along).sum(axis=-1) / (along * along).sum(axis=-1)
+    return np.asarray(np.clip(np.nan_to_num(share), -2, 2)[..., None] * along)
+
+
+def _polygon(ends: Array, bent: Array, loose: Array, corners: Array) -> Array:
+    """How far a surface is from parts cut by whichever diagonal, (L,)."""
+    which = [[0, 1, 2]] if len(ends) == 3 else [[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]]
+    at, points = ends[which], corners[:, which]
+    found = triangles_error(bent[:, None], loose[:, None], at, points)
+    return np.asarray(found.max(axis=1))
+
+
+def _distance(points: Array, triangle: Array) -> Array:
+    """Distances (M, k) of points (M, k, 3) from triangles (M, 3, 3), the first corner at 0."""
+    a, b = triangle[:, 1], triangle[:, 2]
+    aa, ab, bb = ((x * y).sum(axis=1) for x, y in ((a, a), (a, b), (b, b)))
+    pa, pb = np.matmul(points, a[:, :, None])[..., 0], np.matmul(points, b[:, :, None])[..., 0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scale = (1 / (aa * bb - ab * ab))[:, None]
+        s = (bb[:, None] * pa - ab[:, None] * pb) * scale
+        t = (aa[:, None] * pb - ab[:, None] * pa) * scale
+        inside = (s >= 0) & (t >= 0) & (s + t <= 1)
+        c = b - a
+        shares = [
+            (pa / aa[:, None], a, 0 * a),
+            (pb / bb[:, None], b, 0 * a),
+            ((pb - pa - (ab - aa)[:, None]) / (c * c).sum(axis=1)[:, None], c, a),
+        ]
+    s, t = np.where(inside, s, 0)[..., None], np.where(inside, t, 0)[..., None]
+    best = ((points - s * a[:, None] - t * b[:, None]) ** 2).sum(axis=2)
+    for share, side, start in shares:
+        share = np.clip(np.nan_to_num(share), 0, 1)[..., None]
+        away = points - start[:, None] - share * side[:, None]
+        best = np.minimum(best, (away**2).sum(axis=2))
+    return np.asarray(np.sqrt(best))
+
+
+@lru_cache(maxsize=32)
+def _corner_splits(lattice: Lattice, form: Form) -> tuple[Any, tuple[Array, Array]]:
+    """Matrices onto hulls of halves of cells by both diagonals, and of whole cells.
+
+    Pairs: of what is cut into four, and as it is.
+    """
+    if lattice.sloped:
+        return (), (np.concatenate(_ways(form, lattice)[0][1]), np.eye(form.size))
+    quarters = [second @ first for first in form.halves[0] for second in form.halves[1]]
+    ways = ((0, 1, 2), (0, 2, 3)), ((1, 2, 3), (1, 3, 0))
+    halves = tuple(tuple(_triangle(form, form.ends[list(x)]) for x in both) for both in ways)
+    return halves, (np.concatenate(quarters), np.eye(form.size))
+
+
+def _triangle(form: Form, ends: Array) -> tuple[Array, Array]:
+    """Onto coefficients of a polynomial on squares in a triangle of corners (3, 2).
+
+    They are of twice the degree: in four triangles like it, and in it.
+    """
+    degree = 2 * form.degree
+    steps = range(degree + 1)
+    exponents = np.array([(i, j) for j in steps for i in steps if i + j <= degree])
+    shares = np.column_stack([degree - exponents.sum(axis=1), exponents]) / degree
+    own = bernstein.polynomials(exponents, *(exponents.T / degree))
+    p, q, r = ends
+    a, b, c = (q + r) / 2, (r + p) / 2, (p + q) / 2
+    found = []
+    for corners in ((p, c, b), (c, q, a), (b, a, r), (a, b, c), (p, q, r)):
+        there = bernstein.polynomials(form.exponents, *(shares @ np.array(corners)).T)
+        found.append(np.linalg.solve(own, there))
+    return np.concatenate(found[:4]), found[4]
+
+
+@lru_cache(maxsize=32)
+def _ways(form: Form, lattice: Lattice) -> list[tuple[Array, Array]]:
+    """Ways to divide a part: frames (c, 3, 2) in halves of its steps, and matrices (c, n, n)."""
+    if not lattice.sloped:
+        frames = np.round(2 * form.frames).astype(np.int64)
+        return list(zip(frames, form.halves, strict=True))
+    frames = np.zeros((len(lattice.children), 3, 2), dtype=np.int64)
+    for k, child in enumerate(lattice.children):
+        sign = -1 if child.turned else 1
+        frames[k] = [child.origin, (sign, 0), (0, sign)]
+    unit = 4.0 ** (form.degree + 2)
+    return [(frames, np.round(form.part(frames / 2) * unit) / unit)]
+
+
+def _integers(origin: Array, size: Array) -> tuple[Array, Array]:
+    """Places and steps in units of 2^-BITS."""
+    return (origin * WHOLE).astype(np.int64), (size * WHOLE).astype(np.int64)
+
+
+def _norm(x: Array) -> Array:
+    return np.asarray(np.sqrt((x * x).sum(axis=-1)))
