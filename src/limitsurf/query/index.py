@@ -104,7 +104,7 @@ class Cells:
         Leaves of the hierarchy, if there are 4 rings of cells, as searches want them.
     """
 
-    def __init__(self, surface: LimitSurface, workers: int, rings: int = _RINGS) -> None:
+    def __init__(self, surface: LimitSurface, workers: int, rings: int = RINGS) -> None:
         topology, points = surface.topology, surface.points
         self.lattice = topology.lattice
         used = _used(surface)
@@ -113,7 +113,6 @@ class Cells:
             raise ValueError("the points of the cage must be finite")
         self.power = -int(np.frexp(largest)[1]) if largest else 0
         faces = np.arange(len(surface.limit_faces))
-        depth = RINGS - (surface.limit_faces.corner >= 0)
         depth = rings - (surface.limit_faces.corner >= 0)
         scheme, scaled = topology.rules.scheme, np.zeros(points.shape)
         scaled[used] = np.ldexp(points[used], self.power)
@@ -132,7 +131,7 @@ class Cells:
         rest = [x.reshape(-1, 3) for x in (cells.rest.lower, cells.rest.upper)]
         self.lower = np.concatenate([lower, rest[0]]) - _MARGIN
         self.upper = np.concatenate([upper, rest[1]]) + _MARGIN
-        if rings != _RINGS:
+        if rings != RINGS:
             return
         if topology not in _orders:
             with np.errstate(invalid="ignore"):

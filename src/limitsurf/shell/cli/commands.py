@@ -15,8 +15,7 @@ import click
 import limitsurf as ls
 from limitsurf import memory
 from limitsurf.shell import files, terminal
-from limitsurf.shell.cli import places
-from limitsurf.shell.cli import curves
+from limitsurf.shell.cli import curves, places
 from limitsurf.shell.cli.program import (
     PATH,
     Cage,
