@@ -16,6 +16,7 @@ import limitsurf as ls
 from limitsurf import memory
 from limitsurf.shell import files, terminal
 from limitsurf.shell.cli import curves, places
+from limitsurf.shell.cli.measures import measure
 from limitsurf.shell.cli.program import (
     PATH,
     Cage,
@@ -345,72 +346,8 @@ def _with_others(
 
 
 main.add_command(places.closest)
+main.add_command(curves.section)
 main.add_command(places.sample)
-
-
-@main.command()
-@reads_cage
-@click.option(
-    "--origin",
-    type=(float, float, float),
-    metavar="X Y Z",
-    help="A point of the plane; by default the middle of the cage's box.",
-)
-@click.option(
-    "--normal",
-    type=(float, float, float),
-    default=(0, 0, 1),
-    show_default=True,
-    metavar="X Y Z",
-    help="Perpendicular to the plane.",
-)
-@click.option(
-    "--tolerance",
-    type=float,
-    metavar="D",
-    help="How far lines may be from the curves; by default 1e-4 of the size.",
-)
-@click.option(
-    "--channel", metavar="NAME", help="A channel of three columns, instead of the points."
-)
-@output_option
-@click.option("--to", type=click.Choice(["csv", "obj"]), help="The format, whatever the name.")
-@workers_option
-@json_option
-def section(
-    *,
-    cage: Cage,
-    origin: tuple[float, float, float] | None,
-    normal: tuple[float, float, float],
-    tolerance: float | None,
-    channel: str | None,
-    output: str,
-    to: str | None,
-    workers: int,
-    as_json: bool,
-) -> None:
-    """Cut the surface by a plane: curves of points on it, as CSV or as lines in OBJ.
-
-    \b
-    Example:
-      limitsurf section cage.obj --normal 0 0 1
-      limitsurf section cage.obj --normal 1 2 0 --tolerance 1e-5 -o lines.obj
-
-    All curves are found, however small, and each point is on the surface. Columns of CSV are the
-    number of the curve, whether it is closed (1) or not (0), x, y, z, and the limit face, u and v.
-
-    Keys of --json: output, curves, closed, points, origin, normal.
-    """
-    curves.check(output, to, as_json)
-    surface = cage.surface([channel] if channel else ())
-    known = surface.of_channel(channel).points
-    if origin is None:
-        origin = tuple((known.min(axis=0) / 2 + known.max(axis=0) / 2).tolist())
-    with terminal.working("cutting"):
-        found = ls.section(
-            surface, origin, normal, tolerance=tolerance, channel=channel, workers=workers
-        )
-    curves.write(output, to, found, as_json, origin=list(origin), normal=list(normal))
 
 
 @main.command()
@@ -494,50 +431,7 @@ def validate(
         context.exit(1)
 
 
-@main.command()
-@reads_cage
-@click.option(
-    "--rtol", type=float, default=1e-12, show_default=True, help="Relative error of the area."
-)
-@workers_option
-@json_option
-def measure(*, cage: Cage, rtol: float, workers: int, as_json: bool) -> None:
-    """Say the area of the surface, and volume, centroid and inertia of the body inside.
-
-    \b
-    Example:
-      limitsurf measure cage.obj
-      limitsurf measure cage.obj --json
-
-    Inertia is about the centroid, of mass 1 per unit of volume. Of a surface that is not closed
-    there are area, centroid and inertia of the surface itself, of mass 1 per unit of area.
-
-    Keys of --json: cage; area; volume (null if the surface is not closed); of (what has the next
-    two: body or surface); centroid (x, y, z); inertia (3 rows of 3 numbers); no_volume (why there
-    is none, else null).
-    """
-    surface = cage.surface()
-    no_volume, volume, of = None, None, "body"
-    with terminal.working("measuring"):
-        area = ls.area(surface, rtol=rtol, workers=workers)
-        try:
-            volume = ls.volume(surface, workers=workers)
-        except ValueError as error:
-            no_volume, of = str(error), "surface"
-        given: dict[str, Any] = {"of": of, "workers": workers}
-        centroid, inertia = ls.centroid(surface, **given), ls.inertia(surface, **given)
-    found = {"area": area, "volume": volume, "of": of, "centroid": centroid.tolist()}
-    found |= {"inertia": inertia.tolist(), "no_volume": no_volume}
-    if as_json:
-        terminal.say_json({"cage": cage.path, **found})
-        return
-    told = [("area", f"{area:.12g}"), ("volume", "none" if volume is None else f"{volume:.12g}")]
-    told.append((f"centroid of the {of}", " ".join(f"{x:.12g}" for x in centroid)))
-    for name, row in zip((f"inertia of the {of}", "", ""), inertia, strict=True):
-        told.append((name, " ".join(f"{x:.12g}" for x in row)))
-    if no_volume is not None:
-        told.append(("no volume", no_volume))
-    terminal.say_table(told)
+main.add_command(measure)
 
 
 @main.command()

@@ -1,4 +1,4 @@
-"""Curves as text: rows of CSV, or lines in OBJ."""
+"""The command that cuts a surface; curves as text: rows of CSV, or lines in OBJ."""
 
 from __future__ import annotations
 
@@ -10,7 +10,79 @@ import numpy as np
 
 import limitsurf as ls
 from limitsurf.shell import files, terminal
-from limitsurf.shell.cli.program import report
+from limitsurf.shell.cli.program import (
+    Cage,
+    json_option,
+    output_option,
+    reads_cage,
+    report,
+    workers_option,
+)
+
+
+@click.command()
+@reads_cage
+@click.option(
+    "--origin",
+    type=(float, float, float),
+    metavar="X Y Z",
+    help="A point of the plane; by default the middle of the cage's box.",
+)
+@click.option(
+    "--normal",
+    type=(float, float, float),
+    default=(0, 0, 1),
+    show_default=True,
+    metavar="X Y Z",
+    help="Perpendicular to the plane.",
+)
+@click.option(
+    "--tolerance",
+    type=float,
+    metavar="D",
+    help="How far lines may be from the curves; by default 1e-4 of the size.",
+)
+@click.option(
+    "--channel", metavar="NAME", help="A channel of three columns, instead of the points."
+)
+@output_option
+@click.option("--to", type=click.Choice(["csv", "obj"]), help="The format, whatever the name.")
+@workers_option
+@json_option
+def section(
+    *,
+    cage: Cage,
+    origin: tuple[float, float, float] | None,
+    normal: tuple[float, float, float],
+    tolerance: float | None,
+    channel: str | None,
+    output: str,
+    to: str | None,
+    workers: int,
+    as_json: bool,
+) -> None:
+    """Cut the surface by a plane: curves of points on it, as CSV or as lines in OBJ.
+
+    \b
+    Example:
+      limitsurf section cage.obj --normal 0 0 1
+      limitsurf section cage.obj --normal 1 2 0 --tolerance 1e-5 -o lines.obj
+
+    All curves are found, however small, and each point is on the surface. Columns of CSV are the
+    number of the curve, whether it is closed (1) or not (0), x, y, z, and the limit face, u and v.
+
+    Keys of --json: output, curves, closed, points, origin, normal.
+    """
+    check(output, to, as_json)
+    surface = cage.surface([channel] if channel else ())
+    known = surface.of_channel(channel).points
+    if origin is None:
+        origin = tuple((known.min(axis=0) / 2 + known.max(axis=0) / 2).tolist())
+    with terminal.working("cutting"):
+        found = ls.section(
+            surface, origin, normal, tolerance=tolerance, channel=channel, workers=workers
+        )
+    write(output, to, found, as_json, origin=list(origin), normal=list(normal))
 
 
 def check(output: str, to: str | None, as_json: bool) -> None:
