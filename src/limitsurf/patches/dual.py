@@ -120,7 +120,7 @@ class DualPatchTable(PatchTable):
             faces = np.flatnonzero(mesh.sizes == n)
             corners = mesh.offsets[faces][:, None] + np.arange(n)
             rings = part.vertices[mesh.indices[corners]].astype(np.int32)
-            points[corners] = self._around(rings, f"face {part.faces[faces[0]]}")
+            points[corners] = self._step(rings, f"face {part.faces[faces[0]]}")
         if rim is not None and len(rim.vertex):
             beyond = np.full(len(squares) - mesh.n_corners, -1, dtype=np.int32)
             named = replace(rim, vertex=part.vertices[rim.vertex], ends=part.vertices[rim.ends])
@@ -148,7 +148,7 @@ class DualPatchTable(PatchTable):
         which = np.flatnonzero(with_limit)
         return _Level(squares, points, which, slot[which], turn[which])
 
-    def _around(self, rings: Array, where: str) -> Array:
+    def _step(self, rings: Array, where: str) -> Array:
         """The points that a step makes at the corners of n-gons, (r, n), of their points (r, n)."""
         n = rings.shape[1]
         if not self._gathers(n):
@@ -156,7 +156,8 @@ class DualPatchTable(PatchTable):
             turns = (np.arange(n)[:, None] + np.arange(n)) % n  # of a corner, from it on
             columns, weights = rings[:, turns].ravel(), np.tile(mask, rings.size)
             return self._extend(np.full(rings.size, n), columns, weights).reshape(rings.shape)
-        waves: Any = self._scheme.waves
+        scheme: Any = self._scheme
+        waves = scheme.waves
         own, once = float(waves.own), float(waves.once)
         cos, sin = once * circle(n)
         weights = np.stack([np.full(n, own), 1 - own - cos - sin, cos, sin], axis=1)
@@ -242,7 +243,7 @@ class DualPatchTable(PatchTable):
         for n, here in near.by_size(made):
             first, *_ = near.places(made[here], n)
             rings = near.rings(first, n)
-            own[rings] = self._around(points[rings // 4], "a vertex or a face")
+            own[rings] = self._step(points[rings // 4], "a vertex or a face")
         n_codes, splits = len(self.codes), np.arange(len(level.which))
         split = (n_codes - self.n_limit_faces) // count + splits
         self.codes[level.slot] = -2 - split
