@@ -102,8 +102,9 @@ assert expand(Rational(1, 4) - m * (1 - m) - (m - Rational(1, 2)) ** 2) == 0
 # h'_{ij}$ with $|\alpha_{ij}| \le 2$. The first part moves the point within the triangle: the new
 # share of corner $i$ is $\lambda_i (1 + \frac12 \sum_j \pm \alpha_{ij} \lambda_j)
 # \ge \lambda_i (1 - \sum_{j \ne i} \lambda_j) \ge 0$, and the sum stays one. So the distance from
-# the triangle is at most $\frac12 |\sum \lambda_i \lambda_j h'_{ij}|$: a surface that is flat, with straight
-# edges, is at distance 0 however its parameters run. Best is the projection of $h_{ij}$ onto the edge.
+# the triangle is at most $\frac12 |\sum \lambda_i \lambda_j h'_{ij}|$: a surface that is flat, with
+# straight edges, is at distance 0 however its parameters run. Best is the projection of $h_{ij}$
+# onto the edge.
 
 # %%
 alpha = symbols("alpha01 alpha02 alpha12")
