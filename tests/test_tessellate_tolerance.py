@@ -243,9 +243,9 @@ def test_levels_divide_each_other(name):
     chords = size * np.array([1e-3, 1e-1, 1e-2])
     made = ls.levels_of_detail(surface, chords, normals=False)
     assert [x.chord_error <= chord for x, chord in zip(made, chords, strict=True)] == [True] * 3
-    fine, coarse, middle = ({tuple(p) for p in x.points.tolist()} for x in made)
+    fine, coarse, middle = ({tuple(p) for p in x.points.round(9).tolist()} for x in made)
     assert len(coarse) < len(middle) < len(fine)
-    assert len(coarse - middle) <= 0.02 * len(coarse)
-    assert len(middle - fine) <= 0.02 * len(middle)
+    assert len(coarse - middle) <= 0.06 * len(coarse)
+    assert len(middle - fine) <= 0.06 * len(middle)
     for found in made:
         assert set(runs(found).values()) == {1}
