@@ -115,7 +115,7 @@ def test_numbers_typed_by_hand():
     assert (ls.centroid(box) == F(1, 2)).all()
     assert (ls.inertia(box) == np.identity(3, dtype=int) * F(1, 6)).all()
     about = ls.inertia(box, about=[0, 0, 0])
-    assert (about == np.where(np.identity(3) == 1, F(2, 3), -F(1, 4))).all()
+    assert (about == np.identity(3, dtype=int) * F(11, 12) - F(1, 4)).all()
 
 
 @pytest.mark.parametrize("scheme", ["doo-sabin", "loop"])
