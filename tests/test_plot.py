@@ -237,7 +237,7 @@ def test_a_plotter_takes_more_in_the_units_of_the_points():
         assert (found[:, 0] >= [100, 0, 0]).all()
         assert (found[:, 1] <= [high, 30, 30]).all()
         np.testing.assert_allclose(found[:, 0], low, atol=0.5)
-        between = (np.array(plotter.camera.position) + [115, 15, 15]) / 2
+        between = np.add(plotter.camera.position, (115, 15, 15)) / 2
         plotter.add_points(between[None], color="lime", point_size=30)
         red, green, blue = np.moveaxis(plotter.screenshot(return_img=True).astype(int), 2, 0)
         assert (green - np.maximum(red, blue) > 60).any()
