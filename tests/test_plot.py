@@ -224,7 +224,12 @@ def test_a_plotter_takes_more_in_the_units_of_the_points():
         pytest.skip("there is no OpenGL")
     surface = ls.LimitSurface(cube().with_points(cube().points * 30 + [100, 0, 0]))
     plotter = ls.plot(
-        surface, scalars="mean", poles=True, off_screen=True, return_plotter=True, window_size=SIZE
+        surface,
+        scalars="mean",
+        poles=True,
+        off_screen=True,
+        return_plotter=True,
+        window_size=(320, 240),
     )
     try:
         low, high = surface.evaluate(range(6), 0.5, 0.5).min(axis=0), 130
@@ -232,9 +237,10 @@ def test_a_plotter_takes_more_in_the_units_of_the_points():
         assert (found[:, 0] >= [100, 0, 0]).all()
         assert (found[:, 1] <= [high, 30, 30]).all()
         np.testing.assert_allclose(found[:, 0], low, atol=0.5)
-        before = plotter.screenshot(return_img=True)
-        plotter.add_points(np.array([[115.0, -10.0, 15.0]]), color="lime", point_size=30)
-        assert (plotter.screenshot(return_img=True) != before).any()
+        between = np.add(plotter.camera.position, (115, 15, 15)) / 2
+        plotter.add_points(between[None], color="lime", point_size=30)
+        red, green, blue = np.moveaxis(plotter.screenshot(return_img=True).astype(int), 2, 0)
+        assert (green - np.maximum(red, blue) > 60).any()
     finally:
         plotter.close()
 

@@ -59,6 +59,8 @@ def plotter(scene: Scene, width: int, height: int, off_screen: bool | None) -> A
     with _calm_vtk():
         found = _made(scene, width, height, off_screen, page=False)
         _explain(found, scene)
+        # what is added may be nearer than all of the scene, or farther
+        found.camera.clipping_range = 0.02 * scene.distance, 50 * scene.distance
         if found.off_screen:
             found.render()  # when VTK says that there is no X server
     _push_back()
