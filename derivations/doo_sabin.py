@@ -54,7 +54,7 @@ from sympy import (
     sympify,
 )
 
-from limitsurf.exact.dual import quad_pieces
+from limitsurf.exact.dual import center_pieces
 from limitsurf.exact.matrices import subdivision_matrix
 from limitsurf.scheme.doo_sabin import DOO_SABIN
 
@@ -448,7 +448,7 @@ piece = [(1 - T) ** 2 / 2, HALF + T * (1 - T), T**2 / 2]
 first = sum(weight * x for weight, x in zip(piece, chaikin[1:4], strict=True)).subs(T, 2 * t)
 assert expand(first - sum(w * x for w, x in zip(lower, points, strict=True))) == 0
 # what the library has: coefficients of the powers of T, the second half first
-for half, weights in zip(quad_pieces(DOO_SABIN), (upper, lower), strict=True):
+for half, weights in zip(center_pieces(DOO_SABIN), (upper, lower), strict=True):
     start = HALF if weights is upper else 0
     for k, weight in enumerate(weights):
         near = expand(sympify(weight).subs(t, start + T / 2))

@@ -60,7 +60,8 @@ def creased(s: float) -> ls.LimitSurface:
 def picture(surface: ls.LimitSurface, **options: object) -> ls.Picture:
     """A small picture."""
     shown: dict[str, Any] = {"window_size": (400, 300), "poles": False, "n": 16, **options}
-    return ls.plot(surface, **shown)
+    drawn: ls.Picture = ls.plot(surface, **shown)
+    return drawn
 
 
 row(*(picture(creased(s)) for s in (0, 0.5, 1)))

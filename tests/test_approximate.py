@@ -148,9 +148,9 @@ def test_units_do_not_matter(kind, power):
     scaled = surface.with_points(np.ldexp(surface.points, power))
     one, two = (ls.approximate(x, kind) for x in (surface, scaled))
     assert (np.ldexp(one.points, power) == two.points).all()
-    one, two = one.error(surface), two.error(scaled)
-    assert np.ldexp(one.parametric, power) == pytest.approx(two.parametric, rel=1e-12)
-    assert one.angle_found == pytest.approx(two.angle_found, abs=1e-12)
+    off, scaled_off = one.error(surface), two.error(scaled)
+    assert np.ldexp(off.parametric, power) == pytest.approx(scaled_off.parametric, rel=1e-12)
+    assert off.angle_found == pytest.approx(scaled_off.angle_found, abs=1e-12)
 
 
 @pytest.mark.parametrize("kind", KINDS)

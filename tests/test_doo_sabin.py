@@ -16,7 +16,7 @@ from oracles_creases import Cage
 import limitsurf as ls
 from limitsurf.refine import dual
 from limitsurf.scheme.doo_sabin import DOO_SABIN
-from limitsurf.spectra.fan import fan_of
+from limitsurf.spectra.dual_fan import fan_of
 
 REFERENCE = CASES.parent / "schemes"
 NOWHERE = pytest.mark.skipif(not REFERENCE.is_dir(), reason="no reference numbers here")

@@ -2,6 +2,7 @@
 
 import pickle
 from html.parser import HTMLParser
+from typing import Any
 
 import numpy as np
 import pytest
@@ -64,7 +65,7 @@ def test_tables():
 
 
 def test_a_report_is_an_array():
-    report = ls.validate(ls.LimitSurface(cube()), 2)
+    report: Any = ls.validate(ls.LimitSurface(cube()), 2)
     assert Cells(report._repr_html_()).cells[:5] == ["level", "error", "order", "limit_error", "1"]
     assert repr(report).startswith("array([(1, ")
     assert type(report["error"]) is np.ndarray

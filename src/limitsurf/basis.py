@@ -780,7 +780,7 @@ def strip_weights(
     return np.asarray((across[:, :, None] * along[:, None, :]).reshape(len(s), 16))
 
 
-def quad_weights(strips: StripTables, s: Array, t: Array, nu: Order) -> Array:
+def center_weights(strips: StripTables, s: Array, t: Array, nu: Order) -> Array:
     """The same of quads of a dual scheme that are not turned."""
     one = np.zeros(len(s), dtype=np.int64)
     return strip_weights(strips, one, s, t, nu, (one > 0, one > 0))

@@ -139,7 +139,7 @@ class Cover:
             return cls(True, patches.kind, controls, tables)
         kind = patches.kind.astype(np.int64)
         kind[kind == REGULAR] = len(tables)
-        quads = controls[STRIP]  # of a dual scheme, else none
+        centers = controls[STRIP]  # of a dual scheme, else none
         kind[kind == STRIP] = REGULAR
-        own = [quads, quads[:0], *controls[STRIP + 1 :], controls[REGULAR]]
+        own = [centers, centers[:0], *controls[STRIP + 1 :], controls[REGULAR]]
         return cls(False, kind, own, [*tables, monomials(scheme)])

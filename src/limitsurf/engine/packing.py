@@ -592,7 +592,7 @@ class Packing:
                 size = self._shape.POINTS
                 weights_of = basis.regular_weights(self._spline, FLOAT64)
                 if self._strips.both:
-                    weights_of = partial(basis.quad_weights, self._strips)
+                    weights_of = partial(basis.center_weights, self._strips)
                 rows = [weights_of(u, v, nu) for nu in terms]
             elif kinds[kind, evaluation.MODES] >= 0:
                 size = int(kinds[kind, evaluation.ROWS])

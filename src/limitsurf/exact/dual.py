@@ -22,7 +22,7 @@ from limitsurf.exact.matrices import SubdivisionMatrix
 from limitsurf.scheme.dual import DualScheme
 
 
-def quad_pieces(scheme: DualScheme) -> list[list[list[Fraction]]]:
+def center_pieces(scheme: DualScheme) -> list[list[list[Fraction]]]:
     """The curve along a quad amid others: its halves, the second first, as `strip_pieces` has them.
 
     Coefficients of powers by vertices: that before the quad, its two, and that after it.

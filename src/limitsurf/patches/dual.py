@@ -23,7 +23,7 @@ from limitsurf.patches.dual_squares import Squares, circle, first_squares
 from limitsurf.patches.table import NO_LIMIT, REGULAR, STRIP, PatchTable
 from limitsurf.refine.dual import Rim, masks, rim_rows
 from limitsurf.rules import Rules
-from limitsurf.scheme.lattice import QUADS
+from limitsurf.scheme import lattice
 from limitsurf.topology import MeshPart, corners_of
 
 Array = NDArray[Any]
@@ -54,7 +54,7 @@ class DualPatchTable(PatchTable):
     """
 
     def _build(self, cage: Mesh, rules: Rules, limit_faces: Array) -> None:
-        rest = self._quads(cage, rules, limit_faces)
+        rest = self._centers(cage, rules, limit_faces)
         if not len(rest):
             return
         level = self._first(cage, rules, limit_faces, rest)
@@ -66,16 +66,16 @@ class DualPatchTable(PatchTable):
         level = self._covered(level)
         assert not len(level.which)
 
-    def _quads(self, cage: Mesh, rules: Rules, limit_faces: Array) -> Array:
+    def _centers(self, cage: Mesh, rules: Rules, limit_faces: Array) -> Array:
         """Add the quads amid others; return which faces with limits are none."""
-        faces = np.flatnonzero(~rules.without_limit(cage))
+        primal, faces = lattice.QUADS, np.flatnonzero(~rules.without_limit(cage))
         valence = np.maximum(cage.connectivity.valences, 0)
-        valence[cage.indices[cage.sizes[cage.corner_face] != QUADS.face_size]] = 0
+        valence[cage.indices[cage.sizes[cage.corner_face] != primal.face_size]] = 0
         first = cage.connectivity.first(faces)
         turn = np.zeros(len(faces), dtype=np.int8)
-        found, start = neighbourhood.smooth_faces(cage, QUADS, first, turn, valence)
-        here = np.flatnonzero(found == QUADS.valence)
-        known = cage, QUADS, cage.twin, cage.indices, first[here], start[here]
+        found, start = neighbourhood.smooth_faces(cage, primal, first, turn, valence)
+        here = np.flatnonzero(found == primal.valence)
+        known = cage, primal, cage.twin, cage.indices, first[here], start[here]
         grid = neighbourhood.templates(*known)
         self.controls[STRIP] = np.zeros((0, grid.shape[1]), np.int32)
         self._add(STRIP, grid, limit_faces[faces[here]], turn[here])
@@ -85,9 +85,9 @@ class DualPatchTable(PatchTable):
     def summary(self) -> list[tuple[str, int]]:
         """How many limit faces are covered in which way, as (reason, number) pairs."""
         counts = dict(super().summary())
-        quads = counts.pop("one strip along a semi-sharp crease", 0)
+        centers = counts.pop("one strip along a semi-sharp crease", 0)
         one = "one regular patch"
-        return [(one, n) for n in [counts.pop(one, 0) + quads] if n] + list(counts.items())
+        return [(one, n) for n in [counts.pop(one, 0) + centers] if n] + list(counts.items())
 
     def typed(self, cage: Mesh, rules: Rules, number: NumberType) -> PatchTable:
         """The table of the same cage for numbers of another type."""

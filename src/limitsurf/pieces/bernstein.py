@@ -111,7 +111,7 @@ def strips(spline: Spline, across: Array) -> Array:
     return _tensor(controls, powers @ across)
 
 
-def quads(spline: Spline, pieces: Array) -> Array:
+def centers(spline: Spline, pieces: Array) -> Array:
     """Bernstein coefficients (2, 2, size, 16) of the pieces of quads, by piece along t and along s.
 
     `pieces` (2, degree + 1, 4) are as in `StripTables.pieces`.

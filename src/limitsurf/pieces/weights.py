@@ -88,7 +88,7 @@ class LocalWeights:
         """Weights (p, depth + 1, 16, 16) in strips; (4, n, 16) in quads of dual schemes."""
         tables_, which = self.strips
         if tables_.both:
-            found = bernstein.quads(self.scheme.spline, tables_.pieces)[::-1, ::-1]
+            found = bernstein.centers(self.scheme.spline, tables_.pieces)[::-1, ::-1]
             return found.reshape(4, *found.shape[2:])
         first = tables_.first[which[rows]]
         polynomials = tables_.pieces[first[:, None] + np.arange(depth + 1)]

@@ -316,7 +316,7 @@ def approximate(
     if kind == "gregory":
         points[rest], inside[rest] = _gregory(corners, rest)
         return ApproximatePatches(kind, levels, mesh, points, None, None, inside, fine)
-    points[rest], along[rest], across[rest] = _bicubic(corners, rest)
+    points[rest], along[rest], across[rest] = _loop_schaefer(corners, rest)
     return ApproximatePatches(kind, levels, mesh, points, along, across, None, fine)
 
 
@@ -410,7 +410,7 @@ def _placed(corners: Array, following: Array, previous: Array, inside: Array) ->
     return found
 
 
-def _bicubic(c: _Corners, faces: Array) -> tuple[Array, Array, Array]:
+def _loop_schaefer(c: _Corners, faces: Array) -> tuple[Array, Array, Array]:
     """Bezier points of patches and of both fields of tangents, by Loop and Schaefer (2008)."""
     n = c.n[:, None]
     corner = (n * n * c.vertex + c.total(4 * c.edge + c.face)) / (n * (n + 5))

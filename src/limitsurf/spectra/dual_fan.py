@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from limitsurf.cage.mesh import Mesh
 from limitsurf.exact.dual import ring_waves
+from limitsurf.spectra.basis import eigenbasis
 from limitsurf.spectra.fan import Fan
 from limitsurf.surface import LimitSurface
 from limitsurf.tables import grid_index
 
 if TYPE_CHECKING:
+    from limitsurf.scheme.scheme import Scheme
     from limitsurf.spectra.basis import Eigenbasis
 
 Array: TypeAlias = NDArray[Any]
@@ -64,8 +66,8 @@ class DualFan(Fan):
         across = [number[:, 0, 0], before[:, 0, 0], before[:, 0, 1], number[:, 1, 0]]
         beside = [number[:, 0, 0], number[:, 1, 0], number[:, 1, 1], number[:, 0, 1]]
         self._polygons = [number[:, 0, 0].tolist()]
-        for quads in (across, beside):
-            self._polygons += np.stack(quads, axis=1).tolist()
+        for polygons in (across, beside):
+            self._polygons += np.stack(polygons, axis=1).tolist()
         self.size = 4 * faces
 
     def surface(self, values: Array) -> LimitSurface:
@@ -132,3 +134,9 @@ class DualFan(Fan):
         )
         corner, half = self.number[0, 0, 0], np.pi / self.faces
         return np.stack([x / x[corner] * math.cos(half), y / y[corner] * math.sin(half)], axis=1)
+
+
+def fan_of(scheme: str | Scheme, kind: str, faces: int) -> Fan:
+    """The fan of a vertex, or of a polygon of a dual scheme."""
+    basis = eigenbasis(scheme, kind=kind, faces=faces)
+    return DualFan(basis) if basis.sector.lattice.dual else Fan(scheme, kind, faces)

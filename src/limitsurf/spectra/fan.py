@@ -55,16 +55,6 @@ class Mode:
     values: Array
 
 
-def fan_of(scheme: str | Scheme, kind: str, faces: int) -> Fan:
-    """The fan of a vertex, or of a polygon of a dual scheme."""
-    basis = eigenbasis(scheme, kind=kind, faces=faces)
-    if basis.sector.lattice.dual:
-        from limitsurf.spectra.dual_fan import DualFan
-
-        return DualFan(basis)
-    return Fan(scheme, kind, faces)
-
-
 class Fan:
     """The two-ring of a vertex: k sectors of 4 faces, the vertex at corner 0 of the inner ones.
 

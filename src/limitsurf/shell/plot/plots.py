@@ -41,7 +41,8 @@ from limitsurf.shell.plot.scene import (
     seams,
     unit_points,
 )
-from limitsurf.spectra.fan import Fan, Mode, fan_of, predicted_order
+from limitsurf.spectra.dual_fan import fan_of
+from limitsurf.spectra.fan import Fan, Mode, predicted_order
 from limitsurf.surface import LimitSurface
 
 if TYPE_CHECKING:
