@@ -8,7 +8,6 @@ from functools import lru_cache
 import numpy as np
 
 from limitsurf.exact.creases import CHAIKIN, INFINITE
-from limitsurf.exact.dual import center_pieces
 from limitsurf.exact.wide import MOST_FACES
 from limitsurf.numbers import FLOAT64, NumberType
 from limitsurf.scheme.dual import DualScheme
@@ -54,6 +53,8 @@ def strips_of(scheme: Scheme, sharpness: Array, number: NumberType) -> tuple[Str
     Of dual schemes all are those of a quad amid others.
     """
     if isinstance(scheme, DualScheme):
+        from limitsurf.exact.dual import center_pieces
+
         one, pieces = np.ones(1, dtype=np.int64), center_pieces(scheme)
         shape = len(pieces), len(pieces[0]), len(pieces[0][0])
         flat = number.array([w for piece in pieces for row in piece for w in row])
