@@ -288,7 +288,7 @@ def test_one_index_a_surface():
 )
 def test_degenerate_and_non_manifold(name):
     points, faces = CUBE
-    points, tags = np.asarray(points, dtype=float), {}
+    points, tags = np.array(points, dtype=float), {}
     if name == "crossed":
         points, faces, *_ = zoo.crossed_grids()
     elif name == "fins":
