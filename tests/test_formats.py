@@ -74,7 +74,7 @@ def tolerance(suffix):
 def test_every_suffix_is_documented():
     assert set(POLYGONS) | set(TRIANGLES) == set(formats.WRITABLE)
     assert set(formats.READABLE) == {*formats.WRITABLE, ".usdz"}
-    for suffixes, call in (formats.READABLE, ls.read), (formats.WRITABLE, ls.write):
+    for suffixes, call in ((*formats.READABLE, ".3dm"), ls.read), (formats.WRITABLE, ls.write):
         listed = re.findall(r"(?m)^    ``(\..*?)``  ", call.__doc__)
         assert sorted(" ".join(listed).split()) == sorted(suffixes)
 
