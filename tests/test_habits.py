@@ -450,10 +450,13 @@ def test_texts_of_pandas_are_texts():
     assert ls.Mesh(PLACES, BOX, face_data={"n": given}).face_data["n"].dtype.kind == "U"
 
 
-def test_usd_says_that_it_has_no_data_of_faces(tmp_path):
+def test_usd_keeps_data_of_faces(tmp_path):
     pytest.importorskip("pxr")
-    with pytest.warns(UserWarning, match=r"data of faces are left out: 'group', 'material', 'num"):
-        ls.write(tmp_path / "box.usda", painted())
+    ls.write(tmp_path / "box.usda", painted())
+    found = ls.read(tmp_path / "box.usda").face_data
+    assert found.keys() == painted().face_data.keys()
+    for name, values in painted().face_data.items():
+        assert (found[name] == values).all()
 
 
 def test_names_that_take_the_memory_are_left_out(tmp_path):

@@ -412,7 +412,7 @@ BROKEN = {
     SQUARE + "f 1 2 3 4\nt corner 1/1": "line 6: got tag 'corner 1/1', need",
     # binaries
     b"\x89PNG\r\n\x1a\n\x00\x00": "line 1: got '\\\\x89PNG', need a statement of an OBJ file",
-    b"\xff\xfev\x00 \x000\x00": "line 1: got '\\\\xff\\\\xfev",
+    b"\xff\xfev\x00 \x000\x00": "line 1: got a vertex of 1 numbers",  # UTF-16
     b"\x00" * 100: "line 1: got '\\x00",
     b"v 0 0 \xff\n": "line 1: got '\\\\xff', need a finite number",
     b"v 0 0 1\x002\n": "line 1: got '1\\x002', need a finite number",
