@@ -270,7 +270,8 @@ def test_levels_divide_each_other(name):
     size = np.ptp(surface.points, axis=0).max()
     chords = size * np.array([1e-1, 1e-2, 2e-3])
     before, fans = set(), set()
-    for parts, chord in zip(levels(surface, [Wanted(chord=x) for x in chords], 1), chords, strict=True):
+    every = levels(surface, [Wanted(chord=x) for x in chords], 1)
+    for parts, chord in zip(every, chords, strict=True):
         stitches, sites, _, _, error = parts
         assert error <= chord
         found = _assembled(surface, parts, False, (), 1)
