@@ -248,6 +248,8 @@ def test_what_is_refused():
             ls.tessellate(surface, chord=bad)
     with pytest.raises(TypeError, match="edge must be a number, got str"):
         ls.tessellate(surface, edge="1")
+    with pytest.raises(TypeError, match="chords must be several numbers, got float"):
+        ls.levels_of_detail(surface, 0.1)
     with pytest.raises(ValueError, match=r"got n=4 and chord=0\.1: give one"):
         ls.tessellate(surface, 4, chord=0.1)
     with pytest.raises(ValueError, match="n must be"):

@@ -138,9 +138,10 @@ class Division:
         self._known = int(kept.sum())
         special = parts.corner[which] >= 0
         flat = parts[which[~special]]
-        if len(flat):
-            points = self.points(flat)
-            found.append(self._divided(*self._halves(flat, points, self._second(points))))
+        for start in range(0, len(flat), _PORTION):
+            some = flat[start : start + _PORTION]
+            points = self.points(some)
+            found.append(self._divided(*self._halves(some, points, self._second(points))))
         deep, times = parts[which[special]], times[special]
         for k in range(int(times.max(initial=0))):
             here = times > k
