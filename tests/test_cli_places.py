@@ -112,5 +112,10 @@ def test_bad_calls_are_one_line(cage, tmp_path):
     np.save(tmp_path / "a.npy", np.zeros((2, 2)))
     assert "need numbers of shape (n, 3)" in fail("closest", cage, "--points", tmp_path / "a.npy")
     (tmp_path / "b.npy").write_text("no")
-    assert "no NumPy file" in fail("closest", cage, "--points", tmp_path / "b.npy")
+    text = fail("closest", cage, "--points", tmp_path / "b.npy")
+    assert "no NumPy file" in text
+    assert "pickle" not in text
+    np.savez(tmp_path / "c.npz", x=[1, 2], y=[1, 2], z=[1])
+    text = fail("closest", cage, "--points", tmp_path / "c.npz")
+    assert "c.npz: x, y and z must be of one shape, got [(2,), (2,), (1,)]" in text
     assert "the surface has no area" in fail("sample", flat, "-n", 3)

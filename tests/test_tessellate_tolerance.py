@@ -9,7 +9,8 @@ import zoo_triangles
 
 import limitsurf as ls
 from limitsurf.query.adaptive import WHOLE
-from limitsurf.query.stitching import Wanted, stitched
+from limitsurf.query.stitching import Wanted, levels, stitched
+from limitsurf.query.tessellation import _assembled
 
 CUBE = zoo.cube()
 
@@ -38,9 +39,10 @@ CASES = {
     **{f"torus_of_{x}": (lambda x=x: made(*torus(x), scheme=x)) for x in ls.schemes},
     **{f"open_of_{x}": (lambda x=x: made(*grid(x), scheme=x)) for x in ls.schemes},
     "prism_of_doo-sabin": lambda: made(*zoo.prism(5), scheme="doo-sabin"),
+    "flat_ngons": lambda: made(*zoo.truncated(zoo.octahedron()), scheme="bilinear"),
     "loop_dart": lambda: made(*zoo_triangles.TAGGED["dart_4"](), scheme="loop"),
 }
-CLOSED = ["cube", "bipyramid", "ngons", "semi", "prism_of_doo-sabin"]
+CLOSED = ["cube", "bipyramid", "ngons", "semi", "prism_of_doo-sabin", "flat_ngons"]
 CLOSED += [f"torus_of_{x}" for x in ls.schemes]
 
 
@@ -79,9 +81,9 @@ def apart(points, a, b, c):
     return np.where(inside, np.abs(height), found)
 
 
-def distances(surface, wanted, n, seed=0):
-    """Of random places of the surface from the triangles with parameters around them; the bound."""
-    stitches, sites, sizes, _, error = stitched(surface, wanted, 1)
+def distances(surface, parts, n, seed=0):
+    """Of random places of the surface from the triangles with parameters around them."""
+    stitches, sites, sizes, _, _ = parts
     first = np.cumsum(sizes) - sizes
     triangles = []
     for size in (3, 4):
@@ -97,29 +99,48 @@ def distances(surface, wanted, n, seed=0):
     if surface.patches.lattice.sloped:
         v = np.minimum(v, 1 - u)
     points = surface.evaluate(stitches.face[stitches.row[triangles[:, 0]]], u, v)
-    corners = surface.evaluate(*stitches.places(triangles))
-    return apart(points, *corners.swapaxes(0, 1)), error
+    used, which = np.unique(triangles, return_inverse=True)
+    corners = surface.evaluate(*stitches.places(used))[which.reshape(-1, 3)]
+    return apart(points, *corners.swapaxes(0, 1))
+
+
+def check_cover(surface, parts):
+    """Polygons cover the parameters of each limit face, counter-clockwise: none twice, none not."""
+    stitches, sites, sizes, owner, _ = parts
+    first = np.cumsum(sizes) - sizes
+    row = stitches.row[sites[first]]
+    assert (stitches.row[sites] == np.repeat(row, sizes)).all()
+    assert (stitches.face[row] == owner).all()
+    after = np.arange(1, len(sites) + 1)
+    after[first + sizes - 1] = first
+    x, y = (stitches.at[sites] / WHOLE).T
+    twice = np.add.reduceat(x * y[after] - x[after] * y, first)
+    assert (twice > 0).all()
+    total = 1 if surface.patches.lattice.sloped else 2
+    assert np.bincount(row, twice, len(stitches.face)) == pytest.approx(total, abs=1e-9)
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_within_the_error_that_is_stated(name):
+def test_no_gap_and_within_the_error_that_is_stated(name):
     surface = CASES[name]()
     size = np.ptp(surface.points, axis=0).max()
-    for chord in (1e-1 * size, 5e-3 * size):
-        found, error = distances(surface, Wanted(chord=chord), 20000)
-        assert found.max() <= error <= chord
-        if found.max() > 1e-9 * size and chord < 1e-2 * size:
-            assert error <= 3 * found.max()
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_no_gap_and_no_corner_amid_a_side(name):
-    surface = CASES[name]()
-    chord = 5e-3 * np.ptp(surface.points, axis=0).max()
-    found = ls.tessellate(surface, chord=chord)
+    parts = stitched(surface, Wanted(chord=1e-1 * size), 1)
+    assert distances(surface, parts, 3000).max() <= parts[-1] <= 1e-1 * size
+    check_cover(surface, parts)
+    parts = stitched(surface, Wanted(chord=5e-3 * size), 1)
+    far = distances(surface, parts, 9000).max()
+    assert far <= parts[-1] <= 5e-3 * size
+    assert far < 1e-9 * size or parts[-1] <= 3 * far
+    check_cover(surface, parts)
+    found = _assembled(surface, parts, True, (), 1)
     assert (found.points == surface.evaluate(found.face, found.u, found.v)).all()
     assert np.array_equal(np.unique(found.indices), np.arange(len(found.points)))
     assert np.array_equal(np.unique(found.normal_indices), np.arange(len(found.normals)))
+    check_edges(name, surface, found)
+
+
+def check_edges(name, surface, found):
+    """Each edge has two sides but at boundaries, which are closed and as long as they should be."""
     edges = runs(found)
     if name == "two_sided":  # from both sides in the same direction
         both = Counter(tuple(sorted(edge)) for edge in edges.elements())
@@ -131,7 +152,7 @@ def test_no_gap_and_no_corner_amid_a_side(name):
         assert not rim
         assert len(found.points) - len(edges) // 2 + len(found.sizes) == 2 * ("torus" not in name)
     # what is open are closed curves, as long as those of the uniform polygons
-    wanted = runs(uniform := ls.tessellate(surface, 8))
+    wanted = runs(uniform := ls.tessellate(surface, 8, normals=False))
     wanted = [edge for edge in wanted if edge[::-1] not in wanted]
     lengths = [
         np.linalg.norm(x.points[np.array(y)[:, 0]] - x.points[np.array(y)[:, 1]], axis=1).sum()
@@ -184,6 +205,12 @@ def test_edges_and_flat_faces():
     corners = found.points[found.indices[found.triangles]]
     assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= 0.1
     assert found.chord_error < 0.01
+    # bent along u, and long along v
+    bent = made([[0, 0, 0], [1, 0, 0.3], [2, 0, 0], [0, 99, 0], [1, 99, 0.3], [2, 99, 0]],
+                [[0, 1, 4, 3], [1, 2, 5, 4]])  # fmt: skip
+    assert len(ls.tessellate(bent, chord=1, edge=2, max_triangles=1000).sizes) < 500
+    bent = made(*zoo.corner_of_three(), scheme="doo-sabin")
+    assert len(ls.tessellate(bent, chord=1, edge=0.6, max_triangles=2000).sizes) < 1000
     flat = made(*zoo.grid(3, 3), scheme="bilinear")
     flat = flat.with_points(flat.points * [1, 1, 0])
     assert len(ls.tessellate(flat, chord=1e-9).sizes) == 9
@@ -209,8 +236,9 @@ def test_any_scale_and_place():
 @pytest.mark.parametrize("make", [lambda: zoo.bipyramid(64), lambda: zoo.prism(60)])
 def test_wide_poles_and_polygons(make):
     surface = made(*make())
-    found, error = distances(surface, Wanted(chord=0.02), 20000)
-    assert found.max() <= error <= 0.02
+    parts = stitched(surface, Wanted(chord=0.02), 1)
+    assert distances(surface, parts, 9000).max() <= parts[-1] <= 0.02
+    check_cover(surface, parts)
 
 
 def test_what_is_refused():
@@ -220,6 +248,8 @@ def test_what_is_refused():
             ls.tessellate(surface, chord=bad)
     with pytest.raises(TypeError, match="edge must be a number, got str"):
         ls.tessellate(surface, edge="1")
+    with pytest.raises(TypeError, match="chords must be several numbers, got float"):
+        ls.levels_of_detail(surface, 0.1)
     with pytest.raises(ValueError, match=r"got n=4 and chord=0\.1: give one"):
         ls.tessellate(surface, 4, chord=0.1)
     with pytest.raises(ValueError, match="n must be"):
@@ -236,16 +266,30 @@ def test_what_is_refused():
         ls.tessellate(surface, chord=3e-13)
 
 
-@pytest.mark.parametrize("name", ["cube", "ngons", "dart", "torus_of_loop"])
+@pytest.mark.parametrize("name", ["cube", "ngons", "semi", "dart", "torus_of_loop"])
 def test_levels_divide_each_other(name):
     surface = CASES[name]()
     size = np.ptp(surface.points, axis=0).max()
-    chords = size * np.array([1e-3, 1e-1, 1e-2])
-    made = ls.levels_of_detail(surface, chords, normals=False)
-    assert [x.chord_error <= chord for x, chord in zip(made, chords, strict=True)] == [True] * 3
-    fine, coarse, middle = ({tuple(p) for p in x.points.round(9).tolist()} for x in made)
-    assert len(coarse) < len(middle) < len(fine)
-    assert len(coarse - middle) <= 0.06 * len(coarse)
-    assert len(middle - fine) <= 0.06 * len(middle)
-    for found in made:
+    chords = size * np.array([1e-1, 1e-2, 2e-3])
+    before, fans = set(), set()
+    every = levels(surface, [Wanted(chord=x) for x in chords], 1)
+    for parts, chord in zip(every, chords, strict=True):
+        stitches, sites, _, _, error = parts
+        assert error <= chord
+        found = _assembled(surface, parts, False, (), 1)
         assert set(runs(found).values()) == {1}
+        places = set(zip(found.face.tolist(), found.u.tolist(), found.v.tolist(), strict=True))
+        # but for the middles of fans
+        assert before - places <= fans
+        assert len(before) < len(places)
+        middles = stitches.places(np.setdiff1d(sites, stitches.loop))
+        before, fans = places, set(zip(*(x.tolist() for x in middles), strict=True))
+
+
+def test_levels_are_in_the_order_of_tolerances():
+    surface = CASES["cube"]()
+    fine, coarse = ls.levels_of_detail(surface, [0.002, 0.1], normals=False)
+    one = ls.tessellate(surface, chord=0.1, normals=False)
+    assert np.array_equal(one.points, coarse.points)
+    assert fine.chord_error <= 0.002 < coarse.chord_error <= 0.1
+    assert ls.levels_of_detail(surface, []) == []

@@ -99,11 +99,15 @@ class Division:
     Attributes
     ----------
     excess : callable
+    edge : float
+        Longest side or diagonal of parts that is wanted: those with longer ones are halved across
+        their longer sides, others where they bend most.
     most : callable
         Is told how many parts there are at least, and about how many there will be; may raise.
     """
 
     excess: Excess
+    edge: float
     most: Callable[[int, float], None]
 
     def __init__(self, cells: Cells, kept: Array) -> None:
@@ -134,9 +138,10 @@ class Division:
         self._known = int(kept.sum())
         special = parts.corner[which] >= 0
         flat = parts[which[~special]]
-        if len(flat):
-            points = self.points(flat)
-            found.append(self._divided(*self._halves(flat, points, self._second(points))))
+        for start in range(0, len(flat), _PORTION):
+            some = flat[start : start + _PORTION]
+            points = self.points(some)
+            found.append(self._divided(*self._halves(some, points, self._second(points))))
         deep, times = parts[which[special]], times[special]
         for k in range(int(times.max(initial=0))):
             here = times > k
@@ -173,8 +178,11 @@ class Division:
 
     def _divided(self, face: Array, place: Array, step: Array, root: Array, points: Array) -> Parts:
         """The parts of parts with polynomials (L, n, 3)."""
-        found = []
-        while True:
+        found, pending = [], [(face, place, step, root, points)]
+        waiting = len(face)
+        while pending:
+            face, place, step, root, points = pending.pop()
+            waiting -= len(face)
             second = self._second(points)
             corners = points[:, self.form.corners]
             error = _polygon(self.form.ends, *second, corners)
@@ -185,11 +193,14 @@ class Division:
             found.append(parts[done])
             self._known += int(done.sum())
             rest = np.flatnonzero(~done)
-            self.most(self._known + len(rest), self._known + float(excess[rest].sum()))
-            if not len(rest):
-                return Parts.joined(found)
-            known = second[0][rest], second[1][rest]
-            face, place, step, root, points = self._halves(parts[rest], points[rest], known)
+            least = self._known + waiting + len(rest)
+            self.most(least, self._known + waiting + float(excess[rest].sum()))
+            for start in range(0, len(rest), _PORTION):
+                some = rest[start : start + _PORTION]
+                known = second[0][some], second[1][some]
+                pending.append(self._halves(parts[some], points[some], known))
+                waiting += len(pending[-1][0])
+        return Parts.joined(found)
 
     def _second(self, points: Array) -> tuple[Array, Array]:
         """Means (L, 3, 3) of second derivatives, and how far others are from them (L, 3)."""
@@ -207,8 +218,11 @@ class Division:
             along = corners[:, [1, 3]] - corners[:, :1]
             slid = bent[:, [0, 2]] - _slide(bent[:, [0, 2]], along)
             size = _norm(slid) + loose[:, [0, 2]]
+            sides = _norm(corners - np.roll(corners, -1, axis=1))
+            wide = np.maximum(sides[:, :2], sides[:, 2:]).argmax(axis=1)
             twist = _norm(bent[:, 1]) > size.max(axis=1)
-            way = np.where(twist, _norm(along).argmax(axis=1), size.argmax(axis=1))
+            long = longest(corners) > self.edge
+            way = np.where(twist | long, wide, size.argmax(axis=1))
         else:
             way = np.zeros(len(parts), dtype=np.int64)
         found = []
@@ -322,6 +336,12 @@ class Division:
                     found = np.matmul(plain if level else fine, found).reshape(len(which), -1, 3)
                     error = np.maximum(error, _distance(found, triangle).max(axis=1))
         return error, points
+
+
+def longest(corners: Array) -> Array:
+    """Longest side or diagonal of polygons (L, c, 3)."""
+    a, b = np.triu_indices(corners.shape[1], 1)
+    return np.asarray(np.sqrt(((corners[:, a] - corners[:, b]) ** 2).sum(axis=2)).max(axis=1))
 
 
 _TOO_FINE = "float64 cannot tell the parts apart that this tolerance needs: allow for more"

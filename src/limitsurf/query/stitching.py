@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from limitsurf import memory
 from limitsurf.cage.mesh import Mesh
-from limitsurf.query.adaptive import BITS, LOST, WHOLE, Division, Parts, triangles_error
+from limitsurf.query.adaptive import BITS, LOST, WHOLE, Division, Parts, longest, triangles_error
 from limitsurf.query.index import Cells
 from limitsurf.query.welding import sides
 from limitsurf.surface import LimitSurface
@@ -65,7 +65,7 @@ class Wanted:
         """How far parts are from it, as for `Division`."""
         found = error / self.chord
         if self.edge < math.inf:
-            found = np.maximum(found, (_longest(corners) / self.edge) ** 2)
+            found = np.maximum(found, (longest(corners) / self.edge) ** 2)
         return np.asarray(found)
 
     def check(self, n: int, about: float = 0.0, triangles: int | None = None) -> None:
@@ -109,7 +109,7 @@ def levels(
     division = Division(cells, surface.patches.with_limit)
     parts = None
     for scaled in every:
-        division.excess, division.most = scaled.excess, scaled.check
+        division.excess, division.edge, division.most = scaled.excess, scaled.edge, scaled.check
         if parts is None:
             parts = division.first()
         else:
@@ -155,12 +155,6 @@ def _cut(
     np.maximum.at(error, own, found)
     np.maximum.at(excess, own, wanted.excess(points, points, found))
     return error, excess
-
-
-def _longest(corners: Array) -> Array:
-    """Longest side or diagonal of polygons (L, c, 3)."""
-    a, b = np.triu_indices(corners.shape[1], 1)
-    return np.asarray(np.sqrt(((corners[:, a] - corners[:, b]) ** 2).sum(axis=2)).max(axis=1))
 
 
 class Stitches:
@@ -248,9 +242,10 @@ class Stitches:
         found = []
         for k in range(len(self._ends)):
             on, step = self._along(k, at)
-            on &= (step > 0) & (step < WHOLE)
-            here = row[on]
-            found.append((line[here, k], start[here, k] + speed[here, k] * step[on]))
+            of, along = line[row, k], start[row, k] + speed[row, k] * step
+            # corners of limit faces of n-gons are in the middles of edges
+            on &= (along > 0) & (along < np.where(of < self._mesh.n_edges, _LINE, WHOLE))
+            found.append((of[on], along[on]))
         lines, steps, _ = _distinct(*(np.concatenate(x) for x in zip(*found, strict=True)))
         # what is on each line, for each side on it
         own = np.arange(line.size)

@@ -153,13 +153,14 @@ class Tessellation(Polygons):
     points : (V, 3) float64
         Each once, on the surface.
     sizes : (F,) int64
-        Corners of each polygon: 3 on limit faces that are triangles, else 4 to 8.
+        Corners of each polygon: 3 on limit faces that are triangles, else 4 to 8; 3 or 4 if they
+        were made to a tolerance.
     indices : (C,) int64
         Rows of `points` of all corners.
     faces : Faces
         The polygons by themselves: ``len(faces)`` arrays of rows of `points`.
     uniform : (F, k) int64, or None
-        The rows of all polygons, if each has k corners; None where some beside an n-gon have more.
+        The rows of all polygons, if each has k corners; None where some have more than others.
     face, u, v : (V,)
         One place of each point: ``surface.evaluate(face, u, v)`` equals `points`.
     normals : (K, 3) float64
@@ -335,6 +336,8 @@ def levels_of_detail(
     >>> len(fine.triangles) > 4 * len(coarse.triangles)
     True
     """
+    if not isinstance(chords, Iterable):
+        raise TypeError(f"chords must be several numbers, got {type(chords).__name__}")
     asked = list(chords)
     every = [_wanted(None, chord, None, None) for chord in asked]
     _check(surface)

@@ -59,11 +59,16 @@ def batches(path: str) -> Iterator[Array]:
             else:
                 inside = {"position": known}
         except (ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-            raise ValueError(f"{path}: no NumPy file of numbers ({error})") from None
+            # NumPy takes whatever it does not know for a pickle, and says how to load that
+            why = "" if "pickle" in str(error) else f" ({error})"
+            raise ValueError(f"{path}: no NumPy file of numbers{why}") from None
     points = inside.get("position")
     if points is None:
         if missing := [axis for axis in AXES if axis not in inside]:
             raise ValueError(f"{path}: {missing[0]!r} is missing, need x, y and z, or position")
+        shapes = [np.shape(inside[axis]) for axis in AXES]
+        if len(set(shapes)) > 1:
+            raise ValueError(f"{path}: x, y and z must be of one shape, got {shapes}")
         points = np.stack([inside[axis] for axis in AXES], axis=-1)
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf":
         raise ValueError(
