@@ -1413,3 +1413,28 @@ def test_interrupt(cage):
         _, stderr = process.communicate(timeout=60)
     assert process.returncode == 130
     assert b"Traceback" not in stderr
+
+
+def test_faces_are_selected(tmp_path):
+    data = {"group": ["lid", "side", "lid", "a=b", "", ""], "id": [7, 2, 2, 0, 0, 0]}
+    path, part = tmp_path / "cube.vtp", tmp_path / "part.obj"
+    cube = ls.Mesh(*zoo.cube())
+    ls.write(path, cube.with_tags(face_data={**data, "odd": np.arange(6) % 2 == 1}))
+    for given, faces in [
+        (["group=lid"], 2),
+        (["group=lid", "group=a=b"], 3),
+        (["group=lid", "id=2"], 1),
+        (["id=2.0"], 2),
+        (["group="], 2),
+    ]:
+        options = [x for text in given for x in ("--select", text)]
+        assert facts("info", path, *options)["faces"] == faces
+    succeed("convert", path, "-o", part, "--select", "group=lid")
+    assert ls.read(part).n_faces == 2
+    for given, message in [
+        ("group", "need NAME=VALUE"),
+        ("group=top", "no face has group 'top': they have '', 'a=b', 'lid', 'side'"),
+        ("id=two", "--select id: need a number, got 'two'"),
+        ("colour=red", "there is no data of faces 'colour'"),
+    ]:
+        assert message in fail("info", path, "--select", given)

@@ -215,6 +215,10 @@ def test_bad_input():
         ls.centroid(square.with_points(0 * square.points), of="surface")
     with pytest.raises(ValueError, match='of must be "body"'):
         ls.inertia(cube, of="soul")
+    for bad in ([0, 0], [0, np.inf, 0], "abc", [None] * 3):
+        with pytest.raises(ValueError, match="about must be a finite point"):
+            ls.inertia(cube, about=bad)
+    assert ls.inertia(cube, about=[F(1, 2)] * 3).dtype == float
     with pytest.raises(ValueError, match="shape"):
         ls.integrate(cube, lambda x, n: np.ones(len(x) + 1))
     with pytest.raises(ValueError, match="finite"):

@@ -33,7 +33,7 @@ def read(name: str, suffix: str, path: str, folder: str | None, *, strict: bool 
     import rhino3dm
 
     losses = Losses(name, strict)
-    file = rhino3dm.File3dm.Read(path)
+    file: Any = rhino3dm.File3dm.Read(path)
     if file is None:
         raise MeshError(f"{name}: rhino3dm cannot read it: truncated or broken")
     layers = {layer.Index: layer for layer in file.Layers}
