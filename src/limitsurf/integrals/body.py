@@ -226,15 +226,11 @@ def inertia(
     middle = _middle(moments, of)
     second = moments.second - moments.volume * np.multiply.outer(middle, middle)
     second = (second + second.T) / 2
+    if about is not None:
+        away = middle - _scaled(_point(about, is_exact(surface)) - origin, power)
+        second = second + moments.volume * np.multiply.outer(away, away)
     own = np.trace(second) * np.identity(3, dtype=int) - second
-    found = _scaled(own, -(5 if of == "body" else 4) * power)
-    if about is None:
-        return found
-    place = _point(about, is_exact(surface))
-    away = origin + _scaled(middle, -power) - place
-    mass = _unscaled(moments.volume, -(3 if of == "body" else 2) * power)
-    more = away @ away * np.identity(3, dtype=int) - np.multiply.outer(away, away)
-    return np.asarray(found + mass * more)
+    return _scaled(own, -(5 if of == "body" else 4) * power)
 
 
 def integrate(
