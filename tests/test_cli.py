@@ -1447,3 +1447,14 @@ def test_faces_are_selected_by_numbers_and_truth(tmp_path, monkeypatch):
         assert facts("info", path, "--select", given)["faces"] == faces
     assert "--select id: need a number, got 'two'" in fail("info", path, "--select", "id=two")
     assert "need true or false" in fail("info", path, "--select", "odd=yes")
+
+
+def test_looks_of_pictures(tmp_path, monkeypatch):
+    path, given = tmp_path / "cube.obj", []
+    ls.write(path, ls.Mesh(*zoo.cube()))
+    monkeypatch.setattr("limitsurf.plot", lambda *_, **options: given.append(options))
+    looks = ("axes", "scale_bar", "dark")
+    for flags in ((), ("--axes", "--dark"), ("--scale-bar",)):
+        run("plot", path, "-o", tmp_path / "a.png", *flags)
+    found = [{name for name in looks if options.get(name)} for options in given]
+    assert found == [set(), {"axes", "dark"}, {"scale_bar"}]
