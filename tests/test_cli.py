@@ -1413,3 +1413,48 @@ def test_interrupt(cage):
         _, stderr = process.communicate(timeout=60)
     assert process.returncode == 130
     assert b"Traceback" not in stderr
+
+
+def test_faces_are_selected(tmp_path):
+    data = {"group": ["lid", "side", "lid", "a=b", "", ""], "material": ["oak"] * 2 + ["fir"] * 4}
+    path, part = tmp_path / "cube.obj", tmp_path / "part.obj"
+    cube = ls.Mesh(*zoo.cube())
+    ls.write(path, cube.with_tags(face_data=data))
+    for given, faces in [
+        (["group=lid"], 2),
+        (["group=lid", "group=a=b"], 3),
+        (["group=lid", "material=fir"], 1),
+        (["group="], 2),
+    ]:
+        options = [x for text in given for x in ("--select", text)]
+        assert facts("info", path, *options)["faces"] == faces
+    succeed("convert", path, part, "--select", "group=lid")
+    assert ls.read(part).n_faces == 2
+    for given, message in [
+        ("group", "need NAME=VALUE"),
+        ("group=top", "no face has group 'top': they have '', 'a=b', 'lid', 'side'"),
+        ("colour=red", "there is no data of faces 'colour'"),
+    ]:
+        assert message in fail("info", path, "--select", given)
+
+
+def test_faces_are_selected_by_numbers_and_truth(tmp_path, monkeypatch):
+    data = {"id": [7, 2, 2, 0, 0, 0], "odd": np.arange(6) % 2 == 1, "heat": np.arange(6) / 10}
+    cube = ls.Mesh(*zoo.cube(), face_data=data)
+    monkeypatch.setattr("limitsurf.read", lambda *_, **__: cube)
+    path = tmp_path / "cube.obj"
+    for given, faces in [("id=2", 2), ("id=2.0", 2), ("odd=True", 3), ("odd=0", 3), ("heat=.3", 1)]:
+        assert facts("info", path, "--select", given)["faces"] == faces
+    assert "--select id: need a number, got 'two'" in fail("info", path, "--select", "id=two")
+    assert "need true or false" in fail("info", path, "--select", "odd=yes")
+
+
+def test_looks_of_pictures(tmp_path, monkeypatch):
+    path, given = tmp_path / "cube.obj", []
+    ls.write(path, ls.Mesh(*zoo.cube()))
+    monkeypatch.setattr("limitsurf.plot", lambda *_, **options: given.append(options))
+    looks = ("axes", "scale_bar", "dark")
+    for flags in ((), ("--axes", "--dark"), ("--scale-bar",)):
+        run("plot", path, "-o", tmp_path / "a.png", *flags)
+    found = [{name for name in looks if options.get(name)} for options in given]
+    assert found == [set(), {"axes", "dark"}, {"scale_bar"}]

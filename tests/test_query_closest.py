@@ -355,12 +355,12 @@ def test_bad_input():
 
 def test_signs_need_a_closed_surface():
     points, faces = CUBE
-    with pytest.raises(ValueError, match=r"vertices 0 and \d has faces on one side alone"):
+    with pytest.raises(ValueError, match=r"vertices 0 and \d has a face on one side only"):
         ls.closest_point(made((points, faces[1:])), [0, 0, 0], signed=True)
     turned = [faces[0][::-1], *faces[1:]]
     with pytest.raises(ValueError, match=r"vertices 0 and \d is passed the same way"):
         ls.closest_point(made((points, turned)), [0, 0, 0], signed=True)
-    with pytest.raises(ValueError, match="one side alone"):
+    with pytest.raises(ValueError, match="on one side only"):
         ls.closest_point(made((*CUBE, {"holes": [0]})), [0, 0, 0], signed=True)
 
 

@@ -327,7 +327,7 @@ def test_inside_of_a_box_and_nothing():
     strange = [[np.nan, 0, 0], [0.5, 0.5, 0.5], [np.inf, 0, 0]]
     assert ls.contains(surface, strange).tolist() == [False, True, False]
     assert np.isnan(ls.winding_number(surface, strange)).tolist() == [True, False, True]
-    with pytest.raises(ValueError, match=r"vertices 0 and \d has faces on one side alone"):
+    with pytest.raises(ValueError, match=r"vertices 0 and \d has a face on one side only"):
         ls.contains(made((CUBE[0], CUBE[1][1:])), [0, 0, 0])
 
 

@@ -302,6 +302,36 @@ def test_subsets_are_data_of_faces(read, subsets, expected):
     assert {name: values.tolist() for name, values in found.items()} == expected
 
 
+@pytest.mark.parametrize(
+    "values",
+    [
+        ["a_b", "a|b", "a_b_2", "a~b", "a_b_1"],  # of which USD makes two names
+        np.array([True, False, True, True, False]),
+        np.arange(5) + 2**62,
+        np.arange(10.0).reshape(5, 2) / 3,
+    ],
+)
+def test_data_of_faces_come_back(values, tmp_path):
+    path = tmp_path / "a.usda"
+    points, faces = np.eye(15, 3) + np.arange(15)[:, None], np.arange(15).reshape(5, 3)
+    ls.write(path, ls.Mesh(points, faces, face_data={"x": values}))
+    found = ls.read(path).face_data["x"]
+    assert (found == np.array(values)).all()
+    assert found.dtype.kind == np.array(values).dtype.kind
+
+
+def test_integers_that_usd_cannot_hold(tmp_path):
+    path, data = tmp_path / "a.usda", {"x": np.array([1, 2**63], np.uint64)}
+    with pytest.warns(UserWarning, match=r"left out, of no form, size or name .* 'x'"):
+        ls.write(path, ls.Mesh(POINTS, FACES, face_data=data))
+
+
+def test_uniform_values_of_another_number_of_faces(read):
+    body = "float[] primvars:heat = [1, 2, 3] (interpolation = 'uniform')"
+    with pytest.warns(UserWarning, match="primvar 'heat': got 3 values, need one for each face"):
+        assert not read(prim(body)).face_data
+
+
 def test_a_subset_of_faces_that_do_not_exist(read):
     with pytest.warns(UserWarning, match="subset 'b': face 9 is out of range, need 0 to 1"):
         mesh = read(prim(SUBSETS % ("x", "0", "x", "1, 9")) + prim(name="plain"))

@@ -10,8 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import numbers
-from limitsurf.engine.protocol import Request, threads
-from limitsurf.integrals.cells import Cells, checked, is_exact, refuse_open
+from limitsurf.engine.protocol import threads
+from limitsurf.integrals.cells import Cells
+from limitsurf.integrals.checks import (
+    check_rtol,
+    checked,
+    chosen_faces,
+    is_exact,
+    refuse_exact,
+    refuse_open,
+)
 from limitsurf.integrals.moments import Moments, float_moments
 from limitsurf.integrals.rational import exact_moments
 from limitsurf.integrals.sums import sample, surface_integrals
@@ -21,7 +29,6 @@ Array = NDArray[Any]
 Of: TypeAlias = Literal["body", "surface"]
 
 _RTOL = 1e-12
-_LEAST = 1e-15  # relative: float64 does not tell more
 _NOTHING = 2.0**-44  # of the sizes that are added up, below which a volume is rounding
 
 
@@ -219,17 +226,11 @@ def inertia(
     middle = _middle(moments, of)
     second = moments.second - moments.volume * np.multiply.outer(middle, middle)
     second = (second + second.T) / 2
+    if about is not None:
+        away = middle - _scaled(_point(about, is_exact(surface)) - origin, power)
+        second = second + moments.volume * np.multiply.outer(away, away)
     own = np.trace(second) * np.identity(3, dtype=int) - second
-    found = _scaled(own, -(5 if of == "body" else 4) * power)
-    if about is None:
-        return found
-    place = np.asarray(about)
-    if place.shape != (3,) or (place.dtype != object and not np.isfinite(place).all()):
-        raise ValueError(f"about must be a finite point (3,), got {about!r}")
-    away = origin + _scaled(middle, -power) - place
-    mass = _unscaled(moments.volume, -(3 if of == "body" else 2) * power)
-    more = away @ away * np.identity(3, dtype=int) - np.multiply.outer(away, away)
-    return np.asarray(found + mass * more)
+    return _scaled(own, -(5 if of == "body" else 4) * power)
 
 
 def integrate(
@@ -316,27 +317,7 @@ def _cells(
     check_rtol(rtol)
     if is_exact(surface):
         refuse_exact(what)
-    n = len(surface.limit_faces)
-    faces = np.arange(n)
-    if face is not None:
-        request = Request.of(np.ravel(np.asarray(face)), 0.0, 0.0, False, 1)
-        request.check(n, surface.topology.lattice)
-        faces = request.face.astype(np.int64)
-    return Cells(surface, faces, threads(workers))
-
-
-def refuse_exact(what: str) -> None:
-    """Refuse Fractions where there are roots."""
-    raise TypeError(
-        f"the {what} needs square roots, which Fractions do not have: give float64 points; "
-        "volume, and centroid and inertia of the body, know Fractions"
-    )
-
-
-def check_rtol(rtol: Any) -> None:
-    """Refuse a relative tolerance that float64 cannot reach, or that says nothing."""
-    if not isinstance(rtol, (int, float, np.floating)) or not _LEAST <= rtol < 1:
-        raise ValueError(f"rtol must be a number from {_LEAST} to below 1, got {rtol!r}")
+    return Cells(surface, chosen_faces(surface, face), threads(workers))
 
 
 def _over_surface(
@@ -381,11 +362,23 @@ def _of_body(
     checked(surface, what)
     check_rtol(rtol)
     count = threads(workers)
-    refuse_open(surface, what)
+    refuse_open(surface, f"the {what} needs")
     if is_exact(surface):
         return exact_moments(surface, order), np.full(3, Fraction(0)), 0
     cells = Cells(surface, np.arange(len(surface.limit_faces)), count)
     return float_moments(cells, order, count), cells.origin, cells.power
+
+
+def _point(about: ArrayLike, exact: bool) -> Array:
+    """A point (3,) of float64, or of Fractions."""
+    try:
+        place = np.asarray(about)
+        place = np.asarray(place.astype(float) if not exact else numbers.RATIONAL.array(place))
+    except (TypeError, ValueError, OverflowError):
+        place = np.zeros(0)
+    if place.shape != (3,) or (not exact and not np.isfinite(place).all()):
+        raise ValueError(f"about must be a finite point (3,), got {about!r}")
+    return place
 
 
 def _middle(moments: Moments, of: Of) -> Array:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import numbers
 from limitsurf.engine.packing import over_chunks
 from limitsurf.patches import NO_LIMIT
 from limitsurf.pieces.beyond import Beyond
@@ -80,49 +79,3 @@ def _used(surface: LimitSurface, faces: Array) -> Array:
         vertex[mesh.indices[face[mesh.corner_face]]] = True
         face[mesh.corner_face[vertex[mesh.indices]]] = True
     return np.flatnonzero(vertex)
-
-
-def checked(surface: Any, what: str) -> LimitSurface:
-    """A surface with points in space."""
-    if not isinstance(surface, LimitSurface):
-        raise TypeError(f"{what} needs a LimitSurface, got {type(surface).__name__}")
-    if surface.points.shape[1:] != (3,):
-        raise ValueError(
-            f"{what} needs points of shape (n_vertices, 3), got {surface.points.shape}"
-        )
-    return surface
-
-
-def is_exact(surface: LimitSurface) -> bool:
-    """Whether points are Fractions."""
-    return numbers.type_of(surface.points).exact
-
-
-def refuse_open(surface: LimitSurface, what: str) -> None:
-    """Refuse a surface that bounds no body: with an edge that is not passed once each way."""
-    mesh, known = surface.mesh, surface.patches.with_limit
-    if not known.any():
-        raise ValueError(f"the {what} needs a closed surface, but no face has a limit")
-    whole = np.ones(mesh.n_faces, dtype=bool)
-    whole[surface.limit_faces.face[~known]] = False
-    corner = np.flatnonzero(whole[mesh.corner_face])
-    start, end = mesh.indices[corner], mesh.indices[mesh.next_corner[corner]]
-    edge, forward = mesh.corner_edge[corner], np.where(start < end, 1, -1)
-    balance = np.bincount(edge, forward, minlength=mesh.n_edges)
-    bad = np.flatnonzero(balance != 0)
-    if not len(bad):
-        return
-    sides = np.bincount(edge, minlength=mesh.n_edges)[bad[0]]
-    a, b = sorted(mesh.edges[bad[0]].tolist())
-    on = (
-        "has a face on one side only (holes and faces without a limit count as none)"
-        if sides == 1
-        else "is passed the same way by faces on both sides"
-        if sides == 2
-        else f"of {sides} faces is passed more often one way than the other"
-    )
-    more = f", and {len(bad) - 1} more edges are like it" if len(bad) > 1 else ""
-    raise ValueError(
-        f"the {what} needs a closed surface whose faces are consistently oriented, but the edge of "
-        f"vertices {a} and {b} {on}{more}: close it, or turn faces over"
-    )

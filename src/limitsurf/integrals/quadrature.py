@@ -11,9 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from limitsurf import memory, tables
 from limitsurf.cage.checks import checked_integer
 from limitsurf.engine.places import Places
-from limitsurf.engine.protocol import Request
-from limitsurf.integrals.body import check_rtol
-from limitsurf.integrals.cells import is_exact
+from limitsurf.integrals.checks import check_rtol, chosen_faces, is_exact
 from limitsurf.integrals.rules import Rule
 from limitsurf.integrals.tails import KINDS, Kind, Tail, tail
 from limitsurf.numbers import FLOAT64
@@ -158,12 +156,7 @@ def quadrature(
             "the points of Gauss rules are irrational: give float64 points; volume, and centroid "
             "and inertia of the body, know Fractions"
         )
-    n = len(surface.limit_faces)
-    faces = np.arange(n)
-    if face is not None:
-        request = Request.of(np.ravel(np.asarray(face)), 0.0, 0.0, False, 1)
-        request.check(n, surface.topology.lattice)
-        faces = request.face.astype(np.int64)
+    faces = chosen_faces(surface, face)
     return _made(surface, faces, Rule.of(surface.topology.rules.scheme, points), integrand, rtol)
 
 

@@ -30,8 +30,11 @@ Integrand: TypeAlias = Callable[[Array, Array], Array]
 _EPS = np.finfo(float).eps
 _LESS, _MORE = 6, 9  # points per direction of the two rules
 _AT_ONCE = 1 << 17  # points of rules in memory at once
-_DEEPEST, _MOST = 40, 1 << 18  # halvings of cells, and cells that are split at once
+_DEEPEST = 40  # halvings of cells
+_FEW, _TIMES = 1 << 17, 8  # cells that may be tried, or so many times as there were at first
 _RINGS = 1000
+# where integrands jump, rules are wrong by up to some 15 times what they differ by
+_MARGIN = 32
 
 
 def surface_integrals(
@@ -44,6 +47,7 @@ def surface_integrals(
     points, about = _all_cells(cells, rtol)
     total, size, missed = np.zeros(width), np.zeros(width), np.zeros(width)
     scale: Array | None = None
+    tried = 0
     for depth in range(_DEEPEST + 1):
         value, absolute, gap = _both_rules(cells.scheme, points, about, f, width, workers)
         if scale is None:
@@ -51,7 +55,9 @@ def surface_integrals(
         share = np.maximum(absolute, scale / count)
         enough = np.maximum(rtol / 4 * share, 16 * _EPS * absolute)
         good = np.asarray((gap <= enough).all(axis=1))
-        last = depth == _DEEPEST or np.count_nonzero(~good) > _MOST
+        tried += len(points)
+        more = tried + 4 * np.count_nonzero(~good)
+        last = depth == _DEEPEST or more > max(_FEW, _TIMES * count)
         if last and not good.all():
             missed = gap[~good].sum(axis=0)
             good = np.ones(len(good), dtype=bool)
@@ -60,10 +66,10 @@ def surface_integrals(
             break
         points, about = _split(cells.scheme, points[~good]), np.repeat(about[~good], 4, axis=0)
     if (missed > rtol * size).any():
-        worst = float((missed / np.where(size, size, 1)).max())
+        worst = _MARGIN * float((missed / np.where(size, size, 1)).max())
         warnings.warn(
-            f"the integral is known to {worst:.1e} only, not to rtol = {rtol:.1e}: the integrand "
-            "is not smooth within faces",
+            f"the integral is known to about {worst:.1e} only, not to rtol = {rtol:.1e}: the "
+            "integrand is not smooth within faces",
             RuntimeWarning,
             stacklevel=4,
         )

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from limitsurf import html, numbers
 from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
+from limitsurf.integrals.checks import refuse_open
 from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.nearest import POINT, SAME, Feet, Search, in_plane
 from limitsurf.query.sides import (
@@ -18,7 +19,6 @@ from limitsurf.query.sides import (
     around_vertex,
     beside_edge,
     falls_nearby,
-    refuse_open,
     shared,
     sides,
 )
@@ -146,7 +146,7 @@ def closest_point(
     surface = checked_surface(surface, channel)
     cells = Cells.of(surface, threads(workers))
     if signed:
-        refuse_open(surface)
+        refuse_open(surface, "inside and outside need")
     asked = _asked(points)
     most = _distance("max_distance", max_distance)
     flat = asked.reshape(-1, 3)

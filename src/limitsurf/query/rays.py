@@ -13,9 +13,10 @@ from scipy.sparse.csgraph import connected_components
 from limitsurf import numbers
 from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
+from limitsurf.integrals.checks import refuse_open
 from limitsurf.query.crossings import TIED, Crossings, Hits, Rays
 from limitsurf.query.index import Cells, checked_surface
-from limitsurf.query.sides import covered, refuse_open
+from limitsurf.query.sides import covered
 from limitsurf.query.traversal import followed, kernels_for
 from limitsurf.surface import LimitSurface
 
@@ -368,7 +369,7 @@ def _wound(surface: LimitSurface, points: ArrayLike, workers: int) -> tuple[Arra
     """Winding numbers of points (..., 3), and whether they are on the surface."""
     surface = checked_surface(surface)
     asked = _vectors("points", points)
-    refuse_open(surface)
+    refuse_open(surface, "inside and outside need")
     workers = threads(workers)
     cells = Cells.of(surface, workers)
     flat = asked.reshape(-1, 3)

@@ -43,40 +43,6 @@ class Shared:
         return Shared(*(x[which] for x in parts))
 
 
-def refuse_open(surface: LimitSurface) -> None:
-    """Refuse a surface that bounds nothing: with an edge that is not passed once each way.
-
-    Raises
-    ------
-    ValueError
-        With the first such edge.
-    """
-    mesh, limit_faces = surface.mesh, surface.limit_faces
-    known = surface.patches.with_limit
-    whole = np.zeros(mesh.n_faces, dtype=bool)
-    whole[limit_faces.face[known]] = True
-    corner = np.flatnonzero(whole[mesh.corner_face])
-    start, end = mesh.indices[corner], mesh.indices[mesh.next_corner[corner]]
-    edge, forward = mesh.corner_edge[corner], np.where(start < end, 1, -1)
-    sides = np.bincount(edge, minlength=mesh.n_edges)
-    balance = np.bincount(edge, forward, minlength=mesh.n_edges)
-    bad = np.flatnonzero(balance != 0)
-    if len(bad):
-        first = bad[0]
-        here = np.flatnonzero(edge == first)[0]
-        a, b = sorted((int(start[here]), int(end[here])))
-        why = (
-            "has faces on one side alone"
-            if sides[first] == 1
-            else "is passed the same way by faces on both sides"
-        )
-        more = f" ({len(bad) - 1} more edges like it)" if len(bad) > 1 else ""
-        raise ValueError(
-            f"inside and outside need a closed surface of consistent orientation, but the edge of "
-            f"vertices {a} and {b} {why}{more}: close it, or ask for what has no sides"
-        )
-
-
 def shared(surface: LimitSurface, face: Array, u: Array, v: Array) -> Shared:
     """All limit faces that places (Q,) on sides of limit faces belong to; none for others."""
     lattice, mesh = surface.topology.lattice, surface.mesh

@@ -548,6 +548,9 @@ def basis(
 @click.option("--curves/--no-curves", default=None, help="Draw the edges of the limit faces.")
 @click.option("--poles/--no-poles", default=None, help="Mark extraordinary points.")
 @click.option("--normals", is_flag=True, help="Draw normals.")
+@click.option("--axes", is_flag=True, help="Draw a box with numbers around.")
+@click.option("--scale-bar", is_flag=True, help="Draw a bar of a round length.")
+@click.option("--dark", is_flag=True, help="Draw on a dark ground.")
 @click.option(
     "--isolines",
     type=click.IntRange(0, 1000),

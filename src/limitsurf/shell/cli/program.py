@@ -7,6 +7,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, wraps
 from io import BytesIO
@@ -107,8 +108,8 @@ class Cage:
         wanted: dict[str, list[Any]] = {}
         for name, value in (text.split("=", 1) for text in self.chosen):
             data = mesh.face_data.get(name)
-            is_text = data is None or data.dtype.kind == "U"
-            wanted.setdefault(name, []).append(value if is_text else _number(name, value))
+            kind = "U" if data is None else data.dtype.kind
+            wanted.setdefault(name, []).append(_value(name, value, kind))
         return ls.selected(mesh, wanted)
 
     def _read(self) -> Mesh:
@@ -171,11 +172,17 @@ class Cage:
             return ls.LimitSurface(mesh, **self.rules)
 
 
-def _number(name: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise click.UsageError(f"--select {name}: need a number, got {text!r}") from None
+def _value(name: str, text: str, kind: str) -> str | float:
+    """What a text says, as one of data of faces: text, truth, or a number."""
+    if kind == "U":
+        return text
+    if kind == "b" and text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    for number in (int, float):
+        with suppress(ValueError):
+            return number(text)
+    need = "true or false" if kind == "b" else "a number"
+    raise click.UsageError(f"--select {name}: need {need}, got {text!r}") from None
 
 
 def _assignments(_: click.Context, __: click.Parameter, given: Sequence[str]) -> Sequence[str]:

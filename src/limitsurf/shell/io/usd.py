@@ -39,6 +39,8 @@ from limitsurf.shell.io.usd_values import one_line
 
 PRIM = "/mesh"  # what a file of ours calls its mesh
 UP = {"Y": "y", "Z": "z"}
+# attributes that are points, or place them
+_MOVING = ("points", "positions", "orientations", "scales")
 VALUES = {  # of a primvar, by the shape of one
     (): (Sdf.ValueTypeNames.FloatArray, Vt.FloatArray),
     (2,): (Sdf.ValueTypeNames.TexCoord2fArray, Vt.Vec2fArray),
@@ -120,7 +122,8 @@ def times(name: str, file: str, *, prim: str | None = None) -> list[float]:
         while each and each.GetPath() not in seen:
             seen.add(each.GetPath())
             for attribute in each.GetAuthoredAttributes():
-                if attribute.GetName() == "points" or attribute.GetName().startswith("xformOp:"):
+                name = attribute.GetName()
+                if name in _MOVING or name.startswith("xformOp:"):
                     found.update(attribute.GetTimeSamples())
             each = each.GetParent()
     diagnostics.TakeUncoalescedDiagnostics()  # which `read` has told

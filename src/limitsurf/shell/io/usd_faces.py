@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,7 @@ def data_of_faces(
         if not subsets:
             continue
         found |= _family(family, subsets, found.get(family, np.full(n_faces, "")))
-    found |= _uniform(prim, time, n_faces)
+    found |= _uniform(prim, time, n_faces, lost)
     long = [name for name, x in found.items() if x.dtype.kind == "U" and x.itemsize > 4 * LONGEST]
     for name in long:
         lost("long names", f"data of faces {name!r}: names of more than {LONGEST} letters")
@@ -96,21 +97,30 @@ def _material(prim: Any, own: bool = False) -> str:
     return ""
 
 
-def _uniform(prim: Any, time: Any, n_faces: int) -> Iterator[tuple[str, NDArray[Any]]]:
+def _uniform(
+    prim: Any, time: Any, n_faces: int, lost: Callable[[str, str], None]
+) -> Iterator[tuple[str, NDArray[Any]]]:
     """Primvars of one number, row of numbers or text a face."""
     for primvar in UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithAuthoredValues():
         if not is_of_faces(primvar):
             continue
         value = primvar.ComputeFlattened(time)
-        if value is None or len(value) != n_faces:
+        if value is None:
             continue
-        array = np.array(value)
+        name, array = primvar.GetPrimvarName(), np.array(value)
         if array.dtype.kind == "O":
             array = np.array([str(x) for x in array])
         if array.dtype == np.float16:
             array = array.astype(np.float32)
-        if array.ndim <= 2 and array.dtype.kind in "biufU":
-            yield primvar.GetPrimvarName(), array
+        if len(array) != n_faces:
+            lost("uniform", f"primvar {name!r}: got {len(array)} values, need one for each face")
+        elif array.ndim > 2 or array.dtype.kind not in "biufU":
+            lost(
+                "uniform",
+                f"primvar {name!r}: got matrices, need a number, row or text for each face",
+            )
+        else:
+            yield name, array
 
 
 def is_of_faces(primvar: Any) -> bool:
@@ -126,16 +136,14 @@ def write_data(geom: Any, mesh: Mesh) -> None:
     """Data of faces of a mesh: texts as subsets, each a family, and numbers as uniform primvars."""
     prim, left_out = geom.GetPrim(), []
     for name, values in mesh.face_data.items():
-        if values.dtype.kind == "U":
-            if not (Tf.IsValidIdentifier(name)):
-                left_out.append(name)
-                continue
+        valid = Tf.IsValidIdentifier(name)
+        if values.dtype.kind == "U" and valid:
             _write_texts(geom, BINDING if name == MATERIAL else name, values)
             continue
         width = 1 if values.ndim == 1 else values.shape[1]
         kind = "i" if values.dtype.kind in "iu" else values.dtype.kind
         known = _ARRAYS.get((width, kind)) or _ARRAYS.get((width, "f"))
-        if known is None or name in mesh.channels or not Tf.IsValidIdentifier(name):
+        if known is None or name in mesh.channels or not _fit(values, known[2]) or not valid:
             left_out.append(name)
             continue
         declared, array, dtype = known
@@ -146,8 +154,16 @@ def write_data(geom: Any, mesh: Mesh) -> None:
         primvar.Set(array.FromNumpy(np.ascontiguousarray(flat, dtype=dtype)))
     if left_out:
         names = ", ".join(map(repr, left_out))
-        text = f"data of faces are left out, of no form or name that USD has: {names}"
+        text = f"data of faces are left out, of no form, size or name that USD has: {names}"
         warnings.warn(text, stacklevel=5)
+
+
+def _fit(values: NDArray[Any], dtype: Any) -> bool:
+    """Whether numbers keep all digits in another type."""
+    if values.dtype.kind not in "iu":
+        return True
+    most = 2**63 if np.dtype(dtype).kind == "i" else 2**53
+    return -most <= int(values.min()) and int(values.max()) < most
 
 
 def _write_texts(geom: Any, family: str, values: NDArray[Any]) -> None:
@@ -160,8 +176,9 @@ def _write_texts(geom: Any, family: str, values: NDArray[Any]) -> None:
         if not text:
             continue
         base = name = Tf.MakeValidIdentifier(text)
+        numbers = count(1)
         while name in taken:
-            name = f"{base}_{len(taken)}"
+            name = f"{base}_{next(numbers)}"
         taken.add(name)
         indices = Vt.IntArray.FromNumpy(np.sort(faces).astype(np.int32))
         subset = UsdGeom.Subset.Define(geom.GetPrim().GetStage(), geom.GetPath().AppendChild(name))
