@@ -168,10 +168,15 @@ def test_hits_are_those_of_triangles_and_in_hulls(name):
     found, counts, ray = all_hits(surface, start, way, t_min=-np.inf)
     if name in CLOSED:
         assert (counts % 2 == 0).all()
-    pieces = ls.tessellate(surface, 20 if len(surface.limit_faces) < 60 else 4, normals=False)
-    corners = pieces.points[pieces.indices[pieces.triangles]]
-    same = [crossed(corners, p, d) == n for p, d, n in zip(start, way, counts, strict=True)]
-    assert np.mean(same) >= 0.95  # but near silhouettes
+    few = 8 if len(surface.limit_faces) < 60 else 4
+    rest = np.arange(len(start))
+    for segments in (few, 5 * few):  # (near silhouettes many triangles know better)
+        pieces = ls.tessellate(surface, segments, normals=False)
+        corners = pieces.points[pieces.indices[pieces.triangles]]
+        rest = rest[[crossed(corners, start[k], way[k]) != counts[k] for k in rest]]
+        if not len(rest):
+            break
+    assert not len(rest)
     # what a ray hits it enters by a hull, and where it enters none it hits nothing
     low, high, _ = hulls(surface, 2 if len(surface.limit_faces) < 60 else 1)
     with np.errstate(divide="ignore"):
@@ -257,6 +262,24 @@ def test_rays_through_vertices_and_along_edges(name):
     if name in ("cube", "sharp"):
         assert (counts == 1).all()
         assert (found.multiplicity == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("scheme", "cage", "to"),
+    [
+        ("bilinear", "carved_cube_1", [0, 0.5, 0]),
+        ("bilinear", "carved_cube_1", [0, 1, 0]),
+        # faces as thin as rounding
+        ("loop", "sphere_1", [-0.4765625, -0.476708984375, 0.074169921875]),
+    ],
+)
+def test_rays_cross_where_faces_are_seen_from_both_sides(scheme, cage, to):
+    surface = of_scheme(scheme, cage)
+    start = surface.points.mean(axis=0)
+    for away in ([0, 0, 0], [3, 5, 7], [5, 0, 0]):
+        found = ls.intersect_all(surface, [start + away], to - start - away, t_min=-np.inf)
+        assert found.multiplicity.sum() % 2 == 0
+        assert np.abs(found.t - 1).min() < 1e-13
 
 
 def test_rays_on_a_box():

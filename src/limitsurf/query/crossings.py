@@ -350,7 +350,8 @@ class Crossings:
             places = index.origin[leaf] + index.size[leaf] * ends
             n, face = len(some), index.face[leaf]
             blur = np.full(n, 4 * _POINT)
-            self._add(some.ray, face, places, tip[at, 2], _Kind(blur, np.zeros(n), np.ones(n)))
+            kind = _Kind(blur, np.zeros(n), np.ones(n), ~beyond.is_smooth[some.which])
+            self._add(some.ray, face, places, tip[at, 2], kind)
         self._rings(rests[~done])
 
     def _rings(self, rests: _Rests) -> None:
