@@ -212,7 +212,7 @@ def intersect_all(
     AllRayHits
         Each hit once, also on sides and at vertices that limit faces share: on the smallest of
         them. Where a ray touches the surface, and a hit stands for two, `multiplicity` is 2: also
-        on an edge, or at a vertex, of which it sees faces from both sides.
+        on an edge, or at a vertex, beside which rays hit an even number of times.
 
     Raises
     ------
