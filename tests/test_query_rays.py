@@ -13,7 +13,7 @@ from test_every_scheme import KINDS
 from test_query_closest import CAGES, CUBE, SHARP, fan, hulls, made, places, queries
 
 import limitsurf as ls
-from limitsurf.query import crossings, rays
+from limitsurf.query import crossings, rays, sides
 from limitsurf.query.traversal import kernels_for
 
 CLOSED = ["cube", "sharp", "semi", "dart", "ngons", "loop"]
@@ -95,7 +95,7 @@ def test_every_scheme(scheme, cage, closed, by_numpy):
 
 def test_rays_into_closed_cages_have_an_even_number_of_hits():
     for surface in (made(zoo.carved(zoo.cube(), 1)), CAGES["loop"]()):
-        start, way = shots(surface, 20000)
+        start, way = shots(surface, 10000)
         found = ls.intersect_all(surface, start, way, t_min=-np.inf)
         every = np.add.reduceat(np.append(found.multiplicity, 0), found.offsets[:-1])
         assert (every[np.diff(found.offsets) > 0] % 2 == 0).all()
@@ -168,10 +168,15 @@ def test_hits_are_those_of_triangles_and_in_hulls(name):
     found, counts, ray = all_hits(surface, start, way, t_min=-np.inf)
     if name in CLOSED:
         assert (counts % 2 == 0).all()
-    pieces = ls.tessellate(surface, 20 if len(surface.limit_faces) < 60 else 4, normals=False)
-    corners = pieces.points[pieces.indices[pieces.triangles]]
-    same = [crossed(corners, p, d) == n for p, d, n in zip(start, way, counts, strict=True)]
-    assert np.mean(same) >= 0.95  # but near silhouettes
+    few = 8 if len(surface.limit_faces) < 60 else 4
+    rest = np.arange(len(start))
+    for segments in (few, 5 * few):  # (near silhouettes many triangles know better)
+        pieces = ls.tessellate(surface, segments, normals=False)
+        corners = pieces.points[pieces.indices[pieces.triangles]]
+        rest = rest[[crossed(corners, start[k], way[k]) != counts[k] for k in rest]]
+        if not len(rest):
+            break
+    assert not len(rest)
     # what a ray hits it enters by a hull, and where it enters none it hits nothing
     low, high, _ = hulls(surface, 2 if len(surface.limit_faces) < 60 else 1)
     with np.errstate(divide="ignore"):
@@ -243,7 +248,7 @@ def test_rays_through_vertices_and_along_edges(name):
     surface = CAGES[name]()
     middle = surface.points.mean(axis=0)
     ends = np.array(surface.topology.lattice.corners, dtype=float)
-    x = np.array([0, 2.0**-18, 0.25, 0.5, 1 - 1e-5])
+    x = np.array([0, 2.0**-18, 0.25, 1 - 1e-5])
     step = np.roll(ends, -1, axis=0) - ends
     place = (ends[:, None] + x[:, None] * step[:, None]).reshape(-1, 2)
     face = np.arange(len(surface.limit_faces))[:, None]
@@ -257,6 +262,32 @@ def test_rays_through_vertices_and_along_edges(name):
     if name in ("cube", "sharp"):
         assert (counts == 1).all()
         assert (found.multiplicity == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("scheme", "cage", "to"),
+    [
+        ("bilinear", "carved_cube_1", [0, 0.5, 0]),
+        ("bilinear", "carved_cube_1", [0, 1, 0]),
+        # faces as thin as rounding
+        ("loop", "sphere_1", [-0.4765625, -0.476708984375, 0.074169921875]),
+    ],
+)
+def test_rays_cross_where_faces_are_seen_from_both_sides(scheme, cage, to):
+    surface = of_scheme(scheme, cage)
+    start = surface.points.mean(axis=0)
+    for away in ([0, 0, 0], [3, 5, 7], [5, 0, 0]):
+        found = ls.intersect_all(surface, [start + away], to - start - away, t_min=-np.inf)
+        assert found.multiplicity.sum() % 2 == 0
+        assert np.abs(found.t - 1).min() < 1e-13
+
+
+def test_sides_of_slivers_are_hit(by_numpy):
+    """Where derivatives are parallel, rounding moves zeros along sides, and so over others."""
+    surface = of_scheme("doo-sabin", "grid_edge_only")
+    on = surface.evaluate(6, 0.99999 - np.array([0, 1e-13, 1e-12]), 0.0)
+    found = by_numpy(ls.intersect, surface, on + [9, 15, 21], [-9.0, -15, -21])
+    assert np.abs(found.t - 1).max() < 1e-13
 
 
 def test_rays_on_a_box():
@@ -283,9 +314,9 @@ def test_rays_on_a_box():
 def test_hits_at_and_beside_poles(valence):
     surface = made(fan(valence))
     small = np.array([0, 1e-300, 1e-9, 1e-3] if valence < 10 else [0, 1e-6])
-    face, u = np.arange(0, valence, 1 + valence // 3)[:, None, None], small[:, None]
-    on = surface.evaluate(face, u, small).reshape(-1, 3)[: 2 if valence > 64 else None]
-    for way in ([0, 0, -1.0], [0.3, 0.2, -1])[: 1 if valence > 60 else 2]:
+    face, u = np.arange(0, valence, 1 + valence // 2)[:, None, None], small[:, None]
+    on = surface.evaluate(face, u, small).reshape(-1, 3)[: 2 if valence > 60 else None]
+    for way in ([0, 0, -1.0], [0.3, 0.2, -1])[: 1 if valence > 10 else 2]:
         start = on - 2 * np.array(way)
         found = ls.intersect_all(surface, start, [way])
         ray = np.repeat(np.arange(len(on)), np.diff(found.offsets))
@@ -315,6 +346,26 @@ def test_inside(name):
     assert ls.contains(surface, on).all()
     signed = ls.closest_point(surface, asked, signed=True).distance
     assert ((signed < 0) == (number > 0)).all() or number.min() < 0
+
+
+@pytest.mark.parametrize("name", ["sharp", "dart", "loop"])
+def test_inside_where_rays_are_drawn_again(name):
+    """Of points of which the first rays go through vertices, along edges and into their middles."""
+    surface = CAGES[name]()
+    ends = np.array(surface.topology.lattice.corners, dtype=float)
+    place = np.concatenate([ends, (ends + np.roll(ends, -1, axis=0)) / 2])
+    face = np.arange(len(surface.limit_faces))[:, None]
+    on = surface.evaluate(face, *place.T).reshape(-1, 3)[::3]
+    size = np.abs(surface.points).max()
+    for draw in (0, 1):
+        way = np.random.default_rng(draw).normal(size=3)
+        way /= np.sqrt((way**2).sum())
+        asked = np.concatenate([on - far * size * way for far in (0.05, 0.3, 2)])
+        number = ls.winding_number(surface, asked)
+        turns = sides.covered(surface, asked)
+        clear = np.abs(turns - np.round(turns)) < 0.2
+        assert clear.mean() > 0.9
+        assert (number[clear] == np.round(turns[clear])).all()
 
 
 def test_inside_of_a_box_and_nothing():
@@ -417,10 +468,10 @@ def test_degenerate(name):
     else:
         points[0] = points[1]
     surface = made((points, faces))
-    start, way = shots(surface, 20)
+    start, way = shots(surface, 6 if name == "point" else 20)
     all_hits(surface, start, way + (name == "point"))
     # towards places of it, along its planes too
-    on = surface.evaluate(*places(surface, 20, 3))
+    on = surface.evaluate(*places(surface, 6 if name == "point" else 20, 3))
     on = on[np.isfinite(on).all(axis=1)]
     for step in np.array([[0.3, 0.2, 0.4], [0, 1, 0], [1, 0, 0]]):
         found = ls.intersect(surface, on + step, -step)

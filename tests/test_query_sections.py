@@ -54,7 +54,7 @@ def farthest(points, found):
     return np.sqrt(((at - points[:, None]) ** 2).sum(axis=2)).min(axis=1).max()
 
 
-def some(points, n=200):
+def some(points, n=100):
     """Not many of them."""
     return points[:: 1 + len(points) // n]
 
@@ -83,7 +83,7 @@ CONICS = {
 @pytest.mark.parametrize("name", CONICS)
 def test_sections_of_quadrics_are_conics(name):
     (a, b, c), shift, height, closed = CONICS[name]
-    surface = quadric(a, b, c, shift)
+    surface = quadric(a, b, c, shift, 4 if name == "touches_along_a_line" else 6)
     tolerance = 1e-4 * np.sqrt(height) if all(closed) and height > 0 else 1e-5
     found = ls.section(surface, [7, -5, height], 3 * UP, tolerance=tolerance)
     assert found.closed.tolist() == closed
@@ -115,7 +115,7 @@ SURFACES = {
     "semi": lambda: made(zoo.cube(), creases={(0, 1): 1.5, (1, 3): 0.7}),
     "dart": lambda: made(zoo.cube(), creases={(0, 1): np.inf}, corners={6: 2.5}),
     "ngons": lambda: made(zoo.prism(7)),
-    "wide": lambda: made(zoo.bipyramid(64)),
+    "wide": lambda: made(zoo.bipyramid(24)),
     "open": lambda: made(zoo.grid(3, 3)),
     "loop": lambda: made(zoo_triangles.icosahedron(), scheme="loop"),
     "loop_open": lambda: made(zoo_triangles.ZOO["grid_3x2"](), scheme="loop"),
@@ -146,15 +146,16 @@ def test_curves_are_on_the_surface_and_in_the_plane(name, through):
     assert (found.point == surface.evaluate(found.face, found.u, found.v)).all()
     most = np.abs(surface.points).max()
     assert np.abs((found.point - origin) @ normal).max() <= 1e-13 * most
-    again = ls.section(surface, origin, normal, workers=2)
-    assert (again.point == found.point).all()
+    if through == "vertex":
+        again = ls.section(surface, origin, normal, workers=2)
+        assert (again.point == found.point).all()
     mesh = surface.mesh
     if not mesh.boundary_edge.any():
         assert found.closed.all()
-    finer = ls.section(surface, origin, normal, tolerance=1e-5 * size)
+    finer = ls.section(surface, origin, normal, tolerance=2e-5 * size)
     assert finer.closed.tolist() == found.closed.tolist()
     assert farthest(some(finer.point), found) <= 1e-4 * size
-    assert farthest(some(found.point), finer) <= 1e-5 * size + 1e-13
+    assert farthest(some(found.point), finer) <= 2e-5 * size + 1e-13
     if through == "anywhere":
         # with few points in between, this cuts no more and no fewer curves
         assert len(found) == loops_of_triangles(surface, origin, normal)
@@ -164,7 +165,7 @@ def test_curves_are_on_the_surface_and_in_the_plane(name, through):
 
 def loops_of_triangles(surface, origin, normal):
     """The number of curves that a plane cuts of a fine tessellation."""
-    fine = ls.tessellate(surface, 24, normals=False)
+    fine = ls.tessellate(surface, 16, normals=False)
     corners = fine.indices[fine.triangles]
     above = (fine.points - origin) @ normal > 0
     cut = corners[above[corners].any(axis=1) & ~above[corners].all(axis=1)]
@@ -182,7 +183,7 @@ def test_areas_of_sections_add_up_to_the_volume(name):
     surface = SURFACES[name]()
     box = ls.bounds(surface, tolerance=1e-9)
     low, high = box.lower[:, 2].min(), box.upper[:, 2].max()
-    x, w = np.polynomial.legendre.leggauss(24)
+    x, w = np.polynomial.legendre.leggauss(16)
     heights = low + (high - low) * (1 + x) / 2
     found = ls.contour(surface, "z", heights, tolerance=1e-5)
     assert (np.unique(found.value) == heights).all()
@@ -246,7 +247,7 @@ def test_creases_are_crossed_with_a_kink():
 
 
 def test_sections_through_poles_have_them_as_points():
-    for valence in (3, 5, 8, 64):
+    for valence in (3, 5, 8, 24):
         surface = made(zoo.bipyramid(valence), boundary="none")
         pole = int(np.flatnonzero(surface.mesh.vertex_faces == valence)[-1])
         corner = np.flatnonzero(surface.mesh.indices == pole)[0]

@@ -108,13 +108,16 @@ class Beyond:
         form, pieces = self._local.bernstein, self._lattice.pieces
         shape = len(which), len(pieces), form.size, self.limits.shape[1]
         points = np.empty(shape)
-        for here, kind, level in self._alike(which, ring):
-            if kind in self._patches.rings:
-                rows = self._row[which[here]]
-                found = self._source.on_rings(kind, rows, range(level, level + 1))
-            else:
-                functions, _ = self._known(kind, level)
-                found = np.matmul(functions, self._modes[kind][self._place[which[here]]])
+        refined = np.isin(self._kind[which], list(self._patches.rings))
+        for kind in np.unique(self._kind[which[refined]]).tolist():
+            here = np.flatnonzero(self._kind[which] == kind)
+            level = self._start[which[here]] + ring[here]
+            points[here] = self._source.on_ring(kind, self._row[which[here]], level)
+        rest = np.flatnonzero(~refined)
+        for some, kind, level in self._alike(which[rest], ring[rest]):
+            here = rest[some]
+            functions, _ = self._known(kind, level)
+            found = np.matmul(functions, self._modes[kind][self._place[which[here]]])
             points[here] = found.reshape(len(here), *shape[1:])
         turn = self._turn[which]
         order = form.turned[turn][:, None, :, None]

@@ -116,12 +116,16 @@ class FloatPoints:
     def on_rings(self, kind: int, rows: Array, levels: range) -> Array:
         """Coefficients (P, 3 levels, n, d) on some rings, relative to the limit of the corner."""
         level = np.tile(np.array(levels, dtype=np.int64), len(rows))
-        fine = self.shared(kind).refined(np.repeat(rows, len(levels)), level)
+        found = self.on_ring(kind, np.repeat(rows, len(levels)), level)
+        return found.reshape(len(rows), -1, *found.shape[2:])
+
+    def on_ring(self, kind: int, rows: Array, level: Array) -> Array:
+        """Coefficients (P, 3, n, d) on a ring of each, relative to the limit of the corner."""
+        fine = self.shared(kind).refined(rows, level)
         lattice = self.local.scheme.lattice
         i, j = np.array([[piece.place(x) for x in lattice.template] for piece in lattice.pieces]).T
-        points = fine[:, j.T, i.T]  # (., 3, K, d)
-        found = np.matmul(self._form.from_controls, points)
-        return np.asarray(found.reshape(len(rows), -1, self._form.size, found.shape[3]))
+        points = fine[:, j.T, i.T]  # (P, 3, K, d)
+        return np.asarray(np.matmul(self._form.from_controls, points))
 
     def _beyond(self, kind: int, rows: Array, count: int) -> tuple[Array, Array]:
         """Bounds (P, d) of what is beyond some rings, relative to the limit of the corner."""

@@ -25,7 +25,7 @@ SLACK = 2.0**-46
 # parts of the surface that are places
 _POINT = 2.0**-45
 NEAR = 0.3  # how far derivatives are from the identity, at most, where Newton's method contracts
-_STEPS = 40  # of Newton's method, at most
+_STEPS, _ALONG = 40, 6  # of Newton's method, at most, and along sides
 TIED = 2.0**-19  # depths within which hits may be one
 _BATCH = 1 << 13  # pairs that are in memory at once
 _AHEAD = 8  # rings that are made at once, at most
@@ -350,7 +350,8 @@ class Crossings:
             places = index.origin[leaf] + index.size[leaf] * ends
             n, face = len(some), index.face[leaf]
             blur = np.full(n, 4 * _POINT)
-            self._add(some.ray, face, places, tip[at, 2], _Kind(blur, np.zeros(n), np.ones(n)))
+            kind = _Kind(blur, np.zeros(n), np.ones(n), ~beyond.is_smooth[some.which])
+            self._add(some.ray, face, places, tip[at, 2], kind)
         self._rings(rests[~done])
 
     def _rings(self, rests: _Rests) -> None:
@@ -458,6 +459,7 @@ class Crossings:
             active = active[~settled]
             if not len(active):
                 break
+        s, t = self._on_sides(pairs, s, t)
         x = np.matmul(form.values(s, t, 1), pairs.points)
         value, du, dv = x[:, 0], x[:, 1], x[:, 2]
         hit = np.flatnonzero(np.abs(value[:, :2]).max(axis=1) <= 2 * SLACK)
@@ -474,6 +476,33 @@ class Crossings:
         sign = np.sign(det) * np.sign(area) * np.sign(self._rays.along[pairs.ray])
         kind = _Kind(np.minimum(blur, BLUR), sign, on)
         self._add(pairs.ray, pairs.face, uv, value[:, 2], kind)
+
+    def _on_sides(self, pairs: _Pairs, s: Array, t: Array) -> tuple[Array, Array]:
+        """The nearest places to rays on the sides that Newton's method ended on, but at no zero.
+
+        Where derivatives are about parallel a zero that rounding moved across a side is far from
+        where it ends there.
+        """
+        edges = np.array(self._lattice.edges, dtype=float)
+        for edge in edges:
+            some = np.flatnonzero(edge[0] + edge[1] * s + edge[2] * t <= 2.0**-50)
+            if not len(some):
+                continue
+            plane, best = pairs.points[some, :, :2], np.full(len(some), np.inf)
+            x, y = s[some], t[some]
+            for _ in range(_ALONG):
+                g = np.matmul(self._form.values(x, y, 1), plane)
+                off = np.abs(g[:, 0]).max(axis=1)
+                better = off < best
+                s[some[better]], t[some[better]] = x[better], y[better]
+                best = np.minimum(off, best)
+                if (best <= SLACK).all():
+                    break
+                along = g[:, 1] * edge[2] - g[:, 2] * edge[1]
+                square = (along**2).sum(axis=1)
+                scale = -(along * g[:, 0]).sum(axis=1) / np.where(square > 0, square, np.inf)
+                x, y = inside(self._lattice, x + scale * edge[2], y - scale * edge[1])
+        return s, t
 
     def _touch(self, pairs: _Pairs, way: Array) -> None:
         """Places of cells that are a curve, or a point, as rays see them."""

@@ -27,6 +27,9 @@ _ALIKE = 1e-7  # parameters of hits that are one, where several cells have it
 _TOUCHES = 2.0**-16  # the same where rays touch: the root of what rounding does, and more
 _CLEAR = 2.0**-38  # depths that are known better are of rays that do not graze
 _ON = 2.0**-44  # points that are nearer, of the largest coordinate, are on a surface
+# how many rays beside one that seems to touch are tried; how far they are from it, and how far along
+# it what they hit counts, at most and at least: of curvature 1 it is the root of twice that
+_BESIDE, _ASIDE, _AROUND, _CLOSE = 4, 2.0**-40, 2.0**-12, 2.0**-18
 _DRAWS = 24  # directions of rays from points whose side is sought
 
 
@@ -210,7 +213,7 @@ def intersect_all(
     AllRayHits
         Each hit once, also on sides and at vertices that limit faces share: on the smallest of
         them. Where a ray touches the surface, and a hit stands for two, `multiplicity` is 2: also
-        on an edge, or at a vertex, of which it sees faces from both sides.
+        on an edge, or at a vertex, beside which rays hit an even number of times.
 
     Raises
     ------
@@ -231,8 +234,10 @@ def intersect_all(
     if len(asked.shape) != 1:
         raise ValueError(f"rays must be of shape (n, 3), got {(*asked.shape, 3)}")
     workers = threads(workers)
-    hits = _followed(surface, Cells.of(surface, workers), asked, workers, "every")
+    cells = Cells.of(surface, workers)
+    hits = _followed(surface, cells, asked, workers, "every")
     hits = hits[np.lexsort((hits.face, hits.t, hits.ray))]
+    _settle(surface, cells, asked, hits)
     offsets = np.concatenate([[0], np.cumsum(np.bincount(hits.ray, minlength=len(asked)))])
     places = hits.face, hits.u, hits.v
     point = surface.evaluate(*places, workers=workers).reshape(-1, 3)
@@ -450,6 +455,11 @@ class _Asked:
     def __len__(self) -> int:
         return len(self.origins)
 
+    def some(self, which: Array) -> _Asked:
+        """Some of them, (k,)."""
+        parts = self.origins, self.directions, self.least, self.most
+        return _Asked((len(which),), *(x[which] for x in parts))
+
     def rays(self, cells: Cells, part: slice) -> tuple[Rays, Array]:
         """Those of a part that can be followed, in the unit of an index, and which these are."""
         start, way = self.origins[part], self.directions[part]
@@ -503,7 +513,7 @@ def _followed(surface: LimitSurface, cells: Cells, asked: _Asked, workers: int, 
 
 
 def _once(surface: LimitSurface, hits: Hits) -> Hits:
-    """Each of hits that cells share once; those that cross to both sides, or touch, touch."""
+    """Each of hits that cells share once; `touch` are those of which it is not known otherwise."""
     hits = hits[np.lexsort((hits.u, hits.v, hits.face, hits.depth, hits.ray))]
     n, step = len(hits.ray), 1
     one, pairs = np.arange(n - 1), [np.zeros((2, 0), dtype=np.int64)]
@@ -519,6 +529,10 @@ def _once(surface: LimitSurface, hits: Hits) -> Hits:
     a, b = np.concatenate(pairs, axis=1)
     same = _alike(surface, hits[a], hits[b])
     a, b = a[same], b[same]
+    # on a rim that no neighbour has: at a boundary, or where the ray touches
+    alone = hits.rim.copy()
+    alone[a] = alone[b] = False
+    hits.touch = hits.touch | alone
     if not len(a):
         return hits
     count, group = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)))
@@ -534,6 +548,54 @@ def _once(surface: LimitSurface, hits: Hits) -> Hits:
     hits.sign, hits.rim, hits.blur = front.astype(np.int64) - back, rim, blur
     hits.touch = touch | (front & back)
     return hits
+
+
+def _settle(surface: LimitSurface, cells: Cells, asked: _Asked, hits: Hits) -> None:
+    """Whether rays that seem to touch do: those on both sides hit an even number of times there.
+
+    A ray crosses at a vertex though it sees faces from both sides, where these wind around it; a
+    face that is as thin as rounding is no curve.
+    """
+    rest = np.flatnonzero(hits.touch)
+    for draw in range(_BESIDE):
+        doubt = [rest[:0]]
+        turn = 1 + 2.4 * draw
+        step = np.ldexp(_ASIDE, 4 * draw) * np.array([np.cos(turn), np.sin(turn)])
+        for part in np.split(rest, range(_CHUNK, len(rest), _CHUNK)):
+            counts = [_beside(surface, cells, asked, hits, part, x) for x in (step, -step)]
+            odd = np.logical_or(*((count >= 0) & (count % 2 == 1) for count in counts))
+            known = odd | np.logical_and(*(count >= 0 for count in counts))
+            hits.touch[part[odd]] = False
+            doubt.append(part[~known])
+        rest = np.concatenate(doubt)
+
+
+def _beside(
+    surface: LimitSurface, cells: Cells, asked: _Asked, hits: Hits, which: Array, step: Array
+) -> Array:
+    """How often rays by a step (2,) beside those of hits (k,) hit, near there; -1 if in doubt.
+
+    What else the rays of the hits hit there counts as well: so it does not matter.
+    """
+    rays = asked.some(hits.ray[which]).rays(cells, slice(0, len(which)))[0]
+    rays.start += step
+    depth, own = hits.depth[which], np.arange(len(which))
+    far, near = (
+        np.sort(rays.time(own, depth[:, None] + [-x, x]), axis=1).T for x in (_AROUND, _CLOSE)
+    )
+    rays.least = np.maximum(far[0], np.minimum(rays.least, near[0]))
+    rays.most = np.minimum(far[1], np.maximum(rays.most, near[1]))
+    found = _once(surface, Crossings(cells, rays, True).run())
+    count = np.bincount(found.ray, minlength=len(which))
+    doubt = np.bincount(found.ray, found.touch, minlength=len(which)) > 0
+    first, last = np.searchsorted(hits.ray, [hits.ray[which], hits.ray[which] + 1])
+    for k in range(int((last - first).max(initial=0))):
+        other = np.minimum(first + k, last - 1)
+        here = (first + k < last) & (other != which)
+        here &= np.abs(hits.depth[other] - depth) <= _AROUND
+        count[here] += 1
+        doubt |= here & hits.touch[other]
+    return np.where(doubt, -1, count)
 
 
 def _alike(surface: LimitSurface, one: Hits, other: Hits) -> Array:
