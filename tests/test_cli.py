@@ -12,6 +12,7 @@ import subprocess
 import sys
 import warnings
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -71,6 +72,7 @@ def test_help(arguments):
 def test_every_command_has_help_with_examples_that_work(command, cage, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     cage.rename("cage.obj")
+    Path("rays.csv").write_text("0,0,5,0,0,-1\n")
     help = succeed(*command.split(), "--help")
     examples = re.findall(r"^    (limitsurf .*)", help, re.MULTILINE)
     assert examples
