@@ -27,8 +27,8 @@ _ALIKE = 1e-7  # parameters of hits that are one, where several cells have it
 _TOUCHES = 2.0**-16  # the same where rays touch: the root of what rounding does, and more
 _CLEAR = 2.0**-38  # depths that are known better are of rays that do not graze
 _ON = 2.0**-44  # points that are nearer, of the largest coordinate, are on a surface
-# how many rays beside one that seems to touch are tried; how far they are from it, and how far along
-# it what they hit counts, at most and at least: of curvature 1 it is the root of twice that
+# how many rays beside one that seems to touch are tried; how far they are from it, and how far
+# along it what they hit counts, at most and at least: of curvature 1 it is the root of twice that
 _BESIDE, _ASIDE, _AROUND, _CLOSE = 4, 2.0**-40, 2.0**-12, 2.0**-18
 _DRAWS = 24  # directions of rays from points whose side is sought
 
