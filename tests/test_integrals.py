@@ -249,3 +249,19 @@ def test_measure(tmp_path):
     assert "closed" in found["no_volume"]
     assert found["of"] == "surface"
     assert "rtol" in fail("measure", tmp_path / "cube.obj", "--rtol", "1e-20")
+
+
+def test_channels_are_measured():
+    """A channel of the points themselves is the surface."""
+    points, faces = np.array(zoo.cube()[0], dtype=float), zoo.cube()[1]
+    mesh = ls.Mesh(points, faces, channels={"again": (points, np.ravel(faces), "none")})
+    surface = ls.LimitSurface(mesh)
+    for call in (ls.area, ls.volume):
+        assert call(surface, channel="again") == pytest.approx(call(surface), rel=1e-13)
+    assert ls.contains(surface, [0.5, 0.5, 0.5], channel="again")
+    assert ls.occluded(surface, [0.5, 0.5, 3], [0, 0, -1.0], channel="again")
+    found, same = (ls.quadrature(surface, channel=c) for c in (None, "again"))
+    assert (found.weights == same.weights).all()
+    for call in (ls.area, ls.quadrature):
+        with pytest.raises((KeyError, ValueError), match="nothing"):
+            call(surface, channel="nothing")

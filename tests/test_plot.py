@@ -722,8 +722,8 @@ def test_a_picture_is_an_array_and_a_file(tmp_path):
     picture.save(tmp_path / "a.PNG")
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.PNG")), picture.image)
     assert picture._repr_png_() == (tmp_path / "a.PNG").read_bytes()
-    for name in ("a.jpg", "a", "a.svg"):
-        with pytest.raises(ValueError, match=r"\.png or \.html"):
+    for name in ("a", "a.svg"):
+        with pytest.raises(ValueError, match=r"\.png .*or \.html"):
             picture.save(tmp_path / name)
 
 
@@ -946,7 +946,7 @@ def test_diagrams_as_files(suffix, tmp_path):
     ls.plot_characteristic_map(valence=3, file=path, window_size=(240, 240))
     start = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}[suffix]
     assert path.read_bytes().startswith(start)
-    with pytest.raises(ValueError, match=r"\.png or \.svg or \.pdf"):
+    with pytest.raises(ValueError, match=r"\.png .*or \.svg or \.pdf"):
         ls.plot_convergence(ls.LimitSurface(cube()), tmp_path / "a.html", levels=1)
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 

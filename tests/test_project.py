@@ -118,10 +118,12 @@ ASKING = [
     if inspect.isfunction(getattr(limitsurf, name))
     and next(iter(inspect.signature(getattr(limitsurf, name)).parameters), "").startswith("surface")
 ]  # fmt: skip
-# one asks no query, one takes channels beside the points, one is of points alone
+# two ask no query, two take channels beside the points, one is of points alone
 CALLED = {
     "agrees": {"channel"},
     "approximate": {"workers"},
+    "levels_of_detail": {"channels", "workers"},
+    "quadrature": {"channel"},
     "tessellate": {"channels", "workers"},
 }
 

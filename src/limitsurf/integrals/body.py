@@ -15,6 +15,7 @@ from limitsurf.integrals.cells import Cells
 from limitsurf.integrals.checks import (
     check_rtol,
     checked,
+    chosen,
     chosen_faces,
     is_exact,
     refuse_exact,
@@ -33,7 +34,12 @@ _NOTHING = 2.0**-44  # of the sizes that are added up, below which a volume is r
 
 
 def area(
-    surface: LimitSurface, *, face: ArrayLike | None = None, rtol: float = _RTOL, workers: int = 1
+    surface: LimitSurface,
+    *,
+    face: ArrayLike | None = None,
+    rtol: float = _RTOL,
+    channel: str | None = None,
+    workers: int = 1,
 ) -> float:
     """The area of the limit surface, or of some of its limit faces.
 
@@ -46,6 +52,8 @@ def area(
         (holes) have no area.
     rtol : float
         How large the error may be, relative to the area; at least 1e-15.
+    channel : str, optional
+        A face-varying channel of three columns, to measure instead of the points.
     workers : int
         Threads, as for `LimitSurface.evaluate`.
 
@@ -81,12 +89,26 @@ def area(
     >>> round(ls.area(ls.LimitSurface(square)), 12)
     2.0
     """
-    given = surface, "area", lambda x, _: np.ones((len(x), 1)), 1, face, rtol, workers
+    given = (
+        chosen(surface, channel),
+        "area",
+        lambda x, _: np.ones((len(x), 1)),
+        1,
+        face,
+        rtol,
+        workers,
+    )
     total, cells = _over_surface(*given)
     return float(_unscaled(total[0], -2 * cells.power))
 
 
-def volume(surface: LimitSurface, *, rtol: float = _RTOL, workers: int = 1) -> float | Fraction:
+def volume(
+    surface: LimitSurface,
+    *,
+    rtol: float = _RTOL,
+    channel: str | None = None,
+    workers: int = 1,
+) -> float | Fraction:
     """The volume inside a closed limit surface, negative if its faces are seen from inside.
 
     Parameters
@@ -95,6 +117,8 @@ def volume(surface: LimitSurface, *, rtol: float = _RTOL, workers: int = 1) -> f
         Closed, its faces consistently oriented: counter-clockwise as seen from outside.
     rtol : float
         Accepted for the sake of `area`: the volume is exact to rounding, whatever it is.
+    channel : str, optional
+        A face-varying channel of three columns, to measure instead of the points.
     workers : int
         Threads, as for `LimitSurface.evaluate`.
 
@@ -129,13 +153,18 @@ def volume(surface: LimitSurface, *, rtol: float = _RTOL, workers: int = 1) -> f
     >>> round(ls.volume(cube), 12)
     0.327552379087
     """
-    moments, _, power = _of_body(surface, "volume", 0, rtol, workers)
+    moments, _, power = _of_body(chosen(surface, channel), "volume", 0, rtol, workers)
     found: float | Fraction = _unscaled(moments.volume, -3 * power)
     return found
 
 
 def centroid(
-    surface: LimitSurface, *, of: Of = "body", rtol: float = _RTOL, workers: int = 1
+    surface: LimitSurface,
+    *,
+    of: Of = "body",
+    rtol: float = _RTOL,
+    channel: str | None = None,
+    workers: int = 1,
 ) -> Array:
     """The centre of mass of the body inside a closed limit surface, or of the surface itself.
 
@@ -147,6 +176,8 @@ def centroid(
         What mass is spread over evenly.
     rtol : float
         How large errors may be, relative to the size of the surface.
+    channel : str, optional
+        A face-varying channel of three columns, to measure instead of the points.
     workers : int
         Threads, as for `LimitSurface.evaluate`.
 
@@ -171,6 +202,7 @@ def centroid(
     >>> ls.centroid(cube).round(12).tolist()
     [0.5, 0.5, 0.5]
     """
+    surface = chosen(surface, channel)
     moments, origin, power = _moments(surface, "centroid", of, 1, rtol, workers)
     return origin + _scaled(_middle(moments, of), -power)
 
@@ -181,6 +213,7 @@ def inertia(
     of: Of = "body",
     about: ArrayLike | None = None,
     rtol: float = _RTOL,
+    channel: str | None = None,
     workers: int = 1,
 ) -> Array:
     """The inertia tensor of the body inside a closed limit surface, or of the surface itself.
@@ -198,6 +231,8 @@ def inertia(
         The point that r is relative to; the `centroid` by default.
     rtol : float
         How large errors may be, relative to the largest entry.
+    channel : str, optional
+        A face-varying channel of three columns, to measure instead of the points.
     workers : int
         Threads, as for `LimitSurface.evaluate`.
 
@@ -222,6 +257,7 @@ def inertia(
     >>> ls.inertia(box).round(12).diagonal().tolist()  # of a unit cube: 1/6
     [0.166666666667, 0.166666666667, 0.166666666667]
     """
+    surface = chosen(surface, channel)
     moments, origin, power = _moments(surface, "inertia", of, 2, rtol, workers)
     middle = _middle(moments, of)
     second = moments.second - moments.volume * np.multiply.outer(middle, middle)
@@ -239,6 +275,7 @@ def integrate(
     *,
     face: ArrayLike | None = None,
     rtol: float = _RTOL,
+    channel: str | None = None,
     workers: int = 1,
 ) -> Any:
     """The integral of a function over the limit surface, or over some of its limit faces.
@@ -255,6 +292,8 @@ def integrate(
         Limit faces, as for `area`.
     rtol : float
         How large the error of each number may be, relative to the integral of its absolute value.
+    channel : str, optional
+        A face-varying channel of three columns, to measure instead of the points.
     workers : int
         Threads, as for `LimitSurface.evaluate`.
 
@@ -282,7 +321,7 @@ def integrate(
     >>> round(ls.integrate(surface, lambda points, normals: points[:, 0] * normals[:, 2]), 12)
     0.5
     """
-    cells = _cells(surface, "integral", face, rtol, workers)
+    cells = _cells(chosen(surface, channel), "integral", face, rtol, workers)
 
     def values(x: Array, normal: Array) -> Array:
         points = cells.origin + np.ldexp(x, -cells.power)

@@ -16,6 +16,11 @@ Array = NDArray[Any]
 _LEAST = 1e-15  # relative: float64 does not tell more
 
 
+def chosen(surface: Any, channel: str | None) -> Any:
+    """A surface, or that of one of its channels."""
+    return surface if channel is None else checked(surface, "integral").of_channel(channel)
+
+
 def checked(surface: Any, what: str) -> LimitSurface:
     """A surface with points in space."""
     if not isinstance(surface, LimitSurface):

@@ -82,6 +82,7 @@ def quadrature(
     rtol: float = 1e-12,
     face: ArrayLike | None = None,
     integrand: Kind = "metric",
+    channel: str | None = None,
 ) -> Quadrature:
     """Points and weights on limit faces: Gauss rules on polynomial pieces, and rings with a tail.
 
@@ -107,6 +108,8 @@ def quadrature(
         element, or of first derivatives on the surface ("metric", default); polynomials in
         positions and their derivatives by u and v ("polynomial"), such as mass and stiffness in
         parameters; products of two second derivatives on the surface ("curvature").
+    channel : str, optional
+        A face-varying channel, whose pieces are taken instead of those of the points.
 
     Returns
     -------
@@ -146,6 +149,7 @@ def quadrature(
     """
     if not isinstance(surface, LimitSurface):
         raise TypeError(f"quadrature needs a LimitSurface, got {type(surface).__name__}")
+    surface = surface.of_channel(channel)
     if checked_integer("points", points, 1) > _POINTS:
         raise ValueError(f"points must be 1 to {_POINTS} per direction, got {points}")
     check_rtol(rtol)

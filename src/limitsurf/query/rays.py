@@ -115,6 +115,7 @@ def intersect(
     *,
     t_min: ArrayLike = 0.0,
     t_max: ArrayLike = np.inf,
+    channel: str | None = None,
     workers: int = 1,
 ) -> RayHits:
     """The first places where rays hit a surface: of the limit itself, to float64.
@@ -128,6 +129,8 @@ def intersect(
     t_min, t_max : array_like
         Hits count from one to the other, both included: one for all rays, or one for each. With
         `t_max` 1 and a direction from one point to another this is the segment between them.
+    channel : str, optional
+        A face-varying channel of three columns, to search instead of the points.
     workers : int
         Threads, as for `LimitSurface.evaluate`; answers do not depend on it.
 
@@ -168,7 +171,8 @@ def intersect(
     >>> bool(found.hit), float(found.t), round(float(found.u), 12), round(float(found.v), 12)
     (True, 0.5, 0.25, 0.5)
     """
-    asked = _Asked.of(surface, origins, directions, t_min, t_max)
+    surface = checked_surface(surface, channel)
+    asked = _Asked.of(origins, directions, t_min, t_max)
     n, workers = len(asked), threads(workers)
     cells = Cells.of(surface, workers)
     hits = _followed(surface, cells, asked, workers, "first")
@@ -194,6 +198,7 @@ def intersect_all(
     *,
     t_min: ArrayLike = 0.0,
     t_max: ArrayLike = np.inf,
+    channel: str | None = None,
     workers: int = 1,
 ) -> AllRayHits:
     """All places where rays hit a surface, in order along each ray.
@@ -230,7 +235,8 @@ def intersect_all(
     >>> found.offsets.tolist(), found.t.round(4).tolist()
     ([0, 2, 4], [1.0802, 1.9198, 1.25, 1.75])
     """
-    asked = _Asked.of(surface, origins, directions, t_min, t_max)
+    surface = checked_surface(surface, channel)
+    asked = _Asked.of(origins, directions, t_min, t_max)
     if len(asked.shape) != 1:
         raise ValueError(f"rays must be of shape (n, 3), got {(*asked.shape, 3)}")
     workers = threads(workers)
@@ -252,6 +258,7 @@ def occluded(
     *,
     t_min: ArrayLike = 0.0,
     t_max: ArrayLike = np.inf,
+    channel: str | None = None,
     workers: int = 1,
 ) -> NDArray[np.bool_]:
     """Whether rays hit a surface at all, which is known sooner than where.
@@ -262,6 +269,7 @@ def occluded(
         Of float64 points, (n_vertices, 3).
     origins, directions : (..., 3) array_like
     t_min, t_max : array_like
+    channel : str, optional
     workers : int
         As for `intersect`.
 
@@ -282,7 +290,8 @@ def occluded(
     >>> ls.occluded(ls.LimitSurface(square), [[0.5, 0.5, 2], [0.5, 2, 2]], [0.0, 0, -1]).tolist()
     [True, False]
     """
-    asked = _Asked.of(surface, origins, directions, t_min, t_max)
+    surface = checked_surface(surface, channel)
+    asked = _Asked.of(origins, directions, t_min, t_max)
     workers = threads(workers)
     cells = Cells.of(surface, workers)
     found = np.zeros(len(asked), dtype=bool)
@@ -290,7 +299,9 @@ def occluded(
     return np.asarray(found.reshape(asked.shape)[()])
 
 
-def contains(surface: LimitSurface, points: ArrayLike, *, workers: int = 1) -> NDArray[np.bool_]:
+def contains(
+    surface: LimitSurface, points: ArrayLike, *, channel: str | None = None, workers: int = 1
+) -> NDArray[np.bool_]:
     """Whether points are inside a closed surface, or on it.
 
     Parameters
@@ -298,6 +309,8 @@ def contains(surface: LimitSurface, points: ArrayLike, *, workers: int = 1) -> N
     surface : LimitSurface
         Of float64 points, (n_vertices, 3): closed, with consistent orientation.
     points : (..., 3) array_like
+    channel : str, optional
+        A face-varying channel of three columns, to search instead of the points.
     workers : int
         Threads, as for `LimitSurface.evaluate`; answers do not depend on it.
 
@@ -321,12 +334,12 @@ def contains(surface: LimitSurface, points: ArrayLike, *, workers: int = 1) -> N
     >>> ls.contains(ball, [[0.5, 0.5, 0.5], [0.1, 0.1, 0.1]]).tolist()
     [True, False]
     """
-    number, on = _wound(surface, points, workers)
+    number, on = _wound(checked_surface(surface, channel), points, workers)
     return np.asarray((np.nan_to_num(number) != 0) | on)
 
 
 def winding_number(
-    surface: LimitSurface, points: ArrayLike, *, workers: int = 1
+    surface: LimitSurface, points: ArrayLike, *, channel: str | None = None, workers: int = 1
 ) -> NDArray[np.float64]:
     """How many times a closed surface goes around points.
 
@@ -335,6 +348,8 @@ def winding_number(
     surface : LimitSurface
         Of float64 points, (n_vertices, 3): closed, with consistent orientation.
     points : (..., 3) array_like
+    channel : str, optional
+        A face-varying channel of three columns, to search instead of the points.
     workers : int
         Threads, as for `LimitSurface.evaluate`; answers do not depend on it.
 
@@ -367,12 +382,11 @@ def winding_number(
     >>> ls.winding_number(ball, [[0.5, 0.5, 0.5], [0.1, 0.1, 0.1]]).tolist()
     [1.0, 0.0]
     """
-    return _wound(surface, points, workers)[0]
+    return _wound(checked_surface(surface, channel), points, workers)[0]
 
 
 def _wound(surface: LimitSurface, points: ArrayLike, workers: int) -> tuple[Array, Array]:
     """Winding numbers of points (..., 3), and whether they are on the surface."""
-    surface = checked_surface(surface)
     asked = _vectors("points", points)
     refuse_open(surface, "inside and outside need")
     workers = threads(workers)
@@ -416,14 +430,12 @@ class _Asked:
     @classmethod
     def of(
         cls,
-        surface: LimitSurface,
         origins: ArrayLike,
         directions: ArrayLike,
         t_min: ArrayLike,
         t_max: ArrayLike,
     ) -> _Asked:
         """Those of a call, checked."""
-        checked_surface(surface)
         start, way = _vectors("origins", origins), _vectors("directions", directions)
         zero = np.argwhere((way == 0).all(axis=-1))
         if len(zero):
