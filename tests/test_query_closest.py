@@ -15,6 +15,7 @@ from limitsurf.query import closest, nearest, sides
 from limitsurf.query.index import Cells
 
 CUBE = zoo.cube()
+CUBE[0].setflags(write=False)
 SIDES = [[f[k], f[(k + 1) % 4]] for f in CUBE[1] for k in range(4)]
 SHARP = {tuple(sorted(edge)): np.inf for edge in SIDES}
 

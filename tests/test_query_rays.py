@@ -455,7 +455,7 @@ def test_bad_input():
 @pytest.mark.parametrize("name", ["crossed", "flat", "diagonal", "point", "collapsed"])
 def test_degenerate(name):
     points, faces = CUBE
-    points = np.asarray(points, dtype=float)
+    points = np.array(points, dtype=float)
     if name == "crossed":
         points, faces, *_ = zoo.crossed_grids()
     elif name == "flat":

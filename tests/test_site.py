@@ -246,10 +246,13 @@ def look_at(folder, documents, scenes, chromium):
 
 def check_download(folder, script):
     """The notebook that is offered is the script, with outputs and a cell before it to install."""
-    (path,) = folder.glob(f"_downloads/*/{script.stem}.ipynb")
-    install, *cells = json.loads(path.read_text("utf-8"))["cells"]
-    assert "%pip install" in "".join(install["source"])
     wanted = jupytext.read(script, fmt="py:percent").cells
+    paths = sorted(folder.glob(f"_downloads/*/{script.stem}.ipynb"))
+    found = [json.loads(path.read_text("utf-8"))["cells"] for path in paths]
+    # (a derivation may have the same name)
+    (found,) = ([first, *cells] for first, *cells in found if len(cells) == len(wanted))
+    install, *cells = found
+    assert "%pip install" in "".join(install["source"])
     assert [c["cell_type"] for c in cells] == [c.cell_type for c in wanted]
     code = [("".join(c["source"]), w.source) for c, w in zip(cells, wanted, strict=True)]
     kinds = [c.cell_type == "code" for c in wanted]
