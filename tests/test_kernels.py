@@ -799,8 +799,8 @@ def test_strip_weights(sharpness):
         alone(quads.strip_weights)(t, 2, up, pieces, first, depth, 0, found)
         one = np.array([1]), np.array([0.5]), np.array([t])
         for j in range(3):
-            twin = ls.basis.strip_weights(strips, *one, (0, j), np.array([[up], [up]]))[0].reshape(4, 4)
-            twin = twin[:, 1] / reference.cubic_weights(np.array([0.5]), 0)[0, 1]
+            twin = ls.basis.strip_weights(strips, *one, (0, j), np.array([[up], [up]]))
+            twin = twin[0].reshape(4, 4)[:, 1] / reference.cubic_weights(np.array([0.5]), 0)[0, 1]
             assert np.abs(found[4 * j :][:4] - twin).max() <= 4e-15 * 4.0 ** (j * depth)
 
 
