@@ -68,6 +68,11 @@ def over_chunks(
         yield from pool.map(work, parts)
 
 
+def one_by_one(workers: int) -> Callable[[int, Callable[[slice], Any]], Iterator[Any]]:
+    """What divides a number of jobs among threads: `over_chunks` of one each."""
+    return lambda jobs, work: over_chunks(jobs, workers, work, 1)
+
+
 class Asked(NamedTuple):
     """What kernels are asked for."""
 

@@ -15,7 +15,6 @@ from limitsurf.integrals.cells import Cells
 from limitsurf.integrals.checks import (
     check_rtol,
     checked,
-    chosen,
     chosen_faces,
     is_exact,
     refuse_exact,
@@ -89,16 +88,10 @@ def area(
     >>> round(ls.area(ls.LimitSurface(square)), 12)
     2.0
     """
-    given = (
-        chosen(surface, channel),
-        "area",
-        lambda x, _: np.ones((len(x), 1)),
-        1,
-        face,
-        rtol,
-        workers,
+    surface = checked(surface, "area", channel)
+    total, cells = _over_surface(
+        surface, "area", lambda x, _: np.ones((len(x), 1)), 1, face, rtol, workers
     )
-    total, cells = _over_surface(*given)
     return float(_unscaled(total[0], -2 * cells.power))
 
 
@@ -153,7 +146,8 @@ def volume(
     >>> round(ls.volume(cube), 12)
     0.327552379087
     """
-    moments, _, power = _of_body(chosen(surface, channel), "volume", 0, rtol, workers)
+    surface = checked(surface, "volume", channel)
+    moments, _, power = _of_body(surface, "volume", 0, rtol, workers)
     found: float | Fraction = _unscaled(moments.volume, -3 * power)
     return found
 
@@ -202,7 +196,7 @@ def centroid(
     >>> ls.centroid(cube).round(12).tolist()
     [0.5, 0.5, 0.5]
     """
-    surface = chosen(surface, channel)
+    surface = checked(surface, "centroid", channel)
     moments, origin, power = _moments(surface, "centroid", of, 1, rtol, workers)
     return origin + _scaled(_middle(moments, of), -power)
 
@@ -257,7 +251,7 @@ def inertia(
     >>> ls.inertia(box).round(12).diagonal().tolist()  # of a unit cube: 1/6
     [0.166666666667, 0.166666666667, 0.166666666667]
     """
-    surface = chosen(surface, channel)
+    surface = checked(surface, "inertia", channel)
     moments, origin, power = _moments(surface, "inertia", of, 2, rtol, workers)
     middle = _middle(moments, of)
     second = moments.second - moments.volume * np.multiply.outer(middle, middle)
@@ -321,7 +315,8 @@ def integrate(
     >>> round(ls.integrate(surface, lambda points, normals: points[:, 0] * normals[:, 2]), 12)
     0.5
     """
-    cells = _cells(chosen(surface, channel), "integral", face, rtol, workers)
+    surface = checked(surface, "integral", channel)
+    cells = _cells(surface, "integral", face, rtol, workers)
 
     def values(x: Array, normal: Array) -> Array:
         points = cells.origin + np.ldexp(x, -cells.power)
@@ -352,7 +347,6 @@ def _cells(
     surface: LimitSurface, what: str, face: ArrayLike | None, rtol: float, workers: int
 ) -> Cells:
     """The cells of limit faces, after checks."""
-    checked(surface, what)
     check_rtol(rtol)
     if is_exact(surface):
         refuse_exact(what)
@@ -398,7 +392,6 @@ def _of_body(
     surface: LimitSurface, what: str, order: int, rtol: float, workers: int
 ) -> tuple[Moments, Array, int]:
     """Moments of the body inside about a point and scaled by a power of two; both of these."""
-    checked(surface, what)
     check_rtol(rtol)
     count = threads(workers)
     refuse_open(surface, f"the {what} needs")

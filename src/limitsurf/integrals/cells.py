@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.engine.packing import over_chunks
+from limitsurf.engine.packing import one_by_one
 from limitsurf.patches import NO_LIMIT
 from limitsurf.pieces.beyond import Beyond
 from limitsurf.pieces.cells import cut
@@ -41,7 +40,7 @@ class Cells:
 
     def __init__(self, surface: LimitSurface, faces: Array, workers: int) -> None:
         topology, points = surface.topology, surface.points
-        used = _used(surface, faces)
+        used = used_vertices(surface, faces)
         own = points[used]
         least, most = (
             f(axis=0, initial=0) if not len(own) else f(axis=0) for f in (own.min, own.max)
@@ -57,10 +56,7 @@ class Cells:
         )
         self.scheme = topology.rules.scheme
         depth = np.zeros(len(faces), dtype=np.int64)
-
-        def divided(jobs: int, work: Callable[[slice], Any]) -> Iterator[Any]:
-            return over_chunks(jobs, workers, work, 1)
-
+        divided = one_by_one(workers)
         found = cut(topology.patches, self.scheme, scaled, faces, depth, False, divided)
         self.face, self.cell_origin, self.size = found.face, found.origin, found.size
         self.points = found.points.reshape(len(found), len(found.exponents), 3)
@@ -68,8 +64,8 @@ class Cells:
         self.corner_face = found.rest.face
 
 
-def _used(surface: LimitSurface, faces: Array) -> Array:
-    """Vertices of limit faces that have a limit, and of the faces around these."""
+def used_vertices(surface: LimitSurface, faces: Array) -> Array:
+    """Vertices of those limit faces that have a limit, and of the faces around these."""
     mesh, limit_faces = surface.mesh, surface.limit_faces
     known = faces[surface.patches.codes[faces] != NO_LIMIT]
     face = np.zeros(mesh.n_faces, dtype=bool)

@@ -16,20 +16,14 @@ Array = NDArray[Any]
 _LEAST = 1e-15  # relative: float64 does not tell more
 
 
-def chosen(surface: Any, channel: str | None) -> Any:
-    """A surface, or that of one of its channels."""
-    return surface if channel is None else checked(surface, "integral").of_channel(channel)
-
-
-def checked(surface: Any, what: str) -> LimitSurface:
-    """A surface with points in space."""
+def checked(surface: Any, what: str, channel: str | None = None) -> LimitSurface:
+    """A surface with points in space, or that of one of its channels."""
     if not isinstance(surface, LimitSurface):
         raise TypeError(f"{what} needs a LimitSurface, got {type(surface).__name__}")
-    if surface.points.shape[1:] != (3,):
-        raise ValueError(
-            f"{what} needs points of shape (n_vertices, 3), got {surface.points.shape}"
-        )
-    return surface
+    found = surface.of_channel(channel)
+    if found.points.shape[1:] != (3,):
+        raise ValueError(f"{what} needs points of shape (n_vertices, 3), got {found.points.shape}")
+    return found
 
 
 def is_exact(surface: LimitSurface) -> bool:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from limitsurf.engine.packing import over_chunks
 from limitsurf.integrals.cells import Cells
 from limitsurf.integrals.rules import Rule
-from limitsurf.pieces.bernstein import Bernstein, polynomials
+from limitsurf.pieces.bernstein import Bernstein, children
 
 if TYPE_CHECKING:
     from limitsurf.scheme.scheme import Scheme
@@ -164,13 +164,4 @@ def _split(scheme: Scheme, points: Array) -> Array:
 @lru_cache(maxsize=16)
 def _parts(scheme: Scheme) -> Array:
     """Coefficients (4, n, n) of the parts of a cell from those of the cell."""
-    exponents = Bernstein.of(scheme, False).exponents
-    degree = int(exponents.max())
-    inverse = np.linalg.inv(polynomials(exponents, *(exponents / degree).T))
-    unit, found = 4.0**degree, []
-    for child in scheme.lattice.children:
-        sign = -1 if child.turned else 1
-        place = (np.array(child.origin) + sign * exponents / degree) / 2
-        # integers over this power of two
-        found.append(np.rint(inverse @ polynomials(exponents, *place.T) * unit) / unit)
-    return np.array(found)
+    return children(scheme.lattice, Bernstein.of(scheme, False).exponents)[1]

@@ -102,6 +102,28 @@ def polynomials(exponents: Array, s: Array, t: Array) -> Array:
     return np.asarray(count * first[:, i] * second[:, j] * rest[:, degree - i - j])
 
 
+def parts(exponents: Array, frames: Array) -> Array:
+    """Onto the coefficients in parts of the domain, (Q, n, n), of frames (Q, 3, 2).
+
+    A frame has the part's corner 0, its s and its t.
+    """
+    s, t = exponents.T / exponents.max()
+    at = frames[:, :1] + s[:, None] * frames[:, 1:2] + t[:, None] * frames[:, 2:]
+    there = polynomials(exponents, *at.reshape(-1, 2).T)
+    own = polynomials(exponents, s, t)
+    return np.linalg.solve(own, there.reshape(len(frames), len(exponents), len(exponents)))
+
+
+def children(lattice: Lattice, exponents: Array) -> tuple[Array, Array]:
+    """Frames (c, 3, 2) of the children of the domain, and exactly what `parts` says of them."""
+    frames = np.zeros((len(lattice.children), 3, 2))
+    for k, child in enumerate(lattice.children):
+        sign = -1 if child.turned else 1
+        frames[k] = [child.origin, (sign, 0), (0, sign)]
+    frames, unit = frames / 2, 4.0 ** exponents.max()  # matrices are multiples of its inverse
+    return frames, np.round(parts(exponents, frames) * unit) / unit
+
+
 def strips(spline: Spline, across: Array) -> Array:
     """Bernstein coefficients (n, size, size) of strips from control points.
 

@@ -9,10 +9,10 @@ of the rings around it: ``derivations/tessellation.py``.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from limitsurf.pieces import bernstein
 from limitsurf.query.index import Cells
 from limitsurf.query.polynomials import Form
+from limitsurf.query.records import Rows
 
 if TYPE_CHECKING:
     from limitsurf.scheme.lattice import Lattice
@@ -40,8 +41,8 @@ _PORTION_OF_CORNERS = 256
 Excess = Callable[[Array, Array, Array], Array]
 
 
-@dataclass(frozen=True, eq=False)
-class Parts:
+@dataclass(frozen=True, eq=False, slots=True)
+class Parts(Rows):
     """Parts of limit faces.
 
     Attributes
@@ -72,18 +73,6 @@ class Parts:
     root: Array
     corner: Array
     ring: Array
-
-    def __len__(self) -> int:
-        return len(self.face)
-
-    def __getitem__(self, which: Array | slice) -> Self:
-        return type(self)(*(getattr(self, x.name)[which] for x in fields(self)))
-
-    @classmethod
-    def joined(cls, parts: list[Self]) -> Self:
-        """All of several."""
-        columns = ([getattr(one, x.name) for one in parts] for x in fields(cls))
-        return cls(*(np.concatenate(x) for x in columns))
 
 
 class Division:
@@ -452,12 +441,8 @@ def _ways(form: Form, lattice: Lattice) -> list[tuple[Array, Array]]:
     if not lattice.sloped:
         frames = np.round(2 * form.frames).astype(np.int64)
         return list(zip(frames, form.halves, strict=True))
-    frames = np.zeros((len(lattice.children), 3, 2), dtype=np.int64)
-    for k, child in enumerate(lattice.children):
-        sign = -1 if child.turned else 1
-        frames[k] = [child.origin, (sign, 0), (0, sign)]
-    unit = 4.0 ** (form.degree + 2)
-    return [(frames, np.round(form.part(frames / 2) * unit) / unit)]
+    frames, parts = bernstein.children(lattice, form.exponents)
+    return [((2 * frames).astype(np.int64), parts)]
 
 
 def _integers(origin: Array, size: Array) -> tuple[Array, Array]:

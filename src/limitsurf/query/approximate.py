@@ -17,7 +17,7 @@ from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.protocol import Request
 from limitsurf.patches import NO_LIMIT, REGULAR
 from limitsurf.query.bezier import bezier_patches
-from limitsurf.query.deviation import Deviation, deviation
+from limitsurf.query.deviation import Deviation, deviation, length
 from limitsurf.query.index import checked_surface
 from limitsurf.query.polynomials import line_values
 from limitsurf.refine import refined
@@ -145,8 +145,8 @@ class ApproximatePatches:
             du += np.einsum("qij,qijd->qd", inner, along)
             dv += np.einsum("qij,qijd->qd", inner, across)
         with np.errstate(invalid="ignore", divide="ignore"):
-            cross = np.cross(*(x / _length(x)[:, None] for x in (du, dv)))
-            return np.asarray(cross / _length(cross)[:, None]).reshape(*shape, 3)
+            cross = np.cross(*(x / length(x)[:, None] for x in (du, dv)))
+            return np.asarray(cross / length(cross)[:, None]).reshape(*shape, 3)
 
     def error(self, surface: LimitSurface, *, workers: int = 1) -> Deviation:
         """How far the patches are from the limit surface that they approximate, face by face.
@@ -185,7 +185,7 @@ class ApproximatePatches:
         half = None
         if self.inside is not None:
             half = np.zeros(self.points.shape[:3])
-            half[:, 1:3, 1:3] = _length(self.inside[..., 0, :] - self.inside[..., 1, :]) / 2
+            half[:, 1:3, 1:3] = length(self.inside[..., 0, :] - self.inside[..., 1, :]) / 2
         return deviation(fine, self.points, half, (self.evaluate, self.normal), workers)
 
     def _places(
@@ -473,9 +473,3 @@ def _lines(c: _Corners, along: Array, tangent: Array) -> Array:
     cosine = np.cos(2 * np.pi / c.n)[:, None]
     middle = 3 * (along[c.after[c.next]] - along)
     return np.asarray((2 * cosine * middle - cosine[c.next] * tangent) / 3)
-
-
-def _length(vectors: Array) -> Array:
-    """Lengths (...) of vectors (..., 3), of any size."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    return np.asarray(np.hypot(np.hypot(x, y), z))

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from limitsurf import numbers
 from limitsurf.cage.checks import checked_integer
-from limitsurf.engine.packing import over_chunks
-from limitsurf.engine.protocol import Request, threads
+from limitsurf.engine.packing import one_by_one
+from limitsurf.engine.protocol import threads
+from limitsurf.integrals.checks import chosen_faces
 from limitsurf.pieces.cells import BezierPatches as BezierPatches
 from limitsurf.pieces.cells import BezierRest as BezierRest
 from limitsurf.pieces.cells import cut
@@ -111,30 +110,16 @@ def bezier_patches(
             f"depth must be 0 to {_DEEPEST}, got {depth}: beyond it float64 cannot tell "
             "the u and v of patches apart"
         )
-    faces, found = _faces(surface, face), surface.of_channel(channel)
+    faces, found = chosen_faces(surface, face), surface.of_channel(channel)
     exact = numbers.type_of(found.points).exact
     # the sides of limit faces of n-gons are half edges
     rings: Any = depth - (surface.limit_faces.corner[faces] >= 0)
     topology = found.topology
     patches = topology.exact_groups.patches if exact else topology.patches
     points = numbers.type_of(found.points).array(found.points)
-    count = threads(workers)
-
-    def divided(jobs: int, work: Callable[[slice], Any]) -> Iterator[Any]:
-        return over_chunks(jobs, count, work, 1)
-
+    divided = one_by_one(threads(workers))
     made = cut(patches, topology.rules.scheme, points, faces, rings, weights, divided)
     if channel is None or made.weights is None:
         return made
     rows = over_values(made.weights, found.mesh, surface.mesh.channels[channel])
     return replace(made, weights=rows)
-
-
-def _faces(surface: LimitSurface, face: ArrayLike | None) -> np.ndarray[Any, Any]:
-    """The limit faces asked for, (F,), checked."""
-    n = len(surface.limit_faces)
-    if face is None:
-        return np.arange(n)
-    request = Request.of(np.ravel(np.asarray(face)), 0.0, 0.0, False, 1)
-    request.check(n, surface.topology.lattice)
-    return request.face.astype(np.int64)

@@ -172,10 +172,7 @@ class _Boxes:
         step = np.arange(len(box)) - np.repeat(np.cumsum(each) - each, each)
         leaf = by_face[start[face[box]] + step]
         corner = leaf >= n
-        frame = np.zeros((len(leaf), 3, 2))
-        frame[:, 0] = index.origin[leaf]
-        frame[:, 1, 0], frame[:, 2, 1] = index.size[leaf].T
-        cell = ~corner
+        frame, cell = index.frames(leaf), ~corner
         at = leaf[cell]
         points = self._derived(box[cell], index.points[at], index.size[at])
         self._cells(*self._clipped(box[cell], points, frame[cell]))
@@ -307,7 +304,7 @@ class _Boxes:
                 endless = np.full((int(deep.sum()), 3), np.inf)
                 self._add(box[deep], -endless, endless)
                 box, which, leaf = box[~deep], which[~deep], leaf[~deep]
-                self._ring(box, which, leaf, ring)
+                self._ring(box, which, ring)
                 ring += 1
                 continue
             limit, axes = beyond.limits[which], np.eye(3)
@@ -328,17 +325,14 @@ class _Boxes:
             self._add(box[~more], lower[~more], upper[~more])
             box, which, leaf = box[more], which[more], leaf[more]
             if len(box):
-                self._ring(box, which, leaf, ring)
+                self._ring(box, which, ring)
             ring += 1
 
-    def _ring(self, box: Array, which: Array, leaf: Array, ring: int) -> None:
+    def _ring(self, box: Array, which: Array, ring: int) -> None:
         """The cells of a ring around special corners."""
         index = self._index
         found = index.beyond.cells(which, np.full(len(which), ring))
-        pieces, size = found.points.shape[1], index.size[leaf][:, None]
-        frame: Array = np.zeros((len(which), pieces, 3, 2))
-        frame[:, :, 0] = index.origin[leaf][:, None] + size * found.origin
-        frame[:, :, [1, 2], [0, 1]] = size * found.size
+        pieces, frame = found.points.shape[1], index.ring_frames(which, found.origin, found.size)
         points = index.beyond.limits[which][:, None, None] + found.points
         boxes = np.repeat(box, pieces)
         points, frame = points.reshape(-1, self._form.size, 3), frame.reshape(-1, 3, 2)

@@ -285,7 +285,7 @@ def feet(
         return found
 
     parts = over_chunks(len(asked), threads(workers), work, _CHUNK)
-    found = Feet.joined(list(parts))
+    found = Feet.joined([Feet.none(), *parts])
     places = found.face, found.u, found.v
     point = surface.evaluate(*places, workers=workers).reshape(-1, 3)
     distance = _lengths(asked[found.query] - point)

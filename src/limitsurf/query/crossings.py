@@ -9,13 +9,14 @@ Newton's method, clamped to the cell, finds the only zero or says that there is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any, Self, TypeVar
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.query.index import Cells
+from limitsurf.query.records import Rows, taken
 from limitsurf.scheme.lattice import Lattice
 
 Array = NDArray[Any]
@@ -43,7 +44,7 @@ _LONGEST = 2.0**400  # coordinates of which the squares are numbers
 
 
 @dataclass(slots=True)
-class Hits:
+class Hits(Rows):
     """Where rays cross cells, (n,), some of them more than once, on neighbours.
 
     `depth` is in the unit of the index along the largest direction; `blur` how well it is known;
@@ -63,23 +64,14 @@ class Hits:
     touch: Array
 
     @classmethod
-    def joined(cls, parts: list[Self]) -> Self:
-        """All of them."""
-        names = [field.name for field in fields(cls)]
-        return cls(*(np.concatenate([getattr(x, name) for x in parts]) for name in names))
-
-    @classmethod
     def none(cls) -> Self:
         """No hits."""
         whole, real, flag = np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0, dtype=bool)
         return cls(whole, whole, real, real, real, real, real, whole, flag, flag)
 
-    def __getitem__(self, which: Array) -> Self:
-        return type(self)(*(getattr(self, field.name)[which] for field in fields(self)))
-
 
 @dataclass(slots=True)
-class Rays:
+class Rays(Rows):
     """Rays in the unit of an index, sheared.
 
     Attributes
@@ -129,12 +121,6 @@ class Rays:
             plane = np.where(np.abs(origin[:, None]) < _LONGEST, plane, off)
         return cls(axes, slope, plane, along, origin, -(size + power), least, most)
 
-    def __len__(self) -> int:
-        return len(self.along)
-
-    def __getitem__(self, which: Array) -> Self:
-        return type(self)(*(getattr(self, field.name)[which] for field in fields(self)))
-
     def sheared(self, ray: Array, points: Array) -> Array:
         """Points (P, n, 3) of the unit of the index as rays (P,) see them: plane, then depth."""
         found = np.take_along_axis(points, self.axes[ray][:, None], axis=2)
@@ -167,7 +153,7 @@ def _lost(a: Array, b: Array, product: Array) -> Array:
 
 
 @dataclass(slots=True)
-class _Pairs:
+class _Pairs(Rows):
     """Rays and cells: coefficients (n, 3) in the plane of the ray and along it.
 
     ``(u, v) = frame[0] + s frame[1] + t frame[2]``.
@@ -178,26 +164,14 @@ class _Pairs:
     points: Array  # (P, n, 3)
     frame: Array  # (P, 3, 2)
 
-    def __len__(self) -> int:
-        return len(self.ray)
-
-    def __getitem__(self, which: Any) -> _Pairs:
-        return _Pairs(*(getattr(self, x)[which] for x in self.__slots__))
-
 
 @dataclass(slots=True)
-class _Rests:
+class _Rests(Rows):
     """Rays and what remains at special corners from a ring on, (R,)."""
 
     ray: Array
     which: Array
     ring: Array
-
-    def __len__(self) -> int:
-        return len(self.ray)
-
-    def __getitem__(self, which: Any) -> _Rests:
-        return _Rests(*(getattr(self, x)[which] for x in self.__slots__))
 
 
 @dataclass(slots=True)
@@ -208,27 +182,6 @@ class _Kind:
     sign: Array
     rim: Array
     touch: Any = False
-
-
-P = TypeVar("P", "_Pairs", "_Rests")
-
-
-def _taken(stack: list[P], most: int) -> P:
-    """So many of what is pending, the last first, taken from there."""
-    parts = [stack.pop()]
-    count = len(parts[0])
-    while stack and count < most:
-        parts.append(stack.pop())
-        count += len(parts[-1])
-    kind = type(parts[0])
-    one = parts[0]
-    if len(parts) > 1:
-        names = kind.__slots__
-        one = kind(*(np.concatenate([getattr(p, x) for p in parts]) for x in names))
-    if count > most:
-        stack.append(one[most:])
-        return one[:most]
-    return one
 
 
 class Crossings:
@@ -273,9 +226,9 @@ class Crossings:
                 self._corners.append(rests)
             while self._cells or self._corners:
                 if self._cells:
-                    self._one_batch(_taken(self._cells, _BATCH))
+                    self._one_batch(taken(self._cells, _BATCH))
                 else:
-                    self._beyond(_taken(self._corners, _BATCH // 16))
+                    self._beyond(taken(self._corners, _BATCH // 16))
 
     # ------------------------------------------------------------------ boxes
 
@@ -317,11 +270,8 @@ class Crossings:
     def _push_cells(self, ray: Array, cell: Array) -> None:
         index = self._index
         self._met += np.bincount(ray, minlength=len(self._met))
-        frame = np.zeros((len(cell), 3, 2))
-        frame[:, 0] = index.origin[cell]
-        frame[:, 1, 0], frame[:, 2, 1] = index.size[cell].T
         points = self._rays.sheared(ray, index.points[cell])
-        self._cells.append(_Pairs(ray, index.face[cell], points, frame))
+        self._cells.append(_Pairs(ray, index.face[cell], points, index.frames(cell)))
 
     # ------------------------------------------------------------------ special corners
 
@@ -370,10 +320,7 @@ class Crossings:
         )
         found = beyond.cells(which[first], ring[first])
         leaf, pieces = which + len(index.points), found.points.shape[1]
-        frame = np.zeros((len(ray), pieces, 3, 2))
-        scale = index.size[leaf][:, None]
-        frame[:, :, 0] = index.origin[leaf][:, None] + scale * found.origin[same]
-        frame[:, :, [1, 2], [0, 1]] = scale * found.size[same]
+        frame = index.ring_frames(which, found.origin[same], found.size[same])
         ray = np.repeat(ray, pieces)
         self._met += np.bincount(ray, minlength=len(self._met))
         points = found.points[same] + beyond.limits[which][:, None, None]

@@ -117,13 +117,13 @@ def _bounds(
         return np.matmul(matrix, points[face][:, i, j]), off
 
     here, off = parts(cells.face, cells.origin, cells.size)
-    far = _length(cells.points.reshape(here.shape) - here)
+    far = length(cells.points.reshape(here.shape) - here)
     np.maximum.at(most, cells.face, far.max(axis=1) + np.max(off, axis=-1, initial=0))
     rest = cells.rest
     if len(rest):
         here, off = parts(rest.face, rest.origin, rest.size)
         low, high = here.min(axis=1), here.max(axis=1)
-        far = _length(np.maximum(np.abs(rest.upper - low), np.abs(high - rest.lower)))
+        far = length(np.maximum(np.abs(rest.upper - low), np.abs(high - rest.lower)))
         np.maximum.at(most, rest.face, far + np.max(off, axis=-1, initial=0))
     size = np.abs(points[faces]).max(axis=(1, 2, 3))
     return np.asarray(most[faces] * _SLACK + 2.0**-46 * size)
@@ -140,16 +140,16 @@ def _found(
     face, u, v = (a.ravel() for a in np.meshgrid(faces, x, x, indexing="ij"))
     step = patches[0](face, u, v) - surface.evaluate(face, u, v, workers=workers)
     truth = surface.normal(face, u, v, workers=workers)
-    found = [_length(step), np.abs((step * truth).sum(axis=1))]
+    found = [length(step), np.abs((step * truth).sum(axis=1))]
     for geometric in (False, True):
         other = patches[1](face, u, v, geometric=geometric)
         # precise for small angles and for large ones
-        found.append(2 * np.arctan2(_length(truth - other), _length(truth + other)))
+        found.append(2 * np.arctan2(length(truth - other), length(truth + other)))
     values = np.nan_to_num(np.stack(found).reshape(4, len(faces), -1))
     return np.asarray(values.max(axis=2, initial=0))
 
 
-def _length(vectors: Array) -> Array:
+def length(vectors: Array) -> Array:
     """Lengths (...) of vectors (..., 3), of any size."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     return np.asarray(np.hypot(np.hypot(x, y), z))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -11,10 +10,10 @@ from numpy.typing import NDArray
 
 from limitsurf import numbers
 from limitsurf.caching import cached_property
-from limitsurf.engine.packing import over_chunks
+from limitsurf.engine.packing import one_by_one
 from limitsurf.engine.protocol import threads
 from limitsurf.engine.topology import Topology
-from limitsurf.patches import NO_LIMIT
+from limitsurf.integrals.cells import used_vertices
 from limitsurf.pieces.beyond import Beyond
 from limitsurf.pieces.cells import cut
 from limitsurf.query.polynomials import Form
@@ -107,19 +106,16 @@ class Cells:
     def __init__(self, surface: LimitSurface, workers: int, rings: int = RINGS) -> None:
         topology, points = surface.topology, surface.points
         self.lattice = topology.lattice
-        used = _used(surface)
+        faces = np.arange(len(surface.limit_faces))
+        used = used_vertices(surface, faces)
         largest = np.abs(points[used]).max(initial=0)
         if not np.isfinite(largest):
             raise ValueError("the points of the cage must be finite")
         self.power = -int(np.frexp(largest)[1]) if largest else 0
-        faces = np.arange(len(surface.limit_faces))
         depth = rings - (surface.limit_faces.corner >= 0)
         scheme, scaled = topology.rules.scheme, np.zeros(points.shape)
         scaled[used] = np.ldexp(points[used], self.power)
-
-        def divided(jobs: int, work: Callable[[slice], Any]) -> Iterator[Any]:
-            return over_chunks(jobs, workers, work, 1)
-
+        divided = one_by_one(workers)
         cells = cut(topology.patches, scheme, scaled, faces, depth, False, divided)
         self.form = Form.of(self.lattice, cells.degree)
         self.face = np.concatenate([cells.face, cells.rest.face])
@@ -168,6 +164,24 @@ class Cells:
         tree = cKDTree(points, balanced_tree=False, compact_nodes=False) if len(points) else None
         return tree, middle
 
+    def frames(self, leaf: Array) -> Array:
+        """Corner 0, s and t of leaves (P,) in (u, v) of their limit faces, (P, 3, 2)."""
+        found = np.zeros((len(leaf), 3, 2))
+        found[:, 0] = self.origin[leaf]
+        found[:, 1, 0], found[:, 2, 1] = self.size[leaf].T
+        return found
+
+    def ring_frames(self, which: Array, origin: Array, size: Array) -> Array:
+        """The same of cells on rings of special corners (M,), (M, c, 3, 2).
+
+        `origin` and `size` (M, c, 2) are as in `RingCells`.
+        """
+        leaf = which + len(self.points)
+        found, scale = np.zeros((*size.shape[:2], 3, 2)), self.size[leaf][:, None]
+        found[:, :, 0] = self.origin[leaf][:, None] + scale * origin
+        found[:, :, [1, 2], [0, 1]] = scale * size
+        return found
+
     def children(self, node: Array, query: Array, level: int) -> tuple[Array, Array]:
         """Boxes that those of a level hold, and the queries of each, (n,) both."""
         node = (_WIDTH * node[:, None] + np.arange(_WIDTH)).ravel()
@@ -186,19 +200,6 @@ def checked_surface(surface: Any, channel: str | None = None) -> LimitSurface:
     if numbers.type_of(found.points).exact:
         raise TypeError("distances need square roots: give float64 points")
     return found
-
-
-def _used(surface: LimitSurface) -> Array:
-    """Vertices of faces that have a limit, and of the faces around these."""
-    mesh, limit_faces = surface.mesh, surface.limit_faces
-    known = surface.patches.codes[: len(limit_faces)] != NO_LIMIT
-    face = np.zeros(mesh.n_faces, dtype=bool)
-    face[limit_faces.face[known]] = True
-    for _ in range(2):
-        vertex = np.zeros(mesh.n_vertices, dtype=bool)
-        vertex[mesh.indices[face[mesh.corner_face]]] = True
-        face[mesh.corner_face[vertex[mesh.indices]]] = True
-    return np.flatnonzero(vertex)
 
 
 def _morton(lower: Array, upper: Array) -> Array:

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.pieces.bernstein import children
 from limitsurf.query.index import Cells
 from limitsurf.query.polynomials import Form
+from limitsurf.query.records import Rows
 from limitsurf.query.scalars import Scalar
 
 Array = NDArray[Any]
@@ -35,7 +37,7 @@ _CROWD, _MOST, _EACH = 1 << 11, 1 << 13, 8
 
 
 @dataclass(slots=True)
-class Pieces:
+class Pieces(Rows):
     """Cells of limit faces and a function on them: ``(u, v) = frame[0] + s frame[1] + t frame[2]``.
 
     `level` numbers the level that was taken from `values`.
@@ -46,19 +48,6 @@ class Pieces:
     frame: Array  # (P, 3, 2)
     values: Array  # (P, m)
     points: Array  # (P, n, 3)
-
-    def __len__(self) -> int:
-        return len(self.level)
-
-    def __getitem__(self, which: Any) -> Pieces:
-        return Pieces(*(getattr(self, x)[which] for x in self.__slots__))
-
-    @classmethod
-    def joined(cls, parts: list[Pieces]) -> Pieces:
-        """All of them."""
-        if len(parts) == 1:
-            return parts[0]
-        return cls(*(np.concatenate([getattr(p, x) for p in parts]) for x in cls.__slots__))
 
     def ways(self, form: Form) -> Array:
         """Which way cells are halved: across the longest side, (P,)."""
@@ -147,11 +136,8 @@ class Parting:
             cell.append(np.flatnonzero(there & (most - height + SHIFT >= -_CLEAR)))
             level.append(np.full(len(cell[-1]), number))
         c, j = (np.concatenate(x) for x in (cell, level))
-        frame = np.zeros((len(c), 3, 2))
-        frame[:, 0] = cells.origin[c]
-        frame[:, 1, 0], frame[:, 2, 1] = cells.size[c].T
         above = values[c] - self._levels[j, None]
-        return Pieces(j, cells.face[c], frame, above, cells.points[c])
+        return Pieces(j, cells.face[c], cells.frames(c), above, cells.points[c])
 
     def _corners(self) -> tuple[Array, Array]:
         """Levels and numbers of all special corners, (M,) each."""
@@ -178,10 +164,7 @@ class Parting:
         found = cells.beyond.cells(which, ring)
         values = self._scalar.of_rings(which, ring, found) - self._levels[level, None, None]
         count = found.points.shape[1]
-        frame = np.zeros((len(which), count, 3, 2))
-        scale = cells.size[leaf][:, None]
-        frame[:, :, 0] = cells.origin[leaf][:, None] + scale * found.origin
-        frame[:, :, [1, 2], [0, 1]] = scale * found.size
+        frame = cells.ring_frames(which, found.origin, found.size)
         points = found.points + cells.beyond.limits[which][:, None, None]
         return Pieces(
             np.repeat(level, count),
@@ -229,14 +212,10 @@ class Parting:
             way = cells.ways(form)
             return cells.parted(form.frames[way], own.halves[way], form.halves[way])
         if self._quarters is None:
-            children = self._cells.lattice.children
-            frames = np.zeros((len(children), 3, 2))
-            frames[:, 0] = [child.origin for child in children]
-            sign = np.array([-1 if child.turned else 1 for child in children])
-            frames[:, 1, 0] = frames[:, 2, 1] = sign
-            frames /= 2
-            parts = [np.round(f.part(frames) * 4.0**f.degree) / 4.0**f.degree for f in (own, form)]
-            self._quarters = frames[None], parts[0][None], parts[1][None]
+            lattice = self._cells.lattice
+            frames, of_values = children(lattice, own.exponents)
+            of_points = children(lattice, form.exponents)[1]
+            self._quarters = frames[None], of_values[None], of_points[None]
         return cells.parted(*self._quarters)
 
     def _graphs(self, cells: Pieces, small: Array) -> tuple[Array, Array, Array]:

@@ -8,14 +8,15 @@ relative to one of their own points: what is far away does not swamp what differ
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any, Self, TypeVar
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.query.index import Cells
 from limitsurf.query.polynomials import Form, line_values, lines, products
+from limitsurf.query.records import Rows, taken
 
 Array = NDArray[Any]
 
@@ -42,7 +43,7 @@ _DEEPEST = 160  # rings, where nothing bounds what remains
 
 
 @dataclass(slots=True)
-class Feet:
+class Feet(Rows):
     """Places that may be the nearest ones, (n,): of a query, on a limit face, how far.
 
     `off` is by how much a foot would move if it could leave its cell, or is not one at all.
@@ -56,20 +57,14 @@ class Feet:
     off: Array
 
     @classmethod
-    def joined(cls, parts: list[Self]) -> Self:
-        """All of them."""
-        names = [field.name for field in fields(cls)]
-        if not parts:
-            none = np.zeros(0)
-            return cls(none.astype(np.int64), none.astype(np.int64), none, none, none, none)
-        return cls(*(np.concatenate([getattr(x, name) for x in parts]) for name in names))
-
-    def __getitem__(self, which: Array) -> Self:
-        return type(self)(*(getattr(self, field.name)[which] for field in fields(self)))
+    def none(cls) -> Self:
+        """No feet."""
+        whole, real = np.zeros(0, dtype=np.int64), np.zeros(0)
+        return cls(whole, whole, real, real, real, real)
 
 
 @dataclass(slots=True)
-class _Pairs:
+class _Pairs(Rows):
     """Queries and cells, or curves: points (n, 3) relative to one that is `base` from the query.
 
     ``(u, v) = frame[0] + s frame[1] + t frame[2]``; of curves ``frame[0] + s frame[1]``.
@@ -80,12 +75,6 @@ class _Pairs:
     base: Array  # (P, 3)
     points: Array  # (P, n, 3)
     frame: Array  # (P, 3, 2) or (P, 2, 2)
-
-    def __len__(self) -> int:
-        return len(self.query)
-
-    def __getitem__(self, which: Any) -> _Pairs:
-        return _Pairs(*(getattr(self, x)[which] for x in self.__slots__))
 
     def halved(self, halves: Array, frames: Array) -> _Pairs:
         """Both halves (., 2, n, n) of all, relative to their own first point."""
@@ -104,18 +93,12 @@ class _Pairs:
 
 
 @dataclass(slots=True)
-class _Rests:
+class _Rests(Rows):
     """Queries and what remains at special corners from a ring on, (R,)."""
 
     query: Array
     which: Array
     ring: Array
-
-    def __len__(self) -> int:
-        return len(self.query)
-
-    def __getitem__(self, which: Any) -> _Rests:
-        return _Rests(*(getattr(self, x)[which] for x in self.__slots__))
 
 
 @dataclass(slots=True)
@@ -128,26 +111,6 @@ class _Nodes:
 
     def __len__(self) -> int:
         return len(self.query)
-
-
-P = TypeVar("P", "_Pairs", "_Rests")
-
-
-def _taken(stack: list[P], most: int) -> P:
-    """So many of what is pending, the last first, taken from there."""
-    parts, count = [stack.pop()], 0
-    count = len(parts[0])
-    while stack and count < most:
-        parts.append(stack.pop())
-        count += len(parts[-1])
-    kind = type(parts[0])
-    if len(parts) > 1:
-        names = [field.name for field in fields(kind)]
-        parts = [kind(*(np.concatenate([getattr(p, x) for p in parts]) for x in names))]
-    if count > most:
-        stack.append(parts[0][most:])
-        return parts[0][:most]
-    return parts[0]
 
 
 class Search:
@@ -182,18 +145,18 @@ class Search:
         while self._nodes or cells or corners or sides:
             ready = sum(map(len, cells)) >= _BATCH // 2
             if sum(map(len, sides)) >= _BATCH:
-                self._curves(_taken(sides, _BATCH))
+                self._curves(taken(sides, _BATCH))
             elif not ready and sum(map(len, corners)) >= _BATCH:
-                self._corners(_taken(corners, _BATCH // 16))
+                self._corners(taken(corners, _BATCH // 16))
             elif not ready and self._nodes:
                 self._open(self._nodes.pop())
             elif cells:
-                self._cells(_taken(cells, _BATCH))
+                self._cells(taken(cells, _BATCH))
             elif corners:
-                self._corners(_taken(corners, _BATCH // 16))
+                self._corners(taken(corners, _BATCH // 16))
             else:
-                self._curves(_taken(sides, _BATCH))
-        return Feet.joined(self._found)
+                self._curves(taken(sides, _BATCH))
+        return Feet.joined([Feet.none(), *self._found])
 
     def _open(self, nodes: _Nodes) -> None:
         """Boxes that are near enough: those in them, or the cells and corners that they are of."""
@@ -254,11 +217,8 @@ class Search:
         index = self._index
         points = index.points[cell]
         first = points[:, :1].copy()
-        frame = np.zeros((len(cell), 3, 2))
-        frame[:, 0] = index.origin[cell]
-        frame[:, 1, 0], frame[:, 2, 1] = index.size[cell].T
         base = first[:, 0] - self._points[query]
-        self._push(_Pairs(query, index.face[cell], base, points - first, frame))
+        self._push(_Pairs(query, index.face[cell], base, points - first, index.frames(cell)))
 
     def _push(self, pairs: _Pairs) -> None:
         if len(pairs):
@@ -314,11 +274,7 @@ class Search:
         ring = np.repeat(ring, more) + step
         found = beyond.cells(which, ring)
         pieces = found.points.shape[1]
-        frame = np.zeros((len(query), pieces, 3, 2))
-        scale = index.size[leaf][:, None]
-        frame[:, :, 0] = index.origin[leaf][:, None] + scale * found.origin
-        frame[:, :, [1, 2], [0, 1]] = scale * found.size
-        n = self._form.size
+        frame, n = index.ring_frames(which, found.origin, found.size), self._form.size
         pairs = _Pairs(
             np.repeat(query, pieces),
             np.repeat(index.face[leaf], pieces),

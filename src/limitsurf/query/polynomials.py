@@ -91,11 +91,7 @@ class Form:
 
     def part(self, frames: Array) -> Array:
         """Onto the coefficients in parts of the domain, (Q, n, n), of frames (Q, 3, 2)."""
-        s, t = self.exponents.T / self.degree
-        at = frames[:, :1] + s[:, None] * frames[:, 1:2] + t[:, None] * frames[:, 2:]
-        there = bernstein.polynomials(self.exponents, *at.reshape(-1, 2).T)
-        own = bernstein.polynomials(self.exponents, s, t)
-        return np.linalg.solve(own, there.reshape(len(frames), self.size, self.size))
+        return bernstein.parts(self.exponents, frames)
 
     def values(self, s: Array, t: Array, order: int = 2) -> Array:
         """Weights (Q, k, n) of values and derivatives up to an order at (s, t): k is 1, 3 or 6."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.engine.packing import over_chunks
+from limitsurf.engine.packing import one_by_one
 from limitsurf.pieces.beyond import Beyond, RingCells
 from limitsurf.pieces.cells import cut
 from limitsurf.query.index import RINGS, Cells
@@ -102,11 +101,7 @@ class Subdivided:
         faces = np.arange(len(surface.limit_faces))
         depth = RINGS - (surface.limit_faces.corner >= 0)
         known = topology.patches, topology.rules.scheme, values[:, None], faces, depth
-
-        def divided(jobs: int, work: Callable[[slice], Any]) -> Iterator[Any]:
-            return over_chunks(jobs, workers, work, 1)
-
-        found = cut(*known, False, divided)
+        found = cut(*known, False, one_by_one(workers))
         self._values = found.points.reshape(len(found), self.form.size)
         self._beyond = Beyond(*known)
 

@@ -18,6 +18,7 @@ from limitsurf import memory
 from limitsurf.cage.mesh import Mesh
 from limitsurf.query.adaptive import BITS, LOST, WHOLE, Division, Parts, longest, triangles_error
 from limitsurf.query.index import Cells
+from limitsurf.query.records import numbered
 from limitsurf.query.welding import sides
 from limitsurf.surface import LimitSurface
 
@@ -405,14 +406,5 @@ class Stitches:
 
 def _distinct(first: Array, rest: Array) -> tuple[Array, Array, Array]:
     """Different pairs of (n,) and (n,) or (n, m) in order, and which of them each is, (n,)."""
-    columns = np.atleast_2d(rest.T)
-    order = np.lexsort((*columns[::-1], first))
-    new = np.ones(len(order), dtype=bool)
-    same = first[order][1:] == first[order][:-1]
-    for x in columns:
-        same &= x[order][1:] == x[order][:-1]
-    new[1:] = ~same
-    number = np.empty(len(order), dtype=np.int64)
-    number[order] = np.cumsum(new) - 1
-    kept = order[new]
+    number, kept = numbered([*np.atleast_2d(rest.T)[::-1], first])
     return first[kept], rest[kept], number

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from limitsurf import memory
 from limitsurf.query.leaves import CORNER, KNOT, SHIFT, TOUCH, Leaves
 from limitsurf.query.polynomials import Form
+from limitsurf.query.records import Rows, numbered
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -35,7 +36,7 @@ class Nodes:
 
 
 @dataclass(slots=True)
-class Spans:
+class Spans(Rows):
     """Parts of curves between two nodes, (S,), inside of a leaf or on its side.
 
     `sign` is 1 where what is above is on the left from node `a` to `b`, -1 on the right, 0 unknown.
@@ -50,17 +51,6 @@ class Spans:
     start: Array  # (S, 2)
     end: Array
     bend: Array
-
-    def __len__(self) -> int:
-        return len(self.a)
-
-    def __getitem__(self, which: Any) -> Spans:
-        return Spans(*(getattr(self, x)[which] for x in self.__slots__))
-
-    @classmethod
-    def joined(cls, parts: list[Spans]) -> Spans:
-        """All of them."""
-        return cls(*(np.concatenate([getattr(p, x) for p in parts]) for x in cls.__slots__))
 
 
 class Network:
@@ -89,11 +79,11 @@ class Network:
         vertex, which = on.vertices()
         vertex = vertex + on.total * cells.level[:, None]
         keys = [which[..., 1].ravel(), which[..., 0].ravel(), vertex.ravel()]
-        number, self._first = _numbered(keys)
+        number, self._first = numbered(keys)
         self._vertex = number.reshape(count, c)
         both = np.stack([self._vertex, np.roll(self._vertex, -1, axis=1)], axis=2)
         lines = [np.repeat(x.ravel(), 2) for x in (value, line)]
-        point, first = _numbered([along.ravel(), *lines])
+        point, first = numbered([along.ravel(), *lines])
         self.at = along.ravel()[first]  # where points lie on their lines
         self._of_point = both.ravel()[first]  # and which vertices they are
         point = point.reshape(-1, 2)
@@ -483,19 +473,6 @@ class _OnLines:
             inner = np.where(on, spoke & ~(x == 1), inner)
             taken |= self._on[:, :, side]
         return number, where
-
-
-def _numbered(keys: list[Array]) -> tuple[Array, Array]:
-    """Numbers (n,) of rows of keys, by the last key first, and the first row of each number."""
-    order = np.lexsort(keys)
-    new = np.zeros(len(order), dtype=bool)
-    for key in keys:
-        sorted_ = key[order]
-        new[1:] |= sorted_[1:] != sorted_[:-1]
-    new[:1] = True
-    number = np.empty(len(order), dtype=np.int64)
-    number[order] = np.cumsum(new) - 1
-    return number, order[new]
 
 
 def chained(spans: Spans, number: Array, n_nodes: int) -> tuple[Array, Array, Array, Array]:

@@ -21,6 +21,7 @@ from limitsurf.shell.cli.program import (
     PATH,
     Cage,
     Program,
+    answers_option,
     from_option,
     json_option,
     merge_option,
@@ -127,14 +128,7 @@ def info(cage: Cage, as_json: bool) -> None:
     multiple=True,
     help="A face-varying channel, such as uv, as well; may be given several times.",
 )
-@click.option(
-    "-o",
-    "--output",
-    type=PATH,
-    default="-",
-    metavar="FILE",
-    help=".csv, .npz, .npy, .parquet or .zarr; CSV to the standard output without.",
-)
+@answers_option
 @workers_option
 @click.option(
     "--scheduler", metavar="ADDRESS", help="Evaluate on the Dask cluster of this scheduler."

@@ -12,6 +12,7 @@ from limitsurf.shell import files, terminal
 from limitsurf.shell.cli.program import (
     PATH,
     Cage,
+    answers_option,
     json_option,
     reads_cage,
     report,
@@ -23,15 +24,6 @@ if TYPE_CHECKING:
 
 MANY = 2**63 - 1
 METHODS = ("area", "parameter", "blue_noise")
-
-answers_option = click.option(
-    "-o",
-    "--output",
-    type=PATH,
-    default="-",
-    metavar="FILE",
-    help=".csv, .npz, .npy, .parquet or .zarr; CSV to the standard output without.",
-)
 
 
 @click.command()

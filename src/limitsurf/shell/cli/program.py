@@ -255,6 +255,14 @@ output_option = click.option(
     metavar="FILE",
     help="What to write, in the format of its suffix; - is the standard output, the default.",
 )
+answers_option = click.option(
+    "-o",
+    "--output",
+    type=PATH,
+    default="-",
+    metavar="FILE",
+    help=".csv, .npz, .npy, .parquet or .zarr; CSV to the standard output without.",
+)
 workers_option = click.option(
     "--workers",
     type=click.IntRange(-1),

@@ -14,6 +14,7 @@ from limitsurf.shell import files, terminal
 from limitsurf.shell.cli.program import (
     PATH,
     Cage,
+    answers_option,
     json_option,
     reads_cage,
     report,
@@ -38,14 +39,7 @@ Array = NDArray[Any]
 @click.option("--t-min", type=float, default=0.0, show_default=True, help="Where rays begin.")
 @click.option("--t-max", type=float, default=float("inf"), show_default=True, help="And end.")
 @click.option("--all", "every", is_flag=True, help="All hits of each ray, not only the first.")
-@click.option(
-    "-o",
-    "--output",
-    type=PATH,
-    default="-",
-    metavar="FILE",
-    help=".csv, .npz, .npy, .parquet or .zarr; CSV to the standard output without.",
-)
+@answers_option
 @workers_option
 @json_option
 def intersect(

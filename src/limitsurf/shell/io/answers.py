@@ -29,8 +29,7 @@ Answers: TypeAlias = dict[str, NDArray[Any]]  # face, u, v (n,), then (n, channe
 Write: TypeAlias = Callable[[Answers], None]
 
 OWN = "face|[uv]|position|normal|d[uv]+"  # names of answers, which no channel can have
-DISTANCE = "distance"  # of nearest places
-PLAIN = ("ray", "t", "multiplicity")  # of one number each
+PLAIN = ("distance", "ray", "t", "multiplicity")  # of one number each
 LINES = 1 << 14  # of CSV written at a time
 
 
@@ -300,8 +299,6 @@ def _columns(answers: Answers) -> dict[str, NDArray[Any]]:
         if re.fullmatch(OWN, name):
             pattern = {"position": "{}", "normal": "n_{}"}.get(name, "{}_" + name[1:])
             heads = [pattern.format(axis) for axis in "xyz"]
-        elif name == DISTANCE:
-            heads = [name]
         else:
             heads = [f"{name}_{k}" for k in range(values.shape[1])]
         columns |= dict(zip(heads, values.T, strict=True))
