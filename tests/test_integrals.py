@@ -262,6 +262,8 @@ def test_channels_are_measured():
     assert ls.occluded(surface, [0.5, 0.5, 3], [0, 0, -1.0], channel="again")
     found, same = (ls.quadrature(surface, channel=c) for c in (None, "again"))
     assert (found.weights == same.weights).all()
+    flat = ls.LimitSurface(ls.Mesh(points[:, :2], faces, channels=mesh.channels))
+    assert ls.area(flat, channel="again") == pytest.approx(ls.area(surface), rel=1e-13)
     for call in (ls.area, ls.quadrature):
         with pytest.raises((KeyError, ValueError), match="nothing"):
             call(surface, channel="nothing")
