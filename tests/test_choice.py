@@ -259,6 +259,26 @@ def test_small_work_loads_nothing(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_kernels_from_one_cache_are_kept_in_another(tmp_path):
+    code = """if True:
+    import os, sys
+    from limitsurf import _kernels, compiling
+    compiling.compile_kinds((_kernels.MESHES,))
+    from limitsurf._kernels import jit
+    os.environ["LIMITSURF_CACHE_DIR"] = sys.argv[1]
+    before = jit.complete(_kernels.MESHES)
+    compiling.compile_kinds((_kernels.MESHES,))
+    print(before, jit.complete(_kernels.MESHES))
+"""
+    one, other = tmp_path / "one", tmp_path / "other"
+    assert run(code.replace("sys.argv[1]", repr(str(other))), one) == "False True\n"
+    files = [{path.name for path in (top / "kernels").rglob("*.nbc")} for top in (one, other)]
+    assert files[0] == files[1] != set()
+    assert all(path.stat().st_size > 1000 for path in (other / "kernels").rglob("*.nbc"))
+    # both are read again
+    assert run(code.replace("sys.argv[1]", repr(str(one))), other) == "True True\n"
+
+
 # --- Locks
 
 

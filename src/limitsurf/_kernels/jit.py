@@ -118,12 +118,13 @@ class _Cache(NullCache):  # type: ignore[misc]
         """The compiled kernel; None if it is to be compiled."""
         target_context.refresh()
         name = self._file(sig, target_context.codegen())
-        used[name] = None
+        used.setdefault(name)
         content = disk_cache.read(name, _MOST)
         if content is None or content[:32] != _digest(name, content[32:]):
             return None
         try:
-            return CompileResult._rebuild(target_context, *pickle.loads(content[32:]))
+            used[name] = CompileResult._rebuild(target_context, *pickle.loads(content[32:]))
+            return used[name]
         except Exception:  # whatever the right bytes may lead to in surroundings that are not right
             return None
 
@@ -131,8 +132,9 @@ class _Cache(NullCache):  # type: ignore[misc]
         """Keep a compiled kernel, where that is possible."""
         if data.library.has_dynamic_globals:  # addresses in this process
             return
-        name, content = self._file(sig, data.codegen), dumps(data._reduce())
-        disk_cache.write(name, _digest(name, content) + content)
+        name = self._file(sig, data.codegen)
+        used[name] = data
+        _keep(name, data)
 
     def _file(self, sig: Any, codegen: Any) -> str:
         """Where in the cache."""
@@ -165,11 +167,23 @@ def _key(*parts: Any) -> str:
     return sha256(repr((parts, versions)).encode()).hexdigest()[:32]
 
 
-used: dict[str, None] = {}  # files of the kernels of this process, in the order of their first use
+# files of the kernels of this process, in the order of their first use, and what they hold
+used: dict[str, CompileResult | None] = {}
+
+
+def _keep(name: str, kernel: CompileResult) -> None:
+    content = dumps(kernel._reduce())
+    disk_cache.write(name, _digest(name, content) + content)
 
 
 def mark(kind: str) -> None:
-    """Write down that all kernels for something are those that this process has used."""
+    """Write down that all kernels for something are those that this process has used.
+
+    Those which it has from another cache are kept in this one too.
+    """
+    for file, kernel in used.items():
+        if kernel is not None and not disk_cache.there(file):
+            _keep(file, kernel)
     name, content = _mark(kind), "\n".join(used).encode()
     disk_cache.write(name, _digest(name, content) + content)
 
