@@ -23,6 +23,7 @@ the points of every step.
 
 import functools
 import itertools
+import operator
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -54,24 +55,33 @@ def mask(n):
 
 def combined(weights, points):
     """A sum of points; rounded to `BITS` binary digits where there are more."""
+    return combinations([weights], points)[0]
+
+
+def combinations(rows, points):
+    """Sums of the same points, one for each row of weights: all are rounded if any number is."""
     columns = list(zip(*points, strict=True))
-    values = [*weights, *itertools.chain(*columns)]
+    values = itertools.chain(*rows, *columns)
     if all(isinstance(x, int) or x.denominator.bit_length() <= BITS // 2 for x in values):
-        return tuple(sum(w * x for w, x in zip(weights, column, strict=True)) for column in columns)
-    scaled = [whole(w) for w in weights]
-    sums = (sum(w * whole(x) for w, x in zip(scaled, c, strict=True)) for c in columns)
-    return tuple(Fraction(x >> BITS, 2**BITS) for x in sums)
+        return [tuple(sum(map(operator.mul, row, column)) for column in columns) for row in rows]
+    columns = [list(map(whole, column)) for column in columns]
+    found = []
+    for row in rows:
+        scaled = list(map(whole, row))
+        sums = (sum(map(operator.mul, scaled, column)) for column in columns)
+        found.append(tuple(Fraction(x >> BITS, 2**BITS) for x in sums))
+    return found
 
 
 def whole(x):
     """A number in units of 2^-BITS."""
-    x = Fraction(x)
     return (x.numerator << BITS) // x.denominator
 
 
-def corner_point(face, i):
-    """The new point at corner i of a face, a list of points."""
-    return combined(mask(len(face)), face[i:] + face[:i])
+def corner_points(face, places):
+    """The new points at these corners of a face, a list of points."""
+    weights = mask(len(face))
+    return combinations([weights[-i:] + weights[:-i] for i in places], face)
 
 
 # --- meshes ---------------------------------------------------------------------------------------
@@ -142,7 +152,7 @@ def first_step(cage):
     inner = {}
     for f, face in enumerate(faces):
         points = [cage.points[v] for v in face]
-        inner |= {(f, k): corner_point(points, k) for k in range(len(face))}
+        inner |= {(f, k): x for k, x in enumerate(corner_points(points, range(len(face))))}
     beyond = {}
     for number, fan in enumerate(fans_of(faces)):
         if fan.closed or cage.boundary == "none":
@@ -230,11 +240,12 @@ def child(star, u, v):
     corner = SQUARE.index((int(right), int(up)))
     j = (corner - star.turn) % 4
     own, before, after = star.faces[j], star.faces[j - 1], star.faces[(j + 1) % 4]
-    c = corner_point(own, 0)
-    vertex = [corner_point(star.faces[(j + k) % 4], 0) for k in range(4)]
-    face = [corner_point(own, k) for k in range(len(own))]
-    along = [c, vertex[3], corner_point(before, len(before) - 1), face[1]]
-    back = [c, face[-1], corner_point(after, 1), vertex[1]]
+    face = corner_points(own, range(len(own)))
+    along = [face[0], *corner_points(before, [0, len(before) - 1]), face[1]]
+    beside, next_to_it = corner_points(after, [0, 1])
+    back = [face[0], face[-1], next_to_it, beside]
+    (opposite,) = corner_points(star.faces[(j + 2) % 4], [0])
+    vertex = [face[0], beside, opposite, along[1]]
     # the middle of the star is its corner 0, the corner of the star its corner 2
     return Star([vertex, along, face, back], (corner + 2) % 4,
                 star.x + half * right, star.y + half * up, half)  # fmt: skip
