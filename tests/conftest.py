@@ -146,6 +146,8 @@ def pytest_configure(config: pytest.Config) -> None:
         config.add_cleanup(cache.cleanup)
         os.environ["LIMITSURF_CACHE_DIR"] = cache.name
         os.environ[background.VARIABLE] = "0"
+        # processors are busy: threads of linear algebra would wait for each other
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     wicked = config.getoption("wicked")
     if wicked in WICKED:
         # a copy is not checked as a new Scheme is: some of these masks it would refuse
