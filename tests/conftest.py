@@ -14,6 +14,7 @@ marked as long come first in any order, so that none of them is waited for at th
 """
 
 import copy
+import gc
 import os
 import random
 import signal
@@ -157,6 +158,12 @@ def pytest_configure(config: pytest.Config) -> None:
         tables.SCHEMES._known["catmull-clark"] = scheme
     elif wicked:
         WICKED_RULES[wicked]()
+
+
+def pytest_collection_finish() -> None:
+    """Look for garbage among what tests make, not again and again among all that was collected."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
