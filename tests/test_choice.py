@@ -259,6 +259,7 @@ def test_small_work_loads_nothing(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_kernels_from_one_cache_are_kept_in_another(tmp_path):
     code = """if True:
     import os, sys

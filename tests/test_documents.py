@@ -42,6 +42,7 @@ CHECKED = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 # The folder of an image: here it is the suite's cache, where others need what is compiled as well.
 IMAGE = "/opt/limitsurf-cache"
 COMPILING = SITE / "howto" / "deployment.md"
+LONG = {COMPILING, SITE / "howto" / "command_line.md"}
 
 
 def blocks(page):
@@ -95,7 +96,7 @@ def check_form(text):
 
 @pytest.mark.parametrize(
     "page",
-    [pytest.param(page, marks=[pytest.mark.long] * (page == COMPILING)) for page in PAGES],
+    [pytest.param(page, marks=[pytest.mark.long] * (page in LONG)) for page in PAGES],
     ids=lambda page: str(page.relative_to(ROOT)),
 )
 def test_every_block_runs(page, tmp_path, monkeypatch, capsys):
@@ -123,6 +124,7 @@ def test_pages_were_found():
     assert len(PAGES) > 10
     assert sum(language in RUN for page in PAGES for language, _, _ in blocks(page)) > 30
     assert IMAGE in COMPILING.read_text("utf-8")
+    assert {*PAGES} >= LONG
 
 
 def test_the_reference_has_every_public_name():
