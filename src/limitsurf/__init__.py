@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from limitsurf.fem.modes import Eigenmodes as Eigenmodes
     from limitsurf.fem.modes import eigenmodes as eigenmodes
     from limitsurf.fem.space import Space as Space
+    from limitsurf.fem.thin import ShellSolution as ShellSolution
+    from limitsurf.fem.thin import ThinShell as ThinShell
     from limitsurf.integrals.body import area as area
     from limitsurf.integrals.body import centroid as centroid
     from limitsurf.integrals.body import inertia as inertia
@@ -170,7 +172,9 @@ _HOME = {
     "RefinedMesh": "refine",
     "Samples": "query.samples",
     "Scheme": "scheme.scheme",
+    "ShellSolution": "fem.thin",
     "Space": "fem.space",
+    "ThinShell": "fem.thin",
     "SurfaceIndex": "query.index",
     "Tessellation": "query",
     "agrees": "query",

@@ -143,23 +143,34 @@ def load(
     """Integrals (n, ...) of products of the functions with those (points, ...) that f gives."""
     shapes: list[tuple[int, ...]] = []
 
+    def values(_: Block, x: Array, normal: Array) -> Array:
+        found, each = given(f, x, normal)
+        shapes.append(each)
+        return found
+
+    found = load_of_blocks(basis, values, points, workers)
+    return found.reshape(basis.n, *(shapes[0] if shapes else ()))
+
+
+def load_of_blocks(
+    basis: Basis, f: Callable[[Block, Array, Array], Array], points: Array, workers: int
+) -> Array:
+    """Integrals (n, k) of products of the functions with those (F P, k) that f gives of a block."""
+
     def work(part: slice) -> tuple[Array, Array]:
         block = basis.blocks[part.start]
         at = components(basis, block, points, FIRST)
         shape = at.area.shape
         x, normal = (np.stack([z.ravel() for z in y], axis=1) for y in (at.jet[0, 0], at.cross))
         normal /= at.area.reshape(-1, 1)
-        values, each = given(f, x, normal)
-        shapes.append(each)
-        values = values.reshape(*shape, -1) * at.measure[:, :, None]  # (F, P, k)
+        values = f(block, x, normal).reshape(*shape, -1) * at.measure[:, :, None]  # (F, P, k)
         if block.table is not None:
             own = np.matmul(block.table.of((0, 0)).T, values)
         else:
             own = np.matmul(block.values()[0, 0].swapaxes(1, 2), values)
         return block.controls.ravel(), own.reshape(-1, own.shape[2])
 
-    found = _scattered(basis.n, over_chunks(len(basis.blocks), workers, work, 1))
-    return found.reshape(basis.n, *(shapes[0] if shapes else ()))
+    return _scattered(basis.n, over_chunks(len(basis.blocks), workers, work, 1))
 
 
 def factors(matrix: Any) -> Any:

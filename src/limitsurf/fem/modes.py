@@ -107,20 +107,25 @@ def eigenmodes(space: Space, k: int, *, workers: int = 1) -> Eigenmodes:
     if k > space.n:
         raise ValueError(f"k must be 1 to {space.n}, the number of unknowns, got {k}")
     K, M = space.stiffness(workers=workers), space.mass(workers=workers)
-    if space.n <= _DENSE or k + _SPARE >= space.n // 2:
+    return lowest(K, M, k, -1 / float(M.sum()))  # (of the area: functions add up to 1)
+
+
+def lowest(K: Any, M: Any, k: int, shift: float) -> Eigenmodes:
+    """The lowest modes of symmetric matrices, M positive and K not negative, from below 0 on."""
+    n = K.shape[0]
+    if n <= _DENSE or k + _SPARE >= n // 2:
         from scipy.linalg import eigh, eigvalsh
 
         refuse_dependent(eigvalsh(M.toarray()))
         values, modes = eigh(K.toarray(), M.toarray(), subset_by_index=(0, k - 1))
         return Eigenmodes(values, modes)
-    return _sparse(K.tocsc(), M.tocsc(), k)
+    return _sparse(K.tocsc(), M.tocsc(), k, shift)
 
 
-def _sparse(K: Any, M: Any, k: int) -> Eigenmodes:
+def _sparse(K: Any, M: Any, k: int, shift: float) -> Eigenmodes:
     """Modes by Krylov spaces, from further starts until their number is right."""
     from scipy.sparse.linalg import LinearOperator, eigsh
 
-    shift = -1 / float(M.sum())  # (of the area: functions add up to 1)
     solver = factors(K - shift * M)
     inverse = LinearOperator(K.shape, matvec=solver.solve, dtype=float)
     rng = np.random.default_rng(0)

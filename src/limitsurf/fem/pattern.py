@@ -108,6 +108,37 @@ class Pattern:
 
         return self._made(_summed(len(self.indices), given()))
 
+    def vectors(self, parts: Iterable[tuple[int, Array, Array]]) -> Any:
+        """A matrix over functions of d components, unknowns of a function together.
+
+        The sum of blocks (F, C (C + 1) / 2, d, d) of pairs of functions, of some rows of groups:
+        of upper triangles, and symmetric where both functions are one.
+        """
+        from scipy.sparse import bsr_array, csc_array
+
+        total: Array | None = None
+        for group, rows, values in parts:
+            controls = self._groups[group].controls[rows]
+            i, j = pairs(controls.shape[1])
+            turned = (controls[:, i] > controls[:, j])[:, :, None, None]
+            own = np.where(turned, values.swapaxes(2, 3), values)
+            place = self.places[group][rows].ravel()
+            adding = csc_array(
+                (np.ones(len(place)), place, np.arange(len(place) + 1)),
+                shape=(self._upper, len(place)),
+            )
+            found = adding @ own.reshape(len(place), -1)
+            total = found if total is None else np.add(total, found, out=total)
+        d = 0 if total is None else int(np.sqrt(total.shape[1]))
+        if total is None:
+            total = np.zeros((self._upper, 0))
+        data = total.reshape(-1, d, d)[self._source]
+        row = np.repeat(np.arange(self.n), np.diff(self.indptr))
+        below = self.indices < row
+        data[below] = data[below].swapaxes(1, 2)
+        shape = d * self.n, d * self.n
+        return bsr_array((data, self.indices, self.indptr), shape=shape).tocsr()
+
     def _made(self, values: Array) -> Any:
         (found,) = sharing(self.indptr, self.indices, [values], (self.n, self.n))
         found.indptr, found.indices = self.indptr, self.indices

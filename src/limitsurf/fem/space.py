@@ -61,6 +61,8 @@ class Space:
     ----------
     n : int
         Unknowns.
+    cage : LimitSurface
+        The surface that was given.
     surface : LimitSurface
         The same surface over the refined cage: its control points are the coefficients of x, y and
         z, and its limit faces those of `basis` and of any `quadrature`. Holes on which nothing
@@ -135,6 +137,7 @@ class Space:
             raise ValueError("a space needs a face with a limit, but no limit face has one")
         self._known = {"levels": levels, "ends": ends, "near_poles": 0}
         self.ends: Ends = ends
+        self.cage = surface
         cage = surface.mesh
         given = cage.with_tags(channels=None, face_data=None, **surface.rules)
         mesh, self._begin = cages.begun(given, ends)
@@ -250,7 +253,7 @@ class Space:
         >>> f.evaluate(0, [0.5, 1.0], 0.3).round(9).tolist()  # x = 0.25, 0.5
         [0.0625, 0.25]
         """
-        values = self._coefficients(coefficients)
+        values = self.checked_coefficients(coefficients)
         if channel is None:
             return self.surface.with_points(values)
         mesh = self.surface.mesh
@@ -336,7 +339,8 @@ class Space:
         forms.refuse_dependent(abs(solver.U.diagonal()))
         return np.asarray(solver.solve(loads.reshape(self.n, -1)).reshape(loads.shape))
 
-    def _coefficients(self, coefficients: ArrayLike) -> Array:
+    def checked_coefficients(self, coefficients: ArrayLike) -> Array:
+        """Coefficients as an array (n, ...); a ValueError for another number."""
         values = np.asarray(coefficients)
         if values.shape[:1] != (self.n,):
             raise ValueError(
@@ -436,10 +440,11 @@ class Space:
         return Elements(self.surface)
 
     @cached_property
-    def _pattern(self) -> Pattern:
+    def pattern(self) -> Pattern:
+        """Where matrices of the space have entries."""
         return Pattern(self.n, self._elements.groups)
 
-    def _basis(self, quadrature: Quadrature | None, order: int, integrand: Kind) -> Basis:
+    def chosen(self, quadrature: Quadrature | None, order: int, integrand: Kind) -> Basis:
         """The basis of a quadrature, or that of the default one, which is kept."""
         if quadrature is not None:
             return self.basis(quadrature, order)
@@ -482,7 +487,7 @@ class Space:
         >>> round(float(mass.sum()), 12)  # the area
         2.0
         """
-        return self._matrix(self._basis(quadrature, 1, "metric"), forms.mass, workers)
+        return self._matrix(self.chosen(quadrature, 1, "metric"), forms.mass, workers)
 
     def stiffness(
         self, *, quadrature: Quadrature | None = None, workers: int = 1
@@ -501,7 +506,7 @@ class Space:
         >>> round(float(x @ space.stiffness() @ x), 12)  # of a gradient of length 1
         2.0
         """
-        return self._matrix(self._basis(quadrature, 1, "metric"), forms.stiffness, workers)
+        return self._matrix(self.chosen(quadrature, 1, "metric"), forms.stiffness, workers)
 
     def bilaplace(
         self, *, quadrature: Quadrature | None = None, workers: int = 1
@@ -530,9 +535,9 @@ class Space:
                 f"bilaplace needs functions with one tangent plane across edges, which those of "
                 f"scheme {scheme.name!r} have not"
             )
-        basis = self._basis(quadrature, 2, "curvature")
+        basis = self.chosen(quadrature, 2, "curvature")
         points = self.surface.points
-        return forms.bilaplace(basis, self._pattern, points, threads(workers))
+        return forms.bilaplace(basis, self.pattern, points, threads(workers))
 
     def _matrix(self, basis: Basis, form: Any, workers: int) -> csr_array[Any]:
         """The matrix of a form of first derivatives."""
@@ -542,7 +547,7 @@ class Space:
             found: forms.Terms = form(forms.components(basis, block, points, forms.FIRST[1:]))
             return found
 
-        return forms.matrix(basis, self._pattern, terms, threads(workers))
+        return forms.matrix(basis, self.pattern, terms, threads(workers))
 
     def load(
         self, f: Function, *, quadrature: Quadrature | None = None, workers: int = 1
@@ -573,7 +578,7 @@ class Space:
         >>> round(float(load.sum()), 12)  # the integral of x
         2.0
         """
-        basis = self._basis(quadrature, 1, "metric")
+        basis = self.chosen(quadrature, 1, "metric")
         return forms.load(basis, f, self.surface.points, threads(workers))
 
     def assemble(
@@ -634,7 +639,7 @@ class Space:
                 if not symmetric or nu >= mu
             }
 
-        return forms.matrix(basis, self._pattern, own, threads(workers), symmetric)
+        return forms.matrix(basis, self.pattern, own, threads(workers), symmetric)
 
 
 def _default(surface: LimitSurface, points: int, integrand: Kind) -> Quadrature:
