@@ -16,6 +16,12 @@ if TYPE_CHECKING:
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
     from limitsurf.cage.selection import selected as selected
+    from limitsurf.fem.ends import extended as extended
+    from limitsurf.fem.modes import Eigenmodes as Eigenmodes
+    from limitsurf.fem.modes import eigenmodes as eigenmodes
+    from limitsurf.fem.space import Space as Space
+    from limitsurf.fem.thin import ShellSolution as ShellSolution
+    from limitsurf.fem.thin import ThinShell as ThinShell
     from limitsurf.integrals.body import area as area
     from limitsurf.integrals.body import centroid as centroid
     from limitsurf.integrals.body import inertia as inertia
@@ -153,6 +159,7 @@ _HOME = {
     "Curvature": "surface",
     "Deviation": "query.deviation",
     "Eigenbasis": "spectra",
+    "Eigenmodes": "fem.modes",
     "ExactOperator": "refine",
     "Faces": "cage.faces",
     "FeetOfPoints": "query.closest",
@@ -165,6 +172,9 @@ _HOME = {
     "RefinedMesh": "refine",
     "Samples": "query.samples",
     "Scheme": "scheme.scheme",
+    "ShellSolution": "fem.thin",
+    "Space": "fem.space",
+    "ThinShell": "fem.thin",
     "SurfaceIndex": "query.index",
     "Tessellation": "query",
     "agrees": "query",
@@ -179,6 +189,8 @@ _HOME = {
     "contains": "query.rays",
     "creases_by_angle": "query.creases",
     "eigenbasis": "spectra",
+    "eigenmodes": "fem.modes",
+    "extended": "fem.ends",
     "feet": "query.closest",
     "frames": "shell.io.by_suffix",
     "from_pyvista": "shell.io.vtk",

@@ -567,7 +567,15 @@ class LimitFaces:
             raise ValueError(f"the mesh has no edge between vertices {a} and {b}")
         corner = self._first_corner_of_edge[edge].reshape(pair.shape[:-1])
         corner, start, t = np.broadcast_arrays(corner, pair[..., 0], t)
-        t = np.where(cage.indices[corner] == start, t, 1 - t)
+        return self.along(corner, np.where(cage.indices[corner] == start, t, 1 - t))
+
+    def along(self, corner: IntArray, t: ArrayLike) -> tuple[IntArray, Floats, Floats]:
+        """Where sides of faces are: limit face, u and v at t along those that begin at corners.
+
+        Corners are numbered through all faces; t is not checked. They broadcast.
+        """
+        cage = self._cage
+        corner, t = np.broadcast_arrays(corner, t)
         regular = cage.sizes[cage.corner_face[corner]] == self._lattice.face_size
         near = regular | (t <= 0.5)  # of an n-gon each half is the edge of another limit face
         after = cage.next_corner[corner]

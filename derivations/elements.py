@@ -1,0 +1,210 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: py:percent
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% tags=["remove-cell"]
+"""Finite elements on limit surfaces: ghost faces, dependent functions, orders at poles.
+
+Run this file: it says nothing unless an assertion fails.
+"""
+
+# %% [markdown]
+# # Finite elements on limit surfaces
+#
+# The basis functions of a cage are finite elements on its limit surface. This document derives
+#
+# 1. ghost faces: beyond regular boundaries the limit is that of a larger cage, whose outer vertices
+#    are reflections, whatever is further inside;
+# 2. that basis functions can be linearly dependent;
+# 3. how fast functions are approximated at poles.
+#
+# - F. Cirak, M. Ortiz, P. Schröder, "Subdivision surfaces: a new paradigm for thin-shell
+#   finite-element analysis", Int. J. Numer. Meth. Engng 47, 2000: ghost vertices.
+# - U. Reif, J. Peters, *Subdivision Surfaces*, Springer 2008, chapters 4 and 5: rings, subdominant
+#   eigenvalue, why curvature asks for the eigenvalue $\lambda^2$.
+
+# %%
+import numpy as np
+from sympy import Rational, Symbol, expand, symbols
+
+import limitsurf as ls
+
+# %% [markdown]
+# ## 1. Ghost faces
+#
+# Masks of Catmull and Clark are those of [bicubic splines](masks_bicubic.py). Let $b$ be a boundary
+# vertex between two quads, $b_-$ and $b_+$ its neighbours on the boundary, $i_-, i, i_+$ those in
+# the next row. With $g = 2 b - i$ beyond each of them the boundary is in the midst of quads.
+
+# %%
+row = b_, b, b1 = symbols("b_- b b_+")
+inner = i_, i, i1 = symbols("i_- i i_+")
+ghost = g_, g, g1 = [2 * x - y for x, y in zip(row, inner, strict=True)]
+
+
+def face(*corners):
+    return sum(corners) / 4
+
+
+def edge(a, c, *faces):
+    return (a + c + sum(faces)) / 4
+
+
+def vertex(v, edges, diagonals):
+    return Rational(9, 16) * v + Rational(3, 32) * sum(edges) + Rational(1, 64) * sum(diagonals)
+
+
+# %% [markdown]
+# One step by the masks inside moves the vertices of the boundary as its own rules do, and leaves
+# reflections what they were: of face points at the midpoint of their edge, of edge points at the
+# new vertex. The masks of these ask for no valence, so that $i$ may be extraordinary; and what they
+# use is at $b$ and its two faces, so that it does not matter what is further inside.
+
+# %%
+new = vertex(b, [b_, b1, i, g], [i_, i1, g_, g1])
+assert expand(new - (b_ + 6 * b + b1) / 8) == 0
+inside, outside = face(b, b1, i1, i), face(b, b1, g1, g)
+assert expand(inside + outside - (b + b1)) == 0
+assert expand(edge(b, b1, inside, outside) - (b + b1) / 2) == 0
+across = edge(b, i, face(b_, b, i, i_), inside)
+beyond = edge(b, g, face(b_, b, g, g_), outside)
+assert expand(across + beyond - 2 * new) == 0
+
+# %% [markdown]
+# The new face points stand beyond the new edge points of the boundary, at $(b + b_+) / 2$, the new
+# edge points beyond the new vertex: that is the same picture at half the size.
+#
+# At a sharp corner $c$ of one quad $(c, p, d, q)$ the ghosts are $2 c - q$ and $2 c - p$ beyond its
+# edges and $4 c - 2 p - 2 q + d$ beyond the vertex.
+
+# %%
+c, p, d, q = symbols("c p d q")
+past_q, past_p, diagonal = 2 * c - q, 2 * c - p, 4 * c - 2 * p - 2 * q + d
+past_qp, past_pq = 2 * p - d, 2 * q - d  # beyond p across its edge, and beyond q
+corner = vertex(c, [p, q, past_q, past_p], [d, past_qp, past_pq, diagonal])
+assert expand(corner - c) == 0
+own = face(c, p, d, q)
+faces = {"q": face(c, p, past_q, past_qp), "p": face(c, q, past_p, past_pq)}
+last = face(c, past_q, past_p, diagonal)
+new_p, new_q = edge(c, p, own, faces["q"]), edge(c, q, own, faces["p"])
+assert expand(new_p - (c + p) / 2) == 0
+assert expand(new_q - (c + q) / 2) == 0
+assert expand(edge(c, past_q, faces["q"], last) - (2 * c - new_q)) == 0
+assert expand(last - (4 * c - 2 * new_p - 2 * new_q + own)) == 0
+
+# %% [markdown]
+# So at every level, and in the limit, both cages have the same faces. Beside other boundary
+# vertices there are no such points ([creases](creases.py)): `extended` refuses these.
+#
+# As functions of their own ghosts span what the boundary rules leave out. On the line across the
+# boundary the second derivative there is $g - 2 b + i$, 0 for reflections: a function $f$ is
+# approximated in the last cell of size $h$ to $O(h^2 f'')$ and not $O(h^4)$. On a strip of width
+# $h$ that is an error in $L^2$ of order $h^{2.5}$, in $H^1$ of order $h^{1.5}$.
+
+# %%
+x, h = Symbol("x"), Symbol("h", positive=True)
+pieces = [  # cubic B-splines over the knots -1, 0, 1 at x in [0, h]
+    (1 - x / h) ** 3 / 6,
+    Rational(2, 3) - (x / h) ** 2 + (x / h) ** 3 / 2,
+    Rational(1, 6) + (x / h + (x / h) ** 2 - (x / h) ** 3) / 2,
+    (x / h) ** 3 / 6,
+]
+line = sum(k * n for k, n in zip((g, b, i, Symbol("j")), pieces, strict=True))
+assert expand(line.diff(x, 2).subs(x, 0)) == 0
+
+# %% [markdown]
+# ## 2. Functions that vanish
+#
+# Around a vertex of valence 3 the subdivision matrix has the eigenvalue 0
+# ([eigenstructure](eigenstructure.py)). If all vertices are such and no cycle is odd, as on a cube,
+# then $1$ and $-1$ by turns vanish after one step. A mass matrix over that cage is singular; over
+# the refined one it is not.
+
+# %%
+points = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+cube = ls.Mesh(points, quads)
+_, step = ls.refined(cube, operator=True)
+by_turns = (-1.0) ** points.sum(axis=1)
+assert abs(step @ by_turns).max() < 1e-15
+surface = ls.LimitSurface(cube)
+for levels, rank in ((0, 7), (1, 26)):
+    mass = ls.Space(surface, levels=levels).mass().toarray()
+    assert np.linalg.matrix_rank(mass, tol=1e-12) == rank
+
+# %% [markdown]
+# ## 3. Orders at poles
+#
+# In coordinates $y$ of the characteristic map around a pole, ring $n$ is $\lambda^n$ times ring 0.
+# In them the surface is smooth enough that a smooth function has an expansion in powers: constants
+# and linear ones are among the eigenfunctions, of eigenvalues 1 and $\lambda$. A quadratic one is
+# $\lambda^{2 n}$ times itself from ring 0 to ring $n$; among eigenfunctions it could be of
+# eigenvalue $\lambda^2$ alone, which at a pole there is not:
+
+# %%
+rate = {}
+for n in (3, *range(5, 21)):
+    values = np.abs(np.asarray(ls.eigenbasis("catmull-clark", valence=n).float64.eigenvalues))
+    rate[n] = np.sort(values)[-2]
+    assert abs(values - rate[n] ** 2).min() > 1e-3
+regular = np.abs(np.asarray(ls.eigenbasis("catmull-clark", valence=4).float64.eigenvalues))
+assert abs(regular - 0.5**2).min() < 1e-12
+
+# %% [markdown]
+# After $k$ refinements ring $n \le k$ has cells of $2^{-(k - n)}$ of its own size, where quadratics
+# of $y$ are as any smooth function of the parameters. Relative to their size, $\lambda^{2 n}$, they
+# are approximated to $16^{-(k - n)}$, with derivatives to $8^{-(k - n)}$ and $4^{-(k - n)}$, and
+# what is within ring $k$ is as the last term. A derivative divides by $\lambda^n$, an area is
+# $\lambda^{2 n}$, so that errors are, squared,
+#
+# $$ \sum_{n \le k} \lambda^{2 n (3 - m)}\, 4^{-(4 - m)(k - n)}, \qquad m = 0, 1, 2 $$
+#
+# for $L^2$, $H^1$ and second derivatives: sums of powers, of which the last or the first term
+# prevails. Orders are the smaller one of $4 - m$ and $(3 - m) \log_2 1/\lambda$; of the largest
+# error it is $2 \log_2 1/\lambda$.
+
+
+# %%
+def order(n, m):
+    return min(4 - m, (3 - m) * np.log2(1 / rate[n]))
+
+
+def measured(n, m, k):
+    """The order between levels k and k + 1 of the sum."""
+
+    def total(k):
+        ring = np.arange(k + 1)
+        return (rate[n] ** (2 * (3 - m) * ring) * 4.0 ** (-(4 - m) * (k - ring))).sum()
+
+    return np.log2(total(k) / total(k + 1)) / 2
+
+
+for n in rate:
+    for m in range(3):
+        assert abs(measured(n, m, 60) - order(n, m)) < 2e-2
+table = {
+    3: (3.86, 2.57, 1.29),
+    5: (2.59, 1.73, 0.86),
+    8: (2.13, 1.42, 0.71),
+    12: (1.97, 1.31, 0.66),
+}
+for n, known in table.items():
+    assert np.allclose([order(n, m) for m in range(3)], known, atol=6e-3)
+
+# %% [markdown]
+# These are orders in the end. Cells far from the pole have errors of the full order with constants
+# of their own, which prevail at first. At valence 3 an eigenvalue, $1/6$, is that near to
+# $\lambda^2 = 0.168$ that the pole shows late.
+
+# %%
+three = np.abs(np.asarray(ls.eigenbasis("catmull-clark", valence=3).float64.eigenvalues))
+assert abs(three - rate[3] ** 2).min() < 2e-3

@@ -1,0 +1,1 @@
+"""Finite elements on the surface itself: spaces of functions, forms, eigenmodes."""

@@ -1,0 +1,254 @@
+"""Functions of a space and their derivatives at the points of a quadrature, block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf.caching import cached_property
+from limitsurf.engine.orders import checked_order, orders_up_to
+from limitsurf.engine.protocol import Order
+from limitsurf.fem.elements import Elements, Group
+from limitsurf.integrals.quadrature import Quadrature
+from limitsurf.refine import sharing
+from limitsurf.surface import LimitSurface
+
+Array = NDArray[Any]
+Pair: TypeAlias = tuple[Order, Order]
+
+_AT_ONCE = 1 << 19  # faces x points x controls of a block
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Block:
+    """Limit faces with equal numbers F of controls C and points P, some of a `Basis`.
+
+    Attributes
+    ----------
+    face : (F,) int
+        Limit faces of the surface of the space.
+    controls : (F, C) int32
+        Functions that do not vanish on each face: columns of matrices.
+    points : (F, P) int
+        Places of its points in the quadrature.
+    """
+
+    face: NDArray[np.int64]
+    controls: NDArray[np.int32]
+    points: NDArray[np.int64]
+    group: int = field(repr=False)
+    rows: Array = field(repr=False)
+    table: Table | None = field(repr=False)
+    _basis: Basis = field(repr=False)
+
+    def __repr__(self) -> str:
+        f, p, c = *self.points.shape, self.controls.shape[1]
+        return f"Block({f} faces, {p} points, {c} controls)"
+
+    def values(self) -> dict[Order, NDArray[np.float64]]:
+        """Derivatives of the functions, {nu: (F, P, C)}; read-only where faces share them.
+
+        They are computed anew at each call: what is not needed at once takes no memory.
+        """
+        if self.table is not None:
+            shape = len(self.face), *self.table.values.shape[1:]
+            found = [np.broadcast_to(x, shape) for x in self.table.values]
+        else:
+            found = list(self._basis.evaluated(self.controls, self.points))
+        return dict(zip(self._basis.orders, found, strict=True))
+
+
+class Table:
+    """Derivatives (D, P, C) that all faces of a kind have, and their products.
+
+    Attributes
+    ----------
+    values : (D, P, C)
+    """
+
+    def __init__(self, orders: Sequence[Order], values: Array) -> None:
+        self.values, self._place = values, {nu: k for k, nu in enumerate(orders)}
+        self._products: dict[tuple[bool, tuple[Pair, ...]], Array] = {}
+
+    def of(self, nu: Order) -> Array:
+        """One derivative (P, C)."""
+        found: Array = self.values[self._place[nu]]
+        return found
+
+    def products(self, terms: Sequence[Pair], symmetric: bool) -> Array:
+        """Products (terms P, E) of derivatives of two functions, at each point, kept.
+
+        E entries of a matrix of C functions; or of upper triangles, of terms and their mirrors.
+        """
+        key = symmetric, tuple(terms)
+        if key not in self._products:
+            found = []
+            for nu, mu in terms:
+                a, b = self.of(nu), self.of(mu)
+                product = a[:, :, None] * b[:, None, :]
+                if symmetric:
+                    i, j = np.triu_indices(a.shape[1])
+                    if nu != mu:
+                        product = product + product.swapaxes(1, 2)
+                    product = product[:, i, j]
+                found.append(product.reshape(len(a), -1))
+            self._products[key] = np.concatenate(found)
+        return self._products[key]
+
+
+class Basis:
+    """The functions of a space and their derivatives at the points of a quadrature.
+
+    Made by `Space.basis`. Every function is 1 unknown of the space; on a limit face few do not
+    vanish, its controls.
+
+    Attributes
+    ----------
+    quadrature : Quadrature
+    orders : list of (int, int)
+        Derivatives by u and v of limit faces that there are, as `LimitSurface.jet` has them.
+    blocks : list of Block
+        Limit faces with equal numbers of controls and points: ``face``, ``controls``, ``points``
+        and ``values()``, arrays (faces, points, controls) of each derivative. Together they have
+        every point of the quadrature once.
+    n : int
+        Functions of the space.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    >>> space = ls.Space(ls.LimitSurface(square), ends="natural")
+    >>> basis = space.basis(ls.quadrature(space.surface, points=2), order=1)
+    >>> basis.blocks, basis.blocks[0].values()[1, 0].shape
+    ([Block(1 faces, 4 points, 4 controls)], (1, 4, 4))
+    >>> du = basis.weights((1, 0))
+    >>> (du @ space.surface.points).round(12)[:, 0].tolist()  # x_u
+    [1.0, 1.0, 1.0, 1.0]
+    """
+
+    def __init__(
+        self, surface: LimitSurface, elements: Elements, quadrature: Quadrature, order: int
+    ) -> None:
+        self.quadrature, self.n = quadrature, surface.mesh.n_vertices
+        self._surface = surface
+        self.orders: list[Order] = list(orders_up_to(order)[0])
+        self.blocks: list[Block] = []
+        counts = np.diff(quadrature.offsets)
+        there = np.flatnonzero(counts)
+        start, counts = quadrature.offsets[there].astype(np.int64), counts[there]
+        face = quadrature.face[start]
+        group, row = elements.group[face].astype(np.int64), elements.row[face]
+        key = group * (1 + counts.max(initial=0)) + counts
+        for one in np.unique(key).tolist():
+            here = np.flatnonzero(key == one)
+            number = int(group[here[0]])
+            self._add(number, elements.groups[number], row[here], start[here], counts[here[0]])
+
+    def __repr__(self) -> str:
+        return f"Basis({self.n} functions at {len(self.quadrature)} points)"
+
+    def _add(self, number: int, group: Group, rows: Array, start: Array, count: int) -> None:
+        """Add blocks of faces of a group with so many points each."""
+        size = int(count) * group.controls.shape[1]
+        same, table = np.zeros(len(rows), dtype=bool), None
+        if group.alike:
+            same[:] = True
+            for x in (self.quadrature.u, self.quadrature.v):
+                own = np.lib.stride_tricks.sliding_window_view(x, count)[start]
+                same &= (own == own[0]).all(axis=1)
+        for which, alike in ((same, True), (~same, False)):
+            here = np.flatnonzero(which)
+            if alike and len(here):
+                points = start[here[:1], None] + np.arange(count)
+                found = self.evaluated(group.controls[rows[here[:1]]], points)
+                table = Table(self.orders, np.ascontiguousarray(found[:, 0]))
+            each = max(1, _AT_ONCE // (size if alike else size * len(self.orders)))
+            for begin in range(0, len(here), each):
+                some = here[begin : begin + each]
+                own = rows[some]
+                self.blocks.append(
+                    Block(
+                        group.faces[own],
+                        group.controls[own],
+                        start[some, None] + np.arange(count),
+                        number,
+                        own,
+                        table if alike else None,
+                        self,
+                    )
+                )
+
+    def evaluated(self, controls: Array, points: Array) -> Array:
+        """Derivatives (D, F, P, C) of the controls of faces at their points, by `weights`."""
+        q, n = self.quadrature, self.n
+        at = points.ravel()
+        found = self._surface.weights(q.face[at], q.u[at], q.v[at], nu=self.orders)
+        (f, c), p = controls.shape, points.shape[1]
+        order = np.argsort(controls, axis=1, kind="stable")
+        known = np.arange(f)[:, None] * n + np.take_along_axis(controls, order, axis=1)
+        row = np.repeat(np.arange(f * p), np.diff(found[0].indptr))
+        key = row // p * n + found[0].indices
+        place = np.minimum(np.searchsorted(known.ravel(), key), known.size - 1)
+        there = known.ravel()[place] == key
+        values = np.zeros((len(self.orders), f * p, c))
+        column = order.ravel()[place[there]]
+        for to, one in zip(values, found, strict=True):
+            assert not one.data[~there].any()  # functions that vanish there
+            to[row[there], column] = one.data[there]
+        return values.reshape(-1, f, p, c)
+
+    @cached_property
+    def _pattern(self) -> tuple[Array, Array]:
+        """Starts and columns of the rows of all points."""
+        width = np.zeros(len(self.quadrature), dtype=np.int64)
+        for block in self.blocks:
+            width[block.points] = block.controls.shape[1]
+        indptr = np.concatenate([[0], np.cumsum(width)])
+        kind = np.int32 if indptr[-1] < 2**31 else np.int64
+        indices = np.empty(indptr[-1], dtype=kind)
+        for block in self.blocks:
+            own = np.sort(block.controls, axis=1)[:, None]
+            indices[_entries(indptr, block)] = own
+        return indptr.astype(kind), indices
+
+    def weights(self, nu: Order = (0, 0)) -> Any:
+        """The matrix of a derivative: from coefficients to its values at the points.
+
+        Parameters
+        ----------
+        nu : (int, int)
+            One of `orders`.
+
+        Returns
+        -------
+        csr_array, (points, n)
+            On one pattern for all orders: `indptr` and `indices` are the same arrays. Copy a matrix
+            before its pattern is changed in place.
+
+        Raises
+        ------
+        ValueError
+            For an order that the basis has not.
+        """
+        nu = checked_order(nu)
+        if nu not in self.orders:
+            raise ValueError(f"nu = {nu} is not among the derivatives of this basis: {self.orders}")
+        indptr, indices = self._pattern
+        data = np.empty(len(indices))
+        for block in self.blocks:
+            order = np.argsort(block.controls, axis=1)[:, None]
+            data[_entries(indptr, block)] = np.take_along_axis(block.values()[nu], order, axis=2)
+        (found,) = sharing(indptr, indices, [data], (len(self.quadrature), self.n))
+        found.indptr, found.indices = indptr, indices
+        return found
+
+
+def _entries(indptr: Array, block: Block) -> Array:
+    """Places (F, P, C) of the entries of a block in the data of a matrix."""
+    first = indptr[block.points].astype(np.int64)
+    return np.asarray(first[:, :, None] + np.arange(block.controls.shape[1]))

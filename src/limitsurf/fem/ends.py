@@ -1,0 +1,242 @@
+"""Free ends: a ring of ghost faces beyond boundaries, whose vertices are unknowns of their own.
+
+Boundary rules are those of the inside with reflections beyond the boundary: of the vertex i inside
+across an edge at b, ``2 b - i``, and ``4 c - 2 p - 2 q + d`` across a sharp corner c of the face
+(c, p, d, q). Reflections stay reflections under refinement (``derivations/elements.py``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf.cage.mesh import Mesh
+from limitsurf.cage.selection import selected
+from limitsurf.options import Rules
+
+if TYPE_CHECKING:
+    from limitsurf.scheme.scheme import Scheme
+
+Array = NDArray[Any]
+
+_SHARP = 10  # sharpness from which on it is infinite
+
+
+@dataclass(frozen=True, eq=False)
+class Rim:
+    """The boundary of the faces of a mesh that have a limit.
+
+    Attributes
+    ----------
+    sides : (n,) int
+        Half-edges of such faces on a boundary of the mesh.
+    loop : (n,) int
+        To which connected boundary each belongs.
+    irregular : (m,) int
+        Vertices there beyond which there are no reflections, ascending.
+    faces : (n_vertices,) int
+        Faces at each regular vertex of the boundary, 1 or 2.
+    """
+
+    sides: Array
+    loop: Array
+    irregular: Array
+    faces: Array
+
+    @classmethod
+    def of(cls, mesh: Mesh, rules: Rules) -> Rim:
+        """That of a mesh, by the rules in force."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        ghost = rules.without_limit(mesh)
+        sides = np.flatnonzero((mesh.twin < 0) & ~ghost[mesh.corner_face])
+        start, end = mesh.indices[sides], mesh.indices[mesh.next_corner[sides]]
+        n = mesh.n_vertices
+        joined = coo_array((np.ones(len(sides), np.int8), (start, end)), shape=(n, n))
+        loop = connected_components(joined, directed=False)[1][start]
+        faces = np.where(mesh.connectivity.valences < 0, -mesh.connectivity.valences, 0)
+        good = (faces == 1) | (faces == 2)
+        good[mesh.indices[(ghost | (mesh.sizes != 4))[mesh.corner_face]]] = False
+        edges, sharpness = mesh.creases
+        inside = ~mesh.boundary_edge[mesh.edge_numbers(edges)] & (sharpness > 0)
+        good[edges[inside]] = False
+        sharp = np.zeros(n, dtype=mesh.corners[1].dtype)
+        sharp[mesh.corners[0]] = mesh.corners[1]
+        pointed = (sharp >= _SHARP) | (rules.boundary == "edge_and_corner")
+        good &= np.where(faces == 1, pointed, sharp == 0).astype(bool)
+        on = np.unique(np.concatenate([start, end]))
+        return cls(sides, loop, on[~good[on]], faces)
+
+
+def refusal(scheme: Scheme) -> str | None:
+    """Why there are no ghost faces under a scheme, or None."""
+    lattice = scheme.lattice
+    if lattice.dual or lattice.face_size != 4 or callable(scheme.edge):
+        return (
+            f"ghost faces are those of squares with two squares at each boundary vertex, which "
+            f"scheme {scheme.name!r} does not have"
+        )
+    return None
+
+
+def extended(mesh: Mesh) -> Mesh:
+    """A cage with a ring of ghost faces beyond its boundary, of the same limit surface.
+
+    The new vertices are reflections of those inside, and the new faces are holes: the limit is as
+    it was, but the functions of the new vertices are free to be moved, as `Space` does under
+    ``ends="free"``.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Of quads at its boundary, under a scheme such as Catmull and Clark's. Around each boundary
+        vertex are two faces, or one where it is a sharp corner, and no creases inside end there.
+        Where holes are at a boundary nothing is added.
+
+    Returns
+    -------
+    Mesh
+        Vertices and faces as they were, then those that are new. Tags of the edges and vertices of
+        the old boundary, which have done their work, are gone; so are channels and data of faces.
+
+    Raises
+    ------
+    ValueError
+        For a boundary vertex that is not regular, the first of them by its number; or a scheme of
+        other faces.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> square = ls.Mesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2, 3]])
+    >>> wide = ls.extended(square)
+    >>> wide.n_faces, wide.points.min(axis=0).tolist(), wide.points.max(axis=0).tolist()
+    (9, [-1.0, -1.0], [2.0, 2.0])
+    >>> ls.LimitSurface(wide).evaluate(0, 0.25, 0.5).round(12).tolist()
+    [0.25, 0.5]
+    """
+    if not isinstance(mesh, Mesh):
+        raise TypeError(f"extended needs a Mesh, got {type(mesh).__name__}")
+    rules = Rules.resolve(mesh, None, None, None, None)
+    why = refusal(rules.scheme)
+    if why is not None:
+        raise ValueError(why)
+    rim = Rim.of(mesh, rules)
+    if len(rim.irregular):
+        raise ValueError(
+            f"{described(mesh, rim)}: refine the cage if faces there are no quads, or add ghost "
+            "faces of your own as holes"
+        )
+    return with_ghosts(mesh, rim, np.ones(len(rim.sides), dtype=bool))[0]
+
+
+def described(mesh: Mesh, rim: Rim) -> str:
+    """Which boundary vertices are not regular, and what is at the first."""
+    first, more = int(rim.irregular[0]), len(rim.irregular) - 1
+    others = f" (nor are {more} more)" if more else ""
+    faces = int(mesh.vertex_faces[first])
+    return (
+        f"boundary vertex {first} with {faces} face{'s' * (faces != 1)}{others} is not regular, "
+        "which needs 2 quads, or 1 at a sharp corner, and no crease that ends there"
+    )
+
+
+def with_ghosts(mesh: Mesh, rim: Rim, which: Array) -> tuple[Mesh, Any]:
+    """A mesh with ghost faces at some sides of its rim, whose vertices are regular.
+
+    Also the matrix from its vertices to those of the result.
+    """
+    from scipy.sparse import csr_array
+
+    n, side = mesh.n_vertices, rim.sides[which]
+    after, before = mesh.next_corner, mesh.previous_corner
+    vertex = mesh.indices
+    start, end = vertex[side], vertex[after[side]]
+    leaving = np.full(n, -1)
+    leaving[start] = np.arange(len(side))
+    corner = np.flatnonzero(rim.faces[end] == 1)  # sides that end at one
+    count = len(side) + 2 * len(corner)
+    first = n + np.arange(len(side))
+    last = first[leaving[end]].copy()
+    last[corner] = n + len(side) + np.arange(len(corner))
+    beyond = n + len(side) + len(corner) + np.arange(len(corner))
+    c, p, d, q = (
+        vertex[x[corner]]
+        for x in (after[side], after[after[side]], before[before[after[side]]], side)
+    )
+    rows = [(first, start, vertex[before[side]]), (last[corner], c, p)]
+    row = np.concatenate([np.repeat(x[0], 2) for x in rows] + [np.repeat(beyond, 4)]) - n
+    column = np.concatenate(
+        [np.stack(x[1:], axis=1).ravel() for x in rows] + [np.stack([c, p, q, d], axis=1).ravel()]
+    )
+    twice = len(side) + len(corner)
+    value = np.concatenate([np.tile([2.0, -1.0], twice), np.tile([4.0, -2, -2, 1], len(corner))])
+    new = csr_array((value, (row, column)), shape=(count, n))
+    flat = mesh.points.reshape(n, -1)
+    if flat.dtype == object:
+        whole = np.zeros((count, flat.shape[1]), dtype=object)
+        np.add.at(whole, row, value.astype(int).astype(object)[:, None] * flat[column])
+    else:
+        whole = new @ flat
+    points = np.concatenate([mesh.points, whole.reshape(count, *mesh.points.shape[1:])])
+    quads = np.concatenate(
+        [
+            np.stack([end, start, first, last], axis=1),
+            np.stack([c, last[corner], beyond, first[leaving[c]]], axis=1),
+        ]
+    )
+    result = _of(mesh, points, quads, start)
+    return result, stacked_identity(n, new)
+
+
+def _of(mesh: Mesh, points: Array, quads: Array, rim: Array) -> Mesh:
+    """A mesh with more faces, which are holes, without the tags of its old boundary."""
+    edges, sharpness = mesh.creases
+    inside = ~mesh.boundary_edge[mesh.edge_numbers(edges)]
+    vertices, of_vertices = mesh.corners
+    kept = ~np.isin(vertices, rim)
+    sizes = np.concatenate([mesh.sizes, np.full(len(quads), 4)])
+    return Mesh(
+        points,
+        (sizes, np.concatenate([mesh.indices, quads.ravel()])),
+        creases=(edges[inside], sharpness[inside]),
+        corners=(vertices[kept], of_vertices[kept]),
+        holes=np.concatenate([mesh.holes, mesh.n_faces + np.arange(len(quads))]),
+        scheme=mesh.scheme,
+        boundary=mesh.boundary,
+        creasing=mesh.creasing,
+        triangles=mesh.triangles,
+        units=mesh.units,
+        up=mesh.up,
+    )
+
+
+def stacked_identity(n: int, new: Any) -> Any:
+    """Rows that leave n values as they are, then others."""
+    from scipy.sparse import eye_array, vstack
+
+    return vstack([eye_array(n, format="csr"), new], format="csr")
+
+
+def trimmed(mesh: Mesh, rules: Rules) -> tuple[Mesh, Any]:
+    """A mesh without faces and vertices on which no face with a limit depends.
+
+    Also the matrix from its vertices to those of the result, None if nothing is left out.
+    """
+    from scipy.sparse import eye_array
+
+    ghost = rules.without_limit(mesh)
+    near = np.zeros(mesh.n_vertices, dtype=bool)
+    near[mesh.indices[~ghost[mesh.corner_face]]] = True
+    kept = ~ghost
+    if not rules.scheme.local:
+        kept[mesh.corner_face[near[mesh.indices]]] = True
+    used = np.zeros(mesh.n_vertices, dtype=bool)
+    used[mesh.indices[kept[mesh.corner_face]]] = True
+    if used.all():
+        return mesh, None
+    return selected(mesh, kept), eye_array(mesh.n_vertices, format="csr")[np.flatnonzero(used)]

@@ -1,0 +1,415 @@
+"""Supports of thin shells: linear conditions on displacements, and what they leave free.
+
+Conditions are rows over the components of all unknowns. They are made independent and solved for
+as many components, which the others then determine: nothing is penalised, and matrices of what
+is left stay symmetric.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from limitsurf.fem.parents import traced_sides
+
+if TYPE_CHECKING:
+    from limitsurf.fem.space import Space
+    from limitsurf.surface import LimitSurface
+
+Array = NDArray[Any]
+Where: TypeAlias = Callable[[Array], ArrayLike]
+
+_AXES = {"x": 0, "y": 1, "z": 2}
+# how much smaller than the largest a diagonal entry of a triangle is that stands for a condition
+# which others imply; entries of solutions below are rounding
+_DEPENDENT, _NOTHING = 1e-10, 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """Conditions on displacements, made by the functions of this module.
+
+    Attributes
+    ----------
+    kind : str
+        "fixed", "clamped", "symmetric", "at" or "rigid modes".
+    """
+
+    kind: str
+    edges: Array | None = None
+    where: Where | None = None
+    components: tuple[int, ...] = (0, 1, 2)
+    plane: tuple[Array, Array] | None = None
+    places: tuple[Array, Array, Array] | None = None
+
+
+def fixed(
+    edges: ArrayLike | None = None,
+    components: Sequence[int | str] = (0, 1, 2),
+    *,
+    where: Where | None = None,
+) -> Support:
+    """Components of displacements are zero along edges.
+
+    Parameters
+    ----------
+    edges : (k, 2) array_like of int, optional
+        Edges of the cage on which the space was built, as pairs of vertices; boundary edges and
+        creases. All boundary edges by default.
+    components : sequence of 0, 1, 2, "x", "y" or "z"
+    where : callable, optional
+        Instead of `edges`: which boundary edges of the space's surface, told by three points of
+        each: ``where(points)`` gets (m, 3) positions and returns (m,) booleans; edges of which all
+        three are chosen are meant.
+
+    Returns
+    -------
+    Support
+
+    Examples
+    --------
+    >>> from limitsurf.fem.supports import fixed
+    >>> fixed(where=lambda x: x[:, 0] < 1e-9, components="z").components
+    (2,)
+    """
+    return Support("fixed", *_edges(edges, where), _components(components))
+
+
+def clamped(edges: ArrayLike | None = None, *, where: Where | None = None) -> Support:
+    """Displacements are zero along edges, and the shell does not turn about them.
+
+    Parameters
+    ----------
+    edges, where
+        As of `fixed`.
+
+    Returns
+    -------
+    Support
+
+    Examples
+    --------
+    >>> from limitsurf.fem.supports import clamped
+    >>> clamped([[0, 1], [1, 2]]).edges.tolist()
+    [[0, 1], [1, 2]]
+    """
+    return Support("clamped", *_edges(edges, where))
+
+
+def symmetric(
+    plane: str | tuple[ArrayLike, ArrayLike],
+    *,
+    edges: ArrayLike | None = None,
+    where: Where | None = None,
+) -> Support:
+    """Edges are in a plane of symmetry: displacements stay in it, the shell does not turn about it.
+
+    Parameters
+    ----------
+    plane : "x", "y" or "z", or (origin, normal)
+        Whose normal is that axis, through the origin; or a point of it and its normal.
+    edges, where
+        As of `fixed`; by default all boundary edges that are in the plane, to 1e-9 of the size.
+
+    Returns
+    -------
+    Support
+
+    Raises
+    ------
+    ValueError
+        For an axis that is none, or a normal without a direction.
+
+    Examples
+    --------
+    >>> from limitsurf.fem.supports import symmetric
+    >>> symmetric("y").plane[1].tolist()
+    [0.0, 1.0, 0.0]
+    """
+    if isinstance(plane, str):
+        if plane not in _AXES:
+            raise ValueError(f"plane must be x, y or z, or (origin, normal), got {plane!r}")
+        origin, normal = np.zeros(3), np.eye(3)[_AXES[plane]]
+    else:
+        origin, normal = (np.asarray(x, dtype=float) for x in plane)
+        if origin.shape != (3,) or normal.shape != (3,):
+            raise ValueError("plane: origin and normal must be points of 3 numbers each")
+        length = float(np.linalg.norm(normal))
+        if not np.isfinite(origin).all() or not 0 < length < np.inf:
+            raise ValueError(f"plane: normal {normal.tolist()} has no direction")
+        normal = normal / length
+    return Support("symmetric", *_edges(edges, where), plane=(origin, normal))
+
+
+def at(
+    face: ArrayLike, u: ArrayLike, v: ArrayLike, components: Sequence[int | str] = (0, 1, 2)
+) -> Support:
+    """Components of displacements are zero at places.
+
+    Parameters
+    ----------
+    face, u, v : array_like
+        Limit faces of the space's surface, and parameters; they broadcast.
+    components : sequence of 0, 1, 2, "x", "y" or "z"
+
+    Returns
+    -------
+    Support
+
+    Examples
+    --------
+    >>> from limitsurf.fem.supports import at
+    >>> at(3, [0.0, 1.0], 0.5, "xy").components
+    (0, 1)
+    """
+    places = np.broadcast_arrays(*(np.asarray(x) for x in (face, u, v)))
+    flat = tuple(x.ravel() for x in places)
+    return Support("at", components=_components(components), places=(flat[0], flat[1], flat[2]))
+
+
+def rigid_modes_removed() -> Support:
+    """Rigid motions that other supports leave are stopped at single unknowns, as many as there are.
+
+    Only loads that balance may be borne so: `ThinShell.solve` says if they do not.
+
+    Returns
+    -------
+    Support
+
+    Examples
+    --------
+    >>> from limitsurf.fem.supports import rigid_modes_removed
+    >>> rigid_modes_removed().kind
+    'rigid modes'
+    """
+    return Support("rigid modes")
+
+
+def _edges(edges: ArrayLike | None, where: Where | None) -> tuple[Array | None, Where | None]:
+    if edges is not None and where is not None:
+        raise ValueError("give edges or where, not both")
+    if edges is None:
+        return None, where
+    found = np.asarray(edges)
+    if found.ndim != 2 or found.shape[1] != 2 or found.dtype.kind not in "iu":
+        raise ValueError(f"edges: got shape {found.shape}, need pairs of vertices (k, 2)")
+    return found, None
+
+
+def _components(given: Sequence[int | str]) -> tuple[int, ...]:
+    found = [_AXES.get(x, x) if isinstance(x, str) else x for x in given]
+    for x in found:
+        if x not in (0, 1, 2) or isinstance(x, bool):
+            raise ValueError(f"components must be of 0, 1, 2 or x, y, z, got {x!r}")
+    return tuple(sorted({int(x) for x in found}))
+
+
+# --- Conditions as rows
+
+
+def conditions(space: Space, supports: Sequence[Support]) -> Any:
+    """Rows (m, 3 n) over the components of all unknowns, some of which may follow from others."""
+    from scipy.sparse import csr_array, vstack
+
+    found = [csr_array((0, 3 * space.n))]
+    for one in supports:
+        if not isinstance(one, Support):
+            raise TypeError(
+                f"supports are made by limitsurf.fem.supports, got {type(one).__name__}"
+            )
+        if one.kind == "rigid modes":
+            continue
+        if one.kind == "at":
+            assert one.places is not None
+            rows = space.surface.weights(*one.places)
+            found += [_component(rows, k) for k in one.components]
+            continue
+        corners, ends = _sides(space, one)
+        along = space.surface.limit_faces.along
+        value = space.surface.weights(*along(corners[:, None], [0.0, 0.5, 1.0]))
+        if one.plane is None:
+            found += [_component(value, k) for k in one.components]
+        else:
+            found.append(_along(value, np.broadcast_to(one.plane[1], (value.shape[0], 3))))
+        if one.kind != "fixed":
+            # as many as a spline along these edges has coefficients: more would hold it still
+            found += [turning(space, corners, t)[0] for t in (0.0, 1.0)]
+            found.append(turning(space, ends, 0.5)[0])
+    return vstack(found, format="csr")
+
+
+def _component(rows: Any, k: int) -> Any:
+    """Rows over unknowns as rows over component k of theirs."""
+    from scipy.sparse import csr_array
+
+    shape = rows.shape[0], 3 * rows.shape[1]
+    return csr_array((rows.data, 3 * rows.indices.astype(np.int64) + k, rows.indptr), shape=shape)
+
+
+def _along(rows: Any, directions: Array) -> Any:
+    """Of the share of displacements in a direction (m, 3) for each row."""
+    from scipy.sparse import csr_array
+
+    count = np.diff(rows.indptr)
+    data = rows.data[:, None] * np.repeat(directions, count, axis=0)
+    column = 3 * rows.indices.astype(np.int64)[:, None] + np.arange(3)
+    shape = rows.shape[0], 3 * rows.shape[1]
+    return csr_array((data.ravel(), column.ravel(), 3 * rows.indptr.astype(np.int64)), shape=shape)
+
+
+def turning(space: Space, corners: Array, t: ArrayLike) -> tuple[Any, Array]:
+    """Rows of how far the shell turns about sides from corners of the mesh on, at t along each.
+
+    By ``-n . du/dc``, where c is across (``derivations/thin_shells.py``, 5); rows of zeros where
+    there is no normal. Also the derivatives (k, 3) of the surface along the sides by t.
+    """
+    surface, side = space.surface, space.surface.limit_faces.along
+    face, u, v = side(corners, t)
+    jet, n = surface.jet(face, u, v, order=1), surface.normal(face, u, v)
+    du, dv = jet[1, 0], jet[0, 1]
+    # two places on one side of the middle of an edge, for in n-gons its halves are of two faces
+    low = np.where(np.asarray(t) <= 0.5, 0.0, 0.75)
+    (_, u0, v0), (_, u1, v1) = side(corners, low), side(corners, low + 0.25)
+    along = 4 * ((u1 - u0)[:, None] * du + (v1 - v0)[:, None] * dv)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        across = np.cross(n, along / np.linalg.norm(along, axis=1, keepdims=True))
+        e, f, g = (np.einsum("ij,ij->i", a, b) for a, b in ((du, du), (du, dv), (dv, dv)))
+        p, q = (np.einsum("ij,ij->i", across, a) for a in (du, dv))
+        shares = (np.stack([g * p - f * q, e * q - f * p]) / (e * g - f * f))[:, :, None] * -n
+    shares[:, ~np.isfinite(shares).all(axis=(0, 2))] = 0
+    rows = surface.weights(face, u, v, nu=[(1, 0), (0, 1)])
+    for row in rows:  # of vertices without derivatives
+        row.data[~np.isfinite(row.data)] = 0
+    return _along(rows[0], shares[0]) + _along(rows[1], shares[1]), along
+
+
+def _sides(space: Space, support: Support) -> tuple[Array, Array]:
+    """Corners of the space's mesh that sides begin at, and of those where a spline ends."""
+    surface = space.surface
+    mesh = surface.mesh
+    if surface.topology.lattice.dual:
+        raise ValueError(
+            f"edges have no place on surfaces of scheme {surface.topology.rules.scheme.name!r}: "
+            "support places by limitsurf.fem.supports.at"
+        )
+    whole = surface.patches.with_limit[surface.limit_faces.first]
+    if support.edges is not None:
+        corners = traced_sides(space, support.edges)
+    else:
+        both = mesh.edge_corners
+        there = (both >= 0) & whole[mesh.corner_face[both]]
+        corners = both[(there.sum(axis=1) == 1)[:, None] & there]
+        if support.where is not None:
+            corners = corners[_chosen(surface, corners, support.where)]
+        elif support.plane is not None:
+            origin, normal = support.plane
+            near = 1e-9 * float(np.ptp(surface.points, axis=0).max(initial=0))
+            points = surface.evaluate(*surface.limit_faces.along(corners[:, None], [0, 0.5, 1]))
+            corners = corners[(np.abs((points - origin) @ normal) <= near).all(axis=1)]
+    if not len(corners):
+        what = "no boundary edge" if support.edges is None else "no edge"
+        raise ValueError(f"{support.kind}: {what} of the surface is meant")
+    ends = np.stack([mesh.indices[corners], mesh.indices[mesh.next_corner[corners]]], axis=1)
+    n = mesh.n_vertices
+    faces = np.bincount(mesh.indices[whole[mesh.corner_face]], minlength=n)
+    last = (np.bincount(ends.ravel(), minlength=n) != 2) | (faces == 1)
+    last[mesh.corners[0]] = True
+    return corners, corners[last[ends].any(axis=1)]
+
+
+def _chosen(surface: LimitSurface, corners: Array, where: Where) -> Array:
+    """Of which sides three points are all chosen."""
+    points = surface.evaluate(*surface.limit_faces.along(corners[:, None], [0, 0.5, 1]))
+    found = np.asarray(where(points.reshape(-1, 3)))
+    if found.shape != (3 * len(corners),) or found.dtype != bool:
+        raise ValueError(
+            f"where must return {3 * len(corners)} booleans, one for each of so many points "
+            f"(n, 3), got {found.dtype} of shape {found.shape}"
+        )
+    return np.asarray(found.reshape(-1, 3).all(axis=1))
+
+
+# --- What is left
+
+
+def null_space(rows: Any) -> Any:
+    """A matrix (n, k) whose columns are all that rows (m, n) map to 0, with unit rows among them.
+
+    Rows that share no unknowns with others are solved apart, by QR with pivoting.
+    """
+    from scipy.linalg import qr, solve_triangular
+    from scipy.sparse import block_array, coo_array, eye_array
+    from scipy.sparse.csgraph import connected_components
+
+    rows = rows[np.asarray(abs(rows).sum(axis=1)) > 0]
+    m, n = rows.shape
+    if not m:
+        return eye_array(n, format="csr")
+    joined = block_array([[None, rows], [rows.T, None]], format="csr")
+    label = connected_components(joined, directed=False)[1]
+    # rows and unknowns of one part after the other; unknowns that no row has come alone
+    by_row, by_unknown = (np.argsort(x, kind="stable") for x in (label[:m], label[m:]))
+    of_row, of_unknown = label[:m][by_row], label[m:][by_unknown]
+    free = np.ones(n, dtype=bool)
+    found: list[tuple[Array, Array, Array]] = []
+    for part in np.unique(of_row).tolist():
+        some, columns = (
+            order[slice(*np.searchsorted(of, [part, part + 1]))]
+            for order, of in ((by_row, of_row), (by_unknown, of_unknown))
+        )
+        dense = rows[some][:, columns].toarray()
+        dense /= np.linalg.norm(dense, axis=1, keepdims=True)
+        r, pivot = qr(dense, mode="r", pivoting=True)
+        rank = int(np.count_nonzero(np.abs(np.diag(r)) > _DEPENDENT * abs(r[0, 0])))
+        solved = -solve_triangular(r[:rank, :rank], r[:rank, rank:])
+        solved[np.abs(solved) < _NOTHING] = 0
+        free[columns[pivot[:rank]]] = False
+        i, j = np.nonzero(solved)
+        found.append((columns[pivot[:rank]][i], columns[pivot[rank:]][j], solved[i, j]))
+    kept = np.flatnonzero(free)
+    row, column, value = (np.concatenate(x) for x in zip(*found, strict=True))
+    number = np.cumsum(free) - 1
+    data = np.concatenate([value, np.ones(len(kept))])
+    places = np.concatenate([row, kept]), np.concatenate([number[column], number[kept]])
+    return coo_array((data, places), shape=(n, len(kept))).tocsr()
+
+
+def rigid_motions(space: Space) -> Array:
+    """Coefficients (3 n, 6 parts) of the motions of each connected part: three along, three about.
+
+    Turns are about the middle of a part, by as much as moves what is farthest by 1.
+    """
+    from scipy.sparse.csgraph import connected_components
+
+    points = space.surface.points
+    count, part = connected_components(space.mass(), directed=False)
+    found = np.zeros((space.n, 3, count, 6))
+    size = np.bincount(part, minlength=count)
+    middle = np.stack([np.bincount(part, x, minlength=count) / size for x in points.T], axis=1)
+    away = points - middle[part]
+    length = np.zeros(count)
+    np.maximum.at(length, part, np.linalg.norm(away, axis=1))
+    away /= np.where(length > 0, length, 1)[part, None]
+    here = np.arange(space.n)
+    for k, axis in enumerate(np.eye(3)):
+        found[here, k, part, k] = 1
+        found[here, :, part, 3 + k] = np.cross(axis, away)
+    return found.reshape(3 * space.n, 6 * count)
+
+
+def described(motions: Array) -> str:
+    """What motions (6 parts, q) of `rigid_motions` are, in words, simple ones first."""
+    from scipy.linalg import qr
+
+    pivot, q = qr(motions.T, mode="r", pivoting=True)[1], motions.shape[1]
+    names = []
+    kinds = [f"{what} {axis}" for what in ("moves along", "turns about") for axis in "xyz"]
+    parts = motions.shape[0] // 6
+    for k in sorted(pivot[:q].tolist()):
+        part = f" of part {k // 6}" if parts > 1 else ""
+        names.append(kinds[k % 6] + part)
+    return ", ".join(names)

@@ -1,0 +1,368 @@
+"""Thin shells: against plates, series and limits of the literature, and strains by differences."""
+
+import numpy as np
+import pytest
+import zoo
+
+import limitsurf as ls
+from limitsurf.fem import supports
+from limitsurf.fem.supports import at, clamped, fixed, rigid_modes_removed, symmetric
+
+
+def grid(n, m=None, scheme=None):
+    """A unit square of quads."""
+    m = n if m is None else m
+    points = [[x / n, y / m, 0.0] for y in range(m + 1) for x in range(n + 1)]
+    quads = [[k, k + 1, k + n + 2, k + n + 1] for k in range((n + 1) * m) if k % (n + 1) < n]
+    return ls.Mesh(points, quads, scheme=scheme)
+
+
+def wrapped(mesh, f, levels=0):
+    """A surface near the image of a flat one."""
+    space = ls.Space(ls.LimitSurface(mesh), levels=levels)
+    return space.surface.with_points(space.project(lambda x, n: f(x)))
+
+
+def deflections(solution):
+    """At all corners of limit faces."""
+    surface = solution.displacement
+    faces = np.flatnonzero(surface.patches.with_limit)
+    return surface.evaluate(faces[:, None], [0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0])
+
+
+def plate(levels=2, **options):
+    space = ls.Space(ls.LimitSurface(grid(4)), levels=levels)
+    return ls.ThinShell(space, young=1e6, poisson=0.3, thickness=0.01, **options)
+
+
+BENDING = 1e6 * 0.01**3 / 12 / (1 - 0.3**2)
+
+
+@pytest.mark.parametrize(
+    ("held", "deflection"),
+    [
+        # S. Timoshenko, S. Woinowsky-Krieger, Theory of Plates and Shells (1959), tables 8 and 35,
+        # and series with more digits
+        ([fixed(components="z"), rigid_modes_removed()], 0.00406235),
+        ([clamped()], 0.00126532),
+        ([clamped(where=lambda x: np.abs(x[:, 0] - 0.5) > 0.499), clamped(edges=[[1, 2]])], None),
+    ],
+)
+def test_square_plates(held, deflection):
+    shell = plate(1 if deflection is None else 2)
+    found = shell.solve(shell.load(pressure=-1.0), *held)
+    assert np.allclose(found.reactions.sum(axis=0), [0, 0, 1])
+    if deflection is not None:
+        most = -deflections(found)[..., 2].min() * BENDING
+        assert abs(most - deflection) < 1e-4 * deflection
+
+
+def roof(x):
+    angle = (2 * x[:, 0] - 1) * np.radians(40)
+    return np.stack([25 * np.sin(angle), 50 * (x[:, 1] - 0.5), 25 * np.cos(angle)], axis=1)
+
+
+def test_scordelis_lo_roof():
+    """0.300592457 for this model (0.3024 is another)."""
+    space = ls.Space(wrapped(grid(16), roof))
+    shell = ls.ThinShell(space, young=4.32e8, poisson=0.0, thickness=0.25)
+    ends = fixed(where=lambda x: np.abs(np.abs(x[:, 1]) - 25) < 1e-6, components="xz")
+    found = shell.solve(shell.load(traction=[0, 0, -90]), ends, rigid_modes_removed())
+    assert abs(found.displacement.evaluate(16 * 8 - 1, 1.0, 1.0)[2] + 0.300592457) < 1e-5
+
+
+def test_pinched_cylinder():
+    """1.8281952e-5 (derivations/thin_shells.py), to which the error falls as h^2."""
+    errors = []
+    for n in (8, 16, 32):
+        surface = wrapped(
+            grid(n),
+            lambda x: np.stack(
+                [
+                    300 * np.cos(x[:, 0] * np.pi / 2),
+                    300 * np.sin(x[:, 0] * np.pi / 2),
+                    300 * x[:, 1],
+                ],
+                axis=1,
+            ),
+        )
+        shell = ls.ThinShell(ls.Space(surface), young=3e6, poisson=0.3, thickness=3.0)
+        corner = n * (n - 1), 0.0, 1.0
+        found = shell.solve(
+            shell.load(points=[(*corner, [-0.25, 0, 0])]),
+            fixed(where=lambda x: x[:, 2] < 1e-6, components="xy"),
+            symmetric(((0, 0, 300.0), (0, 0, 1)), where=lambda x: x[:, 2] > 300 - 1e-6),
+            symmetric("y", where=lambda x: x[:, 1] < 1e-3),
+            symmetric("x", where=lambda x: x[:, 0] < 1e-3),
+        )
+        deflection = -found.displacement.evaluate(*corner)[0]
+        assert np.isclose(found.energy, deflection * 0.25 / 2, rtol=1e-9)
+        errors.append(1.8281952e-5 - deflection)
+    assert 0 < errors[2] < 0.0035 * 1.83e-5
+    assert errors[1] / errors[2] > 4
+
+
+def closed_pole(n):
+    """A closed cage with two poles of n faces."""
+    turn = 2 * np.pi * np.arange(n) / n
+    rings = [(0.8, 0.6), (1.0, 0.0), (0.7, -0.7)]
+    points = [[r * np.cos(a), r * np.sin(a), z] for r, z in rings for a in turn]
+    half = [[1.3 * np.cos(a), 1.3 * np.sin(a), 0.3] for a in turn + np.pi / n]
+    del half
+    faces = [
+        [k * n + i, k * n + (i + 1) % n, (k + 1) * n + (i + 1) % n, (k + 1) * n + i][::-1]
+        for k in range(2)
+        for i in range(n)
+    ]
+    faces += [[*range(n)], [*range(2 * n, 3 * n)][::-1]]
+    return ls.Mesh(points, faces)
+
+
+CAGES = {
+    "cube": ls.Mesh(*zoo.cube()),
+    "pentagons": closed_pole(5),
+    "octagons": closed_pole(8),
+    "bent": grid(3).with_points(
+        grid(3).points + [[0, 0, x * x - y * x] for x, y, _ in grid(3).points]
+    ),
+}
+
+
+@pytest.mark.parametrize("scheme", ["catmull-clark", "doo-sabin", "loop"])
+@pytest.mark.parametrize("name", CAGES)
+def test_six_rigid_modes_and_no_seventh(scheme, name):
+    mesh = CAGES[name]
+    if scheme == "loop":
+        faces = [[f[0], f[k], f[k + 1]] for f in mesh.faces for k in range(1, len(f) - 1)]
+        mesh = ls.Mesh(mesh.points, faces)
+    surface = ls.LimitSurface(mesh, scheme=scheme)
+    ends = "free" if scheme == "catmull-clark" else "natural"
+    # on the cube itself functions depend on each other: 1 and -1 by turns is 0 everywhere
+    space = ls.Space(surface, levels=int(name == "cube"), ends=ends)
+    few = ls.quadrature(space.surface, points=3, rtol=1e-2, integrand="curvature")
+    shell = ls.ThinShell(space, young=2.0, poisson=0.3, thickness=0.2, density=1.5, quadrature=few)
+    K = shell.stiffness()
+    assert (K != K.T).nnz == 0
+    size = np.linalg.eigvalsh(K.toarray())
+    assert np.abs(K @ supports.rigid_motions(space)).max() < 1e-12 * size[-1]
+    assert np.abs(size[:6]).max() < 1e-12 * size[-1] < 1e-2 * size[6]
+    assert abs(K - shell.stiffness(workers=2)).max() == 0
+    # of translations the mass is that of the shell
+    x = np.tile([1.0, 0, 0], space.n)
+    assert np.isclose(x @ shell.mass() @ x, 1.5 * 0.2 * ls.area(surface, rtol=1e-6), rtol=2e-3)
+
+
+def test_constant_strains_on_a_plane_with_poles():
+    disk = closed_pole(5)
+    flat = ls.Mesh(disk.points[:15, :2], disk.faces[:11])
+    flat = flat.with_points(np.concatenate([flat.points * [[1.0, 1.2]], np.zeros((15, 1))], axis=1))
+    points = flat.points.copy()
+    points[10:] *= 0.3  # the innermost ring, of which one pentagon is the face within
+    points[5:10] *= 0.6
+    mesh = ls.Mesh(points, [f[::-1] for f in disk.faces[:10]] + [[10, 11, 12, 13, 14]])
+    space = ls.Space(ls.LimitSurface(mesh), levels=1, ends="natural")
+    shell = ls.ThinShell(space, young=3.0, poisson=0.25, thickness=0.1)
+    strain = np.array([[2.0, 0.5, 0], [0.5, -1.0, 0], [0, 0, 0]])
+    x = space.surface.points @ strain
+    plane = 3.0 * 0.1 / (1 - 0.25**2)
+    energy = plane * (4 + 1 + 2 * 0.25 * 2 * -1 + 2 * (1 - 0.25) * 0.25) / 2
+    K = shell.stiffness()
+    area = ls.area(space.surface)
+    assert np.isclose(x.ravel() @ K @ x.ravel() / 2, energy * area, rtol=1e-12)
+    forces = np.abs((K @ x.ravel()).reshape(-1, 3))
+    scale = (abs(K) @ np.abs(x.ravel())).max()
+    edge = (space.mass() @ np.ones(space.n)) > 0
+    inner = np.linalg.norm(space.surface.points, axis=1) < 0.3
+    assert edge.all()
+    assert inner.any()
+    assert forces[inner].max() < 1e-12 * scale  # the rtol of the rings
+    membrane, bending = shell.strains(x, 3, [0.2, 0.7], 0.4)
+    assert np.allclose(membrane, strain, atol=1e-12)
+    assert np.abs(bending).max() < 1e-11
+
+
+def test_strains_are_what_metric_and_normals_do():
+    surface = ls.LimitSurface(CAGES["pentagons"])
+    space = ls.Space(surface)
+    shell = ls.ThinShell(space, young=1.0, poisson=0.0, thickness=2.0)
+    rng = np.random.default_rng(5)
+    x = rng.normal(size=surface.points.shape)
+    face, u, v = 3, np.array([0.3, 0.9, 0.01]), np.array([0.2, 0.8, 0.02])
+
+    def forms(t):
+        moved = surface.with_points(surface.points + t * x)
+        jet, n = moved.jet(face, u, v, order=2), moved.normal(face, u, v)
+        a = np.stack([jet[1, 0], jet[0, 1]], axis=1)
+        second = [[jet[2, 0], jet[1, 1]], [jet[1, 1], jet[0, 2]]]
+        b = [[(z * n).sum(axis=1) for z in row] for row in second]
+        return a @ a.swapaxes(1, 2), np.moveaxis(np.array(b), 2, 0), a
+
+    step = 1e-5
+    (more, more_b, _), (less, less_b, _), (_, _, a) = (forms(t) for t in (step, -step, 0.0))
+    membrane, bending = shell.strains(x, face, u, v)
+    for tensor, change in ((membrane, (more - less) / 2), (bending, less_b - more_b)):
+        found = a @ tensor @ a.swapaxes(1, 2)
+        assert np.allclose(found, change / (2 * step), atol=1e-8 * np.abs(found).max())
+    forces, moments = shell.resultants(x, face, u, v)  # of E = 1, nu = 0, h = 2
+    assert np.allclose(forces, 2 * membrane)
+    assert np.allclose(moments, 8 / 12 * bending)
+    assert np.allclose(shell.stresses(x, face, u, v, height=1.0), membrane + bending)
+
+
+def test_pressure_in_a_tube():
+    turn = 2 * np.pi * np.arange(24) / 24
+    points = [[np.cos(a), np.sin(a), z / 4] for z in range(5) for a in turn]
+    quads = [
+        [24 * k + i, 24 * k + (i + 1) % 24, 24 * k + 24 + (i + 1) % 24, 24 * k + 24 + i]
+        for k in range(4)
+        for i in range(24)
+    ]
+    shell = ls.ThinShell(
+        ls.Space(ls.LimitSurface(ls.Mesh(points, quads))), young=200.0, poisson=0.3, thickness=0.01
+    )
+    found = shell.solve(shell.load(pressure=0.5), rigid_modes_removed())
+    place = 30, 0.3, 0.4
+    stress = shell.stresses(found.coefficients, *place)
+    hoop = np.linalg.eigvalsh(stress)
+    out = shell.space.surface.evaluate(*place) * [1, 1, 0]
+    radius = np.linalg.norm(out)
+    assert np.allclose(hoop, [0, 0, 50 * radius], atol=0.05)  # p R / h
+    moved = found.displacement.evaluate(*place)
+    assert np.isclose(out @ moved / radius, 50 * radius**2 / 200, rtol=1e-3)
+    assert "ShellSolution" in repr(found)
+    assert np.allclose(
+        found.deformed(2.0).points, shell.space.surface.points + 2 * found.coefficients
+    )
+
+
+@pytest.mark.parametrize(
+    ("sharpness", "stiff", "still"), [(np.inf, False, 7), (np.inf, True, 6), (3.0, False, 6)]
+)
+def test_creases_are_hinges(sharpness, stiff, still):
+    mesh = grid(4, 2).with_tags(creases={(2, 7): sharpness, (7, 12): sharpness})
+    points = mesh.points.copy()
+    points[:, 2] = np.abs(points[:, 0] - 0.5)  # a roof
+    space = ls.Space(ls.LimitSurface(mesh.with_points(points)), ends="natural")
+    options = {"young": 1e3, "poisson": 0.3, "thickness": 0.1, "density": 1.0}
+    if stiff or sharpness < 10:
+        shell = ls.ThinShell(space, stiff_creases=stiff, **options)
+    else:
+        with pytest.warns(UserWarning, match="2 edges on infinitely sharp creases"):
+            shell = ls.ThinShell(space, **options)
+    values = shell.modes(8).eigenvalues
+    assert np.abs(values[:still]).max() < 1e-7 * values[still]
+    if still == 7:
+        load = shell.load(pressure=1.0)
+        with pytest.raises(ValueError, match="moves without energy"):
+            shell.solve(load - load.mean(axis=0), at(0, 0, 0), at(0, 1, 0, "yz"), at(3, 0, 1, "z"))
+
+
+def test_values_of_faces_of_the_cage():
+    mesh = closed_pole(5)
+    thickness = np.arange(1.0, mesh.n_faces + 1)
+    for levels in (0, 1):
+        space = ls.Space(ls.LimitSurface(mesh), levels=levels)
+        shell = ls.ThinShell(space, young=1.0, poisson=0.3, thickness=thickness, density=1.0)
+        surface = ls.LimitSurface(mesh)
+        areas = [ls.area(surface, face=np.flatnonzero(surface.limit_faces.face == f))
+                 for f in range(mesh.n_faces)]  # fmt: skip
+        x = np.tile([1.0, 0, 0], space.n)
+        assert np.isclose(x @ shell.mass() @ x, thickness @ areas, rtol=1e-8)
+        fall = shell.load(gravity=[0, 0, -9.0]).sum(axis=0)
+        assert np.allclose(fall, [0, 0, -9 * (thickness @ areas)], rtol=1e-8)
+        push = shell.load(pressure=thickness)
+        flux = shell.load(traction=lambda x, n: n)
+        assert np.allclose(flux.sum(axis=0), 0, atol=1e-9)
+        assert np.isclose((space.surface.points * flux).sum(), 3 * ls.volume(surface), rtol=1e-8)
+        assert push.shape == (space.n, 3)
+
+
+def test_null_spaces():
+    from scipy.linalg import null_space
+    from scipy.sparse import csr_array
+
+    rng = np.random.default_rng(1)
+    dense = np.zeros((9, 14))
+    dense[:4, :6] = rng.normal(size=(4, 2)) @ rng.normal(size=(2, 6))
+    dense[5, [7, 9]] = 1, -2
+    dense[6, [7, 9]] = 2, -4
+    dense[7, 13] = 3
+    found = supports.null_space(csr_array(dense)).toarray()
+    other = null_space(dense)
+    assert found.shape == other.shape == (14, 10)
+    assert np.abs(dense @ found).max() < 1e-14
+    assert np.linalg.matrix_rank(np.concatenate([found, other], axis=1)) == 10
+
+
+def test_supports_hold_along_whole_edges():
+    for levels, ends in ((0, "free"), (1, "free"), (1, "natural")):
+        surface = ls.LimitSurface(CAGES["bent"])
+        space = ls.Space(surface, levels=levels, ends=ends)
+        rows = supports.conditions(space, [clamped(edges=[[0, 1], [1, 2], [2, 3]])])
+        free = supports.null_space(rows)
+        x = (free @ np.random.default_rng(2).normal(size=free.shape[1])).reshape(-1, 3)
+        t = np.linspace(0, 1, 9)
+        moved = space.surface.with_points(x)
+        side = 0 if levels == 0 else np.array([[0], [1], [4], [5]])
+        faces = np.arange(3) if levels == 0 else side.ravel()
+        place = [surface.limit_faces.at_edge([k, k + 1], t) for k in range(3)]
+        del faces, place
+        first = supports.traced_sides(space, np.array([[0, 1], [1, 2], [2, 3]]))
+        assert len(first) == 3 * 2**levels
+        where = space.surface.limit_faces.along(first[:, None], t)
+        assert np.abs(moved.evaluate(*where)).max() < 1e-12 * np.abs(x).max()
+        assert np.abs(space.surface.evaluate(*where)[..., 1]).max() < 1e-12  # y = 0 there
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"young": 0.0}, "young must be positive, got 0.0"),
+        ({"poisson": 0.6}, r"poisson must be in \(-1, 0.5\], got 0.6"),
+        ({"thickness": [1.0, 2.0]}, r"thickness: got shape \(2,\), need a number, or 16"),
+        ({"thickness": [1.0] * 15 + [-2.0]}, "thickness must be positive, got -2.0 at face 15"),
+        ({"density": np.nan}, "density must be not negative"),
+    ],
+)
+def test_moduli_out_of_range(options, message):
+    space = ls.Space(ls.LimitSurface(grid(4)))
+    with pytest.raises(ValueError, match=message):
+        ls.ThinShell(space, **({"young": 1.0, "poisson": 0.3, "thickness": 0.1} | options))
+
+
+def test_what_cannot_be():
+    with pytest.raises(ValueError, match="bilinear"):
+        ls.ThinShell(
+            ls.Space(ls.LimitSurface(grid(2), scheme="bilinear")),
+            young=1.0, poisson=0.3, thickness=0.1,
+        )  # fmt: skip
+    shell = plate(0)
+    load = shell.load(pressure=1.0)
+    with pytest.raises(ValueError, match="6 rigid motions"):
+        shell.solve(load)
+    with pytest.raises(ValueError, match=r"1 rigid motion: the shell turns about [xyz]"):
+        shell.solve(load, fixed(components="z"), at(0, 0, 0, "xy"))
+    with pytest.raises(ValueError, match="do not balance"):
+        shell.solve(load, rigid_modes_removed())
+    with pytest.raises(ValueError, match="loads are all zero"):
+        shell.solve(0 * load, clamped())
+    with pytest.raises(ValueError, match=r"loads: got shape \(3,\)"):
+        shell.solve([0, 0, 1], clamped())
+    with pytest.raises(ValueError, match="no edge between vertices 0 and 12"):
+        shell.solve(load, clamped([[0, 12]]))
+    with pytest.raises(ValueError, match="no boundary edge of the surface is meant"):
+        shell.solve(load, clamped(where=lambda x: x[:, 0] > 9))
+    with pytest.raises(ValueError, match="where must return"):
+        shell.solve(load, clamped(where=lambda x: 1))
+    with pytest.raises(ValueError, match="plane must be x, y or z"):
+        symmetric("w")
+    with pytest.raises(ValueError, match="components must be"):
+        fixed(components="xw")
+    with pytest.raises(ValueError, match="need a density"):
+        shell.modes(3)
+    with pytest.raises(ValueError, match="traction: got shape"):
+        shell.load(traction=[1.0, 2.0])
+    with pytest.raises(ValueError, match="edges or where"):
+        clamped([[0, 1]], where=lambda x: x[:, 0] > 0)
+    with pytest.raises(TypeError, match="supports are made by"):
+        shell.solve(load, "clamped")
