@@ -447,6 +447,17 @@ def test_what_is_wrong_is_named():
         ls.Space(closed("doo-sabin")).interpolate(lambda x, _: x)
 
 
+def test_functions_of_nothing_are_named():
+    points, faces = zoo.grid(4, 2)
+    points = np.concatenate([np.asarray(points, float)[:, :2], np.zeros((len(points), 1))], axis=1)
+    middle = [(a, b) for a, b in ls.Mesh(points, faces).edges.tolist()
+              if points[a, 0] == points[b, 0] == 2]  # fmt: skip
+    beyond = [k for k, face in enumerate(faces) if points[list(face), 0].mean() > 2]
+    mesh = ls.Mesh(points, faces, creases=dict.fromkeys(middle, np.inf), holes=beyond)
+    with pytest.raises(ValueError, match="of holes beyond sharp edges; leave these out"):
+        ls.Space(ls.LimitSurface(mesh), ends="natural").mass()
+
+
 def test_dependent_functions_are_named():
     cube = ls.Space(ls.LimitSurface(ls.Mesh(*zoo.cube())))  # +1 and -1 by turns vanish in the limit
     for ask in (lambda: ls.eigenmodes(cube, 2), lambda: cube.project(lambda x, _: x)):

@@ -64,6 +64,7 @@ class Elements:
         rest = np.flatnonzero((self.group < 0) & (code != NO_LIMIT))
         for start in range(0, len(rest), _AT_ONCE):
             self._add_others(surface, rest[start : start + _AT_ONCE])
+        self._check(surface)
 
     def _add_alike(self, patches: PatchTable, code: Array, faces: Array) -> None:
         """Add those of some faces of one kind and turn that have distinct vertices alone."""
@@ -86,13 +87,27 @@ class Elements:
         q = quadrature(surface, points=2, rtol=1e-2, face=faces)
         rows = surface.weights(q.face, q.u, q.v)
         of_point = np.repeat(np.arange(len(faces)), np.diff(q.offsets))
-        key = np.unique(np.repeat(of_point, np.diff(rows.indptr)) * n + rows.indices)
+        key = np.repeat(of_point, np.diff(rows.indptr)) * n + rows.indices
+        key = np.unique(key[rows.data != 0])
         owner, column = np.divmod(key, n)
         count = np.bincount(owner, minlength=len(faces))
         first = np.cumsum(count) - count
         for size in np.unique(count).tolist():
             here = np.flatnonzero(count == size)
             self._add(faces[here], column[first[here][:, None] + np.arange(size)], False)
+
+    def _check(self, surface: LimitSurface) -> None:
+        """Refuse functions that vanish on all faces."""
+        used = np.zeros(surface.mesh.n_vertices, dtype=bool)
+        for group in self.groups:
+            used[group.controls] = True
+        if not used.all():
+            bad = np.flatnonzero(~used)
+            raise ValueError(
+                f"the function of vertex {bad[0]} (and of {len(bad) - 1} more) of the refined cage "
+                "vanishes on all limit faces: it is of holes beyond sharp edges; leave these out "
+                "of the cage, as by ls.selected"
+            )
 
     def _add(self, faces: Array, controls: Array, alike: bool) -> None:
         if len(faces):

@@ -183,29 +183,29 @@ def with_ghosts(mesh: Mesh, rim: Rim, which: Array) -> tuple[Mesh, Any]:
     else:
         whole = new @ flat
     points = np.concatenate([mesh.points, whole.reshape(count, *mesh.points.shape[1:])])
-    quads = np.concatenate(
+    faces = np.concatenate(
         [
             np.stack([end, start, first, last], axis=1),
             np.stack([c, last[corner], beyond, first[leaving[c]]], axis=1),
         ]
     )
-    result = _of(mesh, points, quads, start)
+    result = _of(mesh, points, faces, start)
     return result, stacked_identity(n, new)
 
 
-def _of(mesh: Mesh, points: Array, quads: Array, rim: Array) -> Mesh:
+def _of(mesh: Mesh, points: Array, beyond: Array, rim: Array) -> Mesh:
     """A mesh with more faces, which are holes, without the tags of its old boundary."""
     edges, sharpness = mesh.creases
     inside = ~mesh.boundary_edge[mesh.edge_numbers(edges)]
     vertices, of_vertices = mesh.corners
     kept = ~np.isin(vertices, rim)
-    sizes = np.concatenate([mesh.sizes, np.full(len(quads), 4)])
+    sizes = np.concatenate([mesh.sizes, np.full(len(beyond), 4)])
     return Mesh(
         points,
-        (sizes, np.concatenate([mesh.indices, quads.ravel()])),
+        (sizes, np.concatenate([mesh.indices, beyond.ravel()])),
         creases=(edges[inside], sharpness[inside]),
         corners=(vertices[kept], of_vertices[kept]),
-        holes=np.concatenate([mesh.holes, mesh.n_faces + np.arange(len(quads))]),
+        holes=np.concatenate([mesh.holes, mesh.n_faces + np.arange(len(beyond))]),
         scheme=mesh.scheme,
         boundary=mesh.boundary,
         creasing=mesh.creasing,
