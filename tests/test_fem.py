@@ -312,6 +312,23 @@ def test_ghosts_of_ones_own():
     assert wider.operator.shape == (wider.n, 49)
 
 
+def test_ends_that_become_free():
+    triangle = ls.LimitSurface(ls.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
+    with pytest.warns(UserWarning, match="boundary vertex 0 with 1 face") as caught:
+        coarse = ls.Space(triangle)  # whose faces at the boundary are no quads
+    assert len(caught) == 1
+    assert caught[0].filename == __file__
+    fine = ls.Space(triangle, levels=1)
+    prolongation = fine.prolongation(coarse)
+    assert (coarse.n, fine.n) == (3, 19)
+    assert abs(coarse.mass() - prolongation.T @ fine.mass() @ prolongation).max() < 1e-15
+    # faces at a boundary without a rule are ghosts
+    ghosts = ls.LimitSurface(ls.Mesh(*zoo.grid(3, 3), boundary="none"))
+    points = np.zeros((16, 3))
+    points[:, 0], points[:, 1] = np.arange(16) % 4, np.arange(16) // 4
+    assert np.isclose(ls.Space(ghosts.with_points(points), levels=2).mass().sum(), 1)
+
+
 def eigenvalues(space):
     return eigh(space.stiffness().toarray(), space.mass().toarray(), eigvals_only=True)[:8]
 
