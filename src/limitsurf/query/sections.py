@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -13,7 +14,7 @@ from limitsurf.engine.protocol import threads
 from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.leaves import Parting
 from limitsurf.query.scalars import Height, Scalar, SquaredDistance, Subdivided
-from limitsurf.query.tracing import Network, Nodes, chained
+from limitsurf.query.tracing import Adjacency, Network, Nodes, chained
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -25,7 +26,7 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Curves:
-    """Curves on a surface as polylines of points on it, made by `section` and `contour`.
+    """Curves on a surface as polylines of points on it, as `section` and `contour` find them.
 
     Attributes
     ----------
@@ -138,12 +139,12 @@ def section(
     (1, [True], True)
     """
     surface = checked_surface(surface, channel)
-    at, toward = _vector("origin", origin), _vector("normal", normal)
+    at, toward = vector("origin", origin), vector("normal", normal)
     if not toward.any():
         raise ValueError("normal must not be of length 0")
     cells = Cells.of(surface, threads(workers))
     toward, height = _height(cells, toward, at, np.zeros(1))
-    return _traced(surface, cells, Height(cells, toward), height, tolerance, workers)[1]
+    return traced(surface, cells, Height(cells, toward), height, tolerance, workers)[1]
 
 
 def contour(
@@ -209,12 +210,12 @@ def contour(
     asked = np.asarray(values, dtype=float)
     if asked.ndim > 1:
         raise ValueError(f"values must be a number or of shape (k,), got shape {asked.shape}")
-    at = np.zeros(3) if origin is None else _vector("origin", origin)
+    at = np.zeros(3) if origin is None else vector("origin", origin)
     cells, workers_ = Cells.of(surface, threads(workers)), threads(workers)
     kept = asked.ravel()[np.isfinite(asked.ravel())]
     found: Scalar
     if isinstance(scalar, str) and scalar == "distance":
-        point = _clipped(np.ldexp(at, cells.power))
+        point = clipped(np.ldexp(at, cells.power))
         factor = 1 / (1 + np.sqrt((point**2).sum())) ** 2
         found = SquaredDistance(cells, point, factor)
         heights = np.clip(np.ldexp(kept, cells.power), -_FAR, _FAR)
@@ -228,13 +229,13 @@ def contour(
         power = -int(np.frexp(np.abs(known).max(initial=0))[1])
         found = Subdivided(surface, cells, np.ldexp(known, power), workers_)
         heights = np.clip(np.ldexp(kept, power), -_FAR, _FAR)
-    number, curves = _traced(surface, cells, found, heights, tolerance, workers)
+    number, curves = traced(surface, cells, found, heights, tolerance, workers)
     curves.value[:] = kept[number]
     return curves
 
 
-def _vector(name: str, given: ArrayLike) -> Array:
-    """Three finite numbers."""
+def vector(name: str, given: ArrayLike) -> Array:
+    """Three finite numbers, or an error that says the name."""
     found = np.asarray(given, dtype=float)
     if found.shape != (3,):
         raise ValueError(f"{name} must be three numbers, got shape {found.shape}")
@@ -247,7 +248,7 @@ def _direction(scalar: Any) -> Array:
     if isinstance(scalar, str) and scalar not in _AXES:
         names = ", ".join(map(repr, _AXES))
         raise ValueError(f"scalar must be {names}, 'distance' or numbers, got {scalar!r}")
-    found = _vector("a direction", _AXES[scalar] if isinstance(scalar, str) else scalar)
+    found = vector("a direction", _AXES[scalar] if isinstance(scalar, str) else scalar)
     if not found.any():
         raise ValueError("a direction must not be of length 0")
     return found
@@ -281,20 +282,28 @@ def _height(cells: Cells, toward: Array, origin: Array, values: Array) -> tuple[
     return scaled, np.array([float(max(min(x, most), -most)) for x in heights])
 
 
-def _clipped(point: Array) -> Array:
+def clipped(point: Array) -> Array:
+    """A place in the unit of the index that is not beyond where no surface is."""
     return np.clip(point, -_FAR, _FAR)
 
 
-def _traced(
+def traced(
     surface: LimitSurface, cells: Cells, scalar: Scalar, heights: Array,
-    tolerance: float | None, workers: int,
+    tolerance: float | None, workers: int, *, adjacency: Adjacency | None = None,
+    finish: Callable[[Network], None] | None = None,
 ) -> tuple[Array, Curves]:  # fmt: skip
-    """The curves on which a function has values (k,), and which of them."""
+    """The curves on which a function has values (k,), and which of them.
+
+    It is continuous across what `adjacency` joins; `finish` is called with what was found.
+    """
     scaled = _scaled_tolerance(cells, tolerance)
     leaves = Parting(cells, scalar, heights, scaled).run()
-    network = Network(surface, leaves, cells.form, scalar.form)
+    adjacency = adjacency or Adjacency.of(surface)
+    network = Network(surface, leaves, cells.form, scalar.form, adjacency)
+    if finish is not None:
+        finish(network)
     spans = network.spans
-    number = leaves.cells.level[spans.leaf]
+    number = network.leaves.cells.level[spans.leaf]
     starts, order, backward, closed = chained(spans, number, len(network.nodes.face))
     places, offsets = _in_order(network, scaled, starts, order, backward, closed)
     u, v = places.uv.T.copy()
