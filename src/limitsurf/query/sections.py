@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -10,9 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from limitsurf import numbers
 from limitsurf.engine.protocol import threads
 from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.leaves import Parting
+from limitsurf.query.overlay import Column, Overlay
 from limitsurf.query.scalars import Height, Scalar, SquaredDistance, Subdivided
 from limitsurf.query.tracing import Adjacency, Network, Nodes, chained
 from limitsurf.surface import LimitSurface
@@ -149,7 +152,7 @@ def section(
 
 def contour(
     surface: LimitSurface,
-    scalar: str | ArrayLike,
+    scalar: str | ArrayLike | tuple[str, int],
     values: ArrayLike,
     *,
     origin: ArrayLike | None = None,
@@ -163,10 +166,11 @@ def contour(
     ----------
     surface : LimitSurface
         Of float64 points, (n_vertices, 3).
-    scalar : str or array_like
+    scalar : str, array_like or tuple
         The function: ``"x"``, ``"y"`` or ``"z"``; a direction (3,), for the inner product with it;
-        ``"distance"``, from `origin`; or values of the cage's vertices, (n_vertices,) or
-        (n_vertices, 1), which are subdivided as its points are.
+        ``"distance"``, from `origin`; values of the cage's vertices, (n_vertices,) or
+        (n_vertices, 1), which are subdivided as its points are; or a face-varying channel and which
+        column of it, as ``("uv", 0)``.
     values : float or (k,) array_like
         There are no curves of values that are not finite.
     origin : (3,) array_like, optional
@@ -183,7 +187,7 @@ def contour(
     -------
     Curves
         Those of each value after those of the one before. Larger values are on their left, seen
-        from the side of the surface's normals.
+        from the side of the surface's normals. Contours of channels end at seams.
 
     Raises
     ------
@@ -194,6 +198,9 @@ def contour(
     -----
     Each is the border of where the function is less, as a section is. Values are right to 1e-13 of
     the largest coordinate, relative to `origin`, or of the largest value of a vertex.
+
+    Channels have a topology of their own: where theirs is another one than that of the points,
+    cells of both are cut until they are the same.
 
     Examples
     --------
@@ -206,7 +213,7 @@ def contour(
     >>> ls.contour(ball, "distance", 0.432, origin=[0.5, 0.5, 0.5])
     Curves(8 curves of ... points, 8 closed)
     """
-    surface = checked_surface(surface, channel)
+    given, surface = surface, checked_surface(surface, channel)
     asked = np.asarray(values, dtype=float)
     if asked.ndim > 1:
         raise ValueError(f"values must be a number or of shape (k,), got shape {asked.shape}")
@@ -214,7 +221,14 @@ def contour(
     cells, workers_ = Cells.of(surface, threads(workers)), threads(workers)
     kept = asked.ravel()[np.isfinite(asked.ravel())]
     found: Scalar
-    if isinstance(scalar, str) and scalar == "distance":
+    adjacency = None
+    if isinstance(scalar, tuple) and len(scalar) == 2 and isinstance(scalar[0], str):
+        own, known = _column(given, scalar[0], scalar[1])
+        power = -int(np.frexp(np.abs(known).max(initial=0))[1])
+        cells = laid = Overlay(surface, cells, own, np.ldexp(known, power), workers_)
+        found, adjacency = Column(laid), Adjacency.of(own)
+        heights = np.clip(np.ldexp(kept, power), -_FAR, _FAR)
+    elif isinstance(scalar, str) and scalar == "distance":
         point = clipped(np.ldexp(at, cells.power))
         factor = 1 / (1 + np.sqrt((point**2).sum())) ** 2
         found = SquaredDistance(cells, point, factor)
@@ -229,7 +243,7 @@ def contour(
         power = -int(np.frexp(np.abs(known).max(initial=0))[1])
         found = Subdivided(surface, cells, np.ldexp(known, power), workers_)
         heights = np.clip(np.ldexp(kept, power), -_FAR, _FAR)
-    number, curves = traced(surface, cells, found, heights, tolerance, workers)
+    number, curves = traced(surface, cells, found, heights, tolerance, workers, adjacency=adjacency)
     curves.value[:] = kept[number]
     return curves
 
@@ -265,6 +279,22 @@ def _vertex_values(surface: LimitSurface, scalar: Any) -> Array:
         bad = np.flatnonzero(~np.isfinite(found.ravel()))
         raise ValueError(f"values of vertices must be finite; that of vertex {bad[0]} is not")
     return found.ravel()
+
+
+def _column(surface: LimitSurface, name: str, column: Any) -> tuple[LimitSurface, Array]:
+    """The surface of a channel, and the values of a column of it."""
+    own = surface.of_channel(name)
+    known = own.points.reshape(len(own.points), -1)
+    if numbers.type_of(known).exact:
+        raise TypeError(f"contours need float64 values, channel {name!r} is exact")
+    number = operator.index(column)
+    if not 0 <= number < known.shape[1]:
+        raise ValueError(f"channel {name!r} has {known.shape[1]} columns, got column {number}")
+    found = known[:, number]
+    if not np.isfinite(found).all():
+        bad = int(np.flatnonzero(~np.isfinite(found))[0])
+        raise ValueError(f"values of channel {name!r} must be finite; value {bad} is not")
+    return own, found
 
 
 def _height(cells: Cells, toward: Array, origin: Array, values: Array) -> tuple[Array, Array]:
