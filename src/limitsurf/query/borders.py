@@ -106,11 +106,11 @@ class Borders:
             places, to = self._joined(network)
             both = zip(_pair(network.nodes), places, strict=True)
             network.nodes = Nodes(*(np.concatenate(x) for x in both))
-            spans.a, spans.b = to[spans.a], to[spans.b]
             more, rows = self._spans(network, scalar, wanted, to, known)
             more.leaf += len(leaves)
             network.leaves = self._with_sides(leaves, cells, rows)
             spans = Spans.joined([spans, more])
+            spans.a, spans.b = to[spans.a], to[spans.b]
         if turned:
             spans.sign = -spans.sign
         network.spans = spans[spans.a != spans.b]
@@ -130,7 +130,10 @@ class Borders:
     def _spans(
         self, network: Network, scalar: OfNormals, wanted: _Wanted, to: Array, known: int
     ) -> tuple[Spans, Array]:
-        """Spans along edges, of which `leaf` numbers the sides (r,) that are also given."""
+        """Spans along edges, of which `leaf` numbers the sides (r,) that are also given.
+
+        Nodes that are one by `to` are more of them then.
+        """
         sides = self._sides
         crossed = self._crossed(network, wanted)  # side, x
         line, strand = sides.line[crossed[0]], sides.strand[crossed[0]]
@@ -153,9 +156,10 @@ class Borders:
         chosen = node[best[np.append(True, np.diff(group[best]) > 0)]]
         to[node] = chosen[group]
         to[:] = to[to]
-        differ, first_above = self._signs(reference, line, strand)
+        middle = np.append(at[:-1] + at[1:], 0.0) / 2
+        differ, first, above = self._signs(reference, line, strand, middle, scalar.odd)
         last = np.flatnonzero(np.append(ahead & (np.diff(group) > 0), False) & differ)
-        return self._along_edges(line, at, to[node], last, first_above)
+        return self._along_edges(line, at, to[node], last, first, above)
 
     def _crossed(self, network: Network, wanted: _Wanted) -> tuple[Array, Array, Array]:
         """Sides that level sets end on, where on these, and the nodes."""
@@ -173,67 +177,76 @@ class Borders:
         return found[some], x, node[some]
 
     def _reference(self, scalar: OfNormals, line: Array, strand: Array, at: Array) -> Array:
-        """Of each line and strand, (lines, strands, 2): whether it is above, 1 or 0; after what.
+        """Of each line and strand what `_signs` needs, (lines, strands, 5).
 
-        That is after so many crossings; -1 where there is no such strand, or no normal.
+        Whether it is above, 1 or 0, after how many of its crossings; from where to where it goes,
+        and whether upward, 1 or -1. The first is -1 where there is no strand, or no normal.
         """
         sides = self._sides
         shape = int(sides.line.max(initial=-1)) + 1, int(sides.strand.max(initial=-1)) + 1
-        own = sides.line * shape[1] + sides.strand
-        keys = np.unique(own)
+        keys, place = np.unique(sides.line * shape[1] + sides.strand, return_inverse=True)
+        low = np.minimum(sides.base, sides.base + sides.scale)
+        high = low + np.abs(sides.scale)
+        span = np.stack([np.full(len(keys), np.inf), np.full(len(keys), -np.inf)])
+        np.minimum.at(span[0], place, low)
+        np.maximum.at(span[1], place, high)
         key = np.concatenate([line * shape[1] + strand, keys, keys])
-        at = np.concatenate([at, np.zeros(len(keys)), np.ones(len(keys))])
+        at = np.concatenate([at, *span])
         order = np.lexsort([at, key])
         key, at = key[order], at[order]
         gap = np.append(np.where(key[1:] == key[:-1], at[1:] - at[:-1], -1.0), -1.0)
         best = np.lexsort([-gap, key])
         best = best[np.append(True, np.diff(key[best]) > 0)]
         middle = at[best] + gap[best] / 2
-        after = best - np.flatnonzero(np.append(True, np.diff(key) > 0))  # (one of these is 0)
-        low = np.minimum(sides.base, sides.base + sides.scale)
-        place = np.searchsorted(keys, own)
-        holds = (middle[place] >= low) & (middle[place] <= low + np.abs(sides.scale))
+        after = best - np.flatnonzero(np.append(True, np.diff(key) > 0))  # (one of these is low)
+        holds = (middle[place] >= low) & (middle[place] <= high)
         which = np.full(len(keys), -1)
         which[place[holds]] = np.flatnonzero(holds)
         x = (middle - sides.base[which]) / sides.scale[which]
         face = sides.face[which]
         above, fine = scalar.at_places(self._surface, face, self._along(face, sides.side[which], x))
-        if scalar.odd:  # of faces that go round the other way normals are, too
-            way = np.sign(sides.scale[which])
-            first = np.flatnonzero(keys % shape[1] == 0)  # (of each line there is one)
-            above = above ^ ((keys % shape[1] > 0) & (way == way[first][keys // shape[1]]))
-        found = np.full((shape[0] * shape[1], 2), -1)
-        found[keys] = np.stack([np.where(fine, above, -1), after], axis=1)
-        return found.reshape(*shape, 2)
+        found = np.full((shape[0] * shape[1], 5), -1.0)
+        way = np.sign(sides.scale[which])
+        found[keys] = np.stack([np.where(fine, above, -1), after, *span, way], axis=1)
+        return found.reshape(*shape, 5)
 
     @staticmethod
-    def _signs(reference: Array, line: Array, strand: Array) -> tuple[Array, Array]:
-        """Whether strands differ after each of what is in order on lines, and the first's sign."""
+    def _signs(
+        reference: Array, line: Array, strand: Array, middle: Array, odd: bool
+    ) -> tuple[Array, Array, Array]:
+        """Whether strands differ after each of what is in order on lines, up to the next.
+
+        And which is the first of them, and whether it is above. `middle` is where they are looked
+        at. What is `odd` has another sign where faces on both sides go round another way.
+        """
         start = np.flatnonzero(np.append(True, np.diff(line) > 0)[: len(line)])
         each = np.diff(np.append(start, len(line)))
-        signs = []
+        first, above, differ = (np.full(len(line), x) for x in (-1, -1, 0))
         for k in range(reference.shape[1]):
             total = np.cumsum(strand == k)
             before = np.repeat(total[start] - (strand[start] == k), each)
-            above, after = reference[line, k].T
-            signs.append(np.where(above < 0, -1, above ^ ((total - before - after) & 1)))
-        both = np.array(signs)
-        low = np.where(both < 0, 2, both).min(axis=0)
-        return (low < both.max(axis=0)) & (low < 2), both[0]
+            own, after, low, high, way = reference[line, k].T
+            there = (own >= 0) & (low <= middle) & (middle <= high)
+            sign = own.astype(np.int64) ^ ((total - before - after.astype(np.int64)) & 1)
+            new = there & (first < 0)
+            first[new], above[new] = k, sign[new]
+            turned = odd & (way == reference[line, np.maximum(first, 0), 4]) & (first != k)
+            differ |= there & ((sign ^ turned) != above)
+        return differ > 0, first, above
 
     def _along_edges(
-        self, line: Array, at: Array, node: Array, last: Array, above: Array
+        self, line: Array, at: Array, node: Array, last: Array, first: Array, above: Array
     ) -> tuple[Spans, Array]:
         """Spans from some of what is in order on edges to the next."""
         sides = self._sides
         a, b = at[last], at[last + 1]
-        middle = (a + b) / 2
-        # a side of the first strand that has it
+        # a side of the first strand, of which one or two make the edge
         low = np.minimum(sides.base, sides.base + sides.scale)
-        first = np.flatnonzero(sides.strand == 0)
-        first = first[np.lexsort([low[first], sides.line[first]])]
-        key = sides.line[first] * 4.0 + low[first]
-        which = first[np.searchsorted(key, line[last] * 4.0 + middle, side="right") - 1]
+        size = int(sides.strand.max(initial=0)) + 1
+        key = 4.0 * (sides.line * size + sides.strand) + low
+        order = np.argsort(key)
+        wanted = 4.0 * (line[last] * size + first[last]) + (a + b) / 2
+        which = order[np.searchsorted(key[order], wanted, side="right") - 1]
         base, scale = sides.base[which], sides.scale[which]
         face, side = sides.face[which], sides.side[which]
         start, end = (self._along(face, side, np.clip((x - base) / scale, 0, 1)) for x in (a, b))
