@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import zoo
 import zoo_triangles
+from command_line import facts, fail
 from test_query_sections import UP, curves, farthest, made, quadric, some
 
 import limitsurf as ls
@@ -278,3 +279,16 @@ def test_what_is_no_view_or_angle_is_refused():
             ls.isophote(surface, UP, angle)
     with pytest.raises(ValueError, match="above 0"):
         ls.silhouette(surface, UP, tolerance=0)
+
+
+def test_the_command_writes_silhouettes(tmp_path):
+    points, faces = zoo.cube()
+    cage, target = tmp_path / "cage.obj", tmp_path / "a.csv"
+    ls.write(cage, ls.Mesh(np.asarray(points, dtype=float), faces))
+    for option, perspective in (("--view", False), ("--eye", True)):
+        found = ls.silhouette(ls.LimitSurface(ls.read(cage)), [3, 4, 5], perspective=perspective)
+        known = facts("section", cage, option, 3, 4, 5, "-o", target)
+        assert (known["points"], known["closed"]) == (len(found.face), 1)
+        table = np.loadtxt(target, delimiter=",", skiprows=1)
+        assert (table[:, 2:5] == found.point).all()
+    assert "one of" in fail("section", cage, "--view", 1, 0, 0, "--eye", 1, 0, 0, "-o", target)
