@@ -89,6 +89,8 @@ if TYPE_CHECKING:
     from limitsurf.query.sections import Curves as Curves
     from limitsurf.query.sections import contour as contour
     from limitsurf.query.sections import section as section
+    from limitsurf.query.silhouettes import isophote as isophote
+    from limitsurf.query.silhouettes import silhouette as silhouette
     from limitsurf.refine import (
         ExactOperator as ExactOperator,
     )
@@ -199,6 +201,7 @@ _HOME = {
     "integrate": "integrals.body",
     "intersect": "query.rays",
     "intersect_all": "query.rays",
+    "isophote": "query.silhouettes",
     "levels_of_detail": "query",
     "merged": "shell.io.merge",
     "occluded": "query.rays",
@@ -215,6 +218,7 @@ _HOME = {
     "schemes": "scheme",
     "selected": "cage.selection",
     "section": "query.sections",
+    "silhouette": "query.silhouettes",
     "tessellate": "query",
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",

@@ -120,8 +120,56 @@ def children(lattice: Lattice, exponents: Array) -> tuple[Array, Array]:
     for k, child in enumerate(lattice.children):
         sign = -1 if child.turned else 1
         frames[k] = [child.origin, (sign, 0), (0, sign)]
-    frames, unit = frames / 2, 4.0 ** exponents.max()  # matrices are multiples of its inverse
-    return frames, np.round(parts(exponents, frames) * unit) / unit
+    frames = frames / 2
+    return frames, blossoms(exponents, frames)
+
+
+def blossoms(exponents: Array, frames: Array) -> Array:
+    """The same as `parts`, exact where frames are halves; those of squares along their sides.
+
+    Coefficient (i, j) of a part is the blossom at i times one corner, j times another and corner 0
+    else. It takes the coefficients of the product of linear forms, one for each of these places.
+    """
+    degree = int(exponents.max())
+    found = np.empty((len(frames), len(exponents), len(exponents)))
+    for k, (origin, along, across) in enumerate(frames):
+        if is_tensor(exponents):
+            ends = zip(origin, origin + along + across, strict=True)
+            lines = [_line_blossoms(degree, np.array([low, high])) for low, high in ends]
+            found[k] = np.kron(*lines)
+            continue
+        corners = np.array([origin, origin + along, origin + across])
+        known: dict[tuple[int, ...], Array] = {
+            (0, 0, 0): np.eye(1, degree + 1) * np.eye(degree + 1, 1)
+        }
+        for a, b, c in np.ndindex(*(degree + 1,) * 3):
+            if 0 < a + b + c <= degree:
+                last = 2 if c else 1 if b else 0
+                before = tuple(x - (axis == last) for axis, x in enumerate((a, b, c)))
+                known[a, b, c] = _times(known[before], *corners[last])
+        i, j = exponents.T
+        rows = zip(degree - i - j, i, j, strict=True)
+        found[k] = [known[tuple(map(int, row))][i, j] for row in rows]
+    return found
+
+
+def _line_blossoms(degree: int, ends: Array) -> Array:
+    """Those of a part of a line, (degree + 1, degree + 1)."""
+    rows = []
+    for i in range(degree + 1):
+        row = np.eye(degree + 1, 1)
+        for x in np.repeat(ends, [degree - i, i]):
+            row = _times(row, x, 0.0)
+        rows.append(row[:, 0])
+    return np.array(rows)
+
+
+def _times(product: Array, x: float, y: float) -> Array:
+    """Coefficients, by powers of X and Y, times ``x X + y Y + (1 - x - y)``."""
+    found = (1 - x - y) * product
+    found[1:] += x * product[:-1]
+    found[:, 1:] += y * product[:, :-1]
+    return np.asarray(found)
 
 
 def strips(spline: Spline, across: Array) -> Array:

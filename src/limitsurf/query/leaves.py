@@ -155,8 +155,16 @@ class Parting:
         ends = near & ((reach + np.abs(value) <= FLOOR) | (ring >= _DEEP))
         self._last.append((level[ends], which[ends], rings[ends]))
         on = near & ~ends
-        level, which = level[on], which[on]
-        return level, which, [self._beyond(level, which, rings[on])] if len(level) else []
+        level, which, rings, reach = level[on], which[on], rings[on], reach[on]
+        if not len(level):
+            return level, which, []
+        found = self._beyond(level, which, rings)
+        # of what nothing bounds a ring tells
+        size = np.abs(found.values).reshape(len(level), -1).max(axis=1)
+        ends = np.isinf(reach) & (size <= FLOOR)
+        self._last.append((level[ends], which[ends], rings[ends]))
+        more = found[np.repeat(~ends, len(found) // len(level))]
+        return level[~ends], which[~ends], [more]
 
     def _beyond(self, level: Array, which: Array, ring: Array) -> Pieces:
         cells = self._cells

@@ -79,9 +79,7 @@ class Form:
         frames, across = _halvings(lattice)
         inward = sides[:, 1:].astype(float)
         known = exponents, degree, np.stack(parts), edge[:, 0], edge, ends, inward
-        form = cls(*known, frames, frames, across)
-        n, unit = len(s), 4.0 ** (degree + 2)  # (halves have multiples of powers of 1/2)
-        halves = np.round(form.part(frames.reshape(-1, 3, 2)) * unit) / unit
+        n, halves = len(s), bernstein.blossoms(exponents, frames.reshape(-1, 3, 2))
         return cls(*known, halves.reshape(*frames.shape[:2], n, n), frames, across)
 
     @property
@@ -104,20 +102,21 @@ class Form:
 
 
 @lru_cache(maxsize=32)
-def products(lattice: Lattice, degree: int) -> Array:
-    """Coefficients of products, (n * n, m): of the n * n products of coefficients of two factors.
+def products(lattice: Lattice, degree: int, other: int | None = None) -> Array:
+    """Coefficients of products, (n * k, m): of the n * k products of coefficients of two factors.
 
-    The product has twice the degree. All entries are positive, and those of a column sum to one: a
-    mean of products.
+    The degree of the second is that of the first unless it is given, that of the product their sum.
+    All entries are positive, and those of a column sum to one: a mean of products.
     """
-    factor, product = (_exponents(lattice, d) for d in (degree, 2 * degree))
+    more = degree if other is None else other
+    factor, second, product = (_exponents(lattice, d) for d in (degree, more, degree + more))
     number = {tuple(place): k for k, place in enumerate(product.tolist())}
-    weights, total = multiples(factor), multiples(product)
-    found = np.zeros((len(factor), len(factor), len(product)))
+    weights, others, total = (multiples(x) for x in (factor, second, product))
+    found = np.zeros((len(factor), len(second), len(product)))
     for a, one in enumerate(factor):
-        for b, other in enumerate(factor):
-            k = number[tuple((one + other).tolist())]
-            found[a, b, k] = weights[a] * weights[b] / total[k]
+        for b, two in enumerate(second):
+            k = number[tuple((one + two).tolist())]
+            found[a, b, k] = weights[a] * others[b] / total[k]
     return found.reshape(-1, len(product))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -9,11 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from limitsurf import numbers
 from limitsurf.engine.protocol import threads
 from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.leaves import Parting
+from limitsurf.query.overlay import Column, Overlay
 from limitsurf.query.scalars import Height, Scalar, SquaredDistance, Subdivided
-from limitsurf.query.tracing import Network, Nodes, chained
+from limitsurf.query.tracing import Adjacency, Network, Nodes, chained
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -25,7 +29,7 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Curves:
-    """Curves on a surface as polylines of points on it, made by `section` and `contour`.
+    """Curves on a surface as polylines of points on it, as `section` and `contour` find them.
 
     Attributes
     ----------
@@ -138,17 +142,17 @@ def section(
     (1, [True], True)
     """
     surface = checked_surface(surface, channel)
-    at, toward = _vector("origin", origin), _vector("normal", normal)
+    at, toward = vector("origin", origin), vector("normal", normal)
     if not toward.any():
         raise ValueError("normal must not be of length 0")
     cells = Cells.of(surface, threads(workers))
     toward, height = _height(cells, toward, at, np.zeros(1))
-    return _traced(surface, cells, Height(cells, toward), height, tolerance, workers)[1]
+    return traced(surface, cells, Height(cells, toward), height, tolerance, workers)[1]
 
 
 def contour(
     surface: LimitSurface,
-    scalar: str | ArrayLike,
+    scalar: str | ArrayLike | tuple[str, int],
     values: ArrayLike,
     *,
     origin: ArrayLike | None = None,
@@ -162,10 +166,11 @@ def contour(
     ----------
     surface : LimitSurface
         Of float64 points, (n_vertices, 3).
-    scalar : str or array_like
+    scalar : str, array_like or tuple
         The function: ``"x"``, ``"y"`` or ``"z"``; a direction (3,), for the inner product with it;
-        ``"distance"``, from `origin`; or values of the cage's vertices, (n_vertices,) or
-        (n_vertices, 1), which are subdivided as its points are.
+        ``"distance"``, from `origin`; values of the cage's vertices, (n_vertices,) or
+        (n_vertices, 1), which are subdivided as its points are; or a face-varying channel and which
+        column of it, as ``("uv", 0)``.
     values : float or (k,) array_like
         There are no curves of values that are not finite.
     origin : (3,) array_like, optional
@@ -182,7 +187,7 @@ def contour(
     -------
     Curves
         Those of each value after those of the one before. Larger values are on their left, seen
-        from the side of the surface's normals.
+        from the side of the surface's normals. Contours of channels end at seams.
 
     Raises
     ------
@@ -193,6 +198,9 @@ def contour(
     -----
     Each is the border of where the function is less, as a section is. Values are right to 1e-13 of
     the largest coordinate, relative to `origin`, or of the largest value of a vertex.
+
+    Channels have a topology of their own: where theirs is another one than that of the points,
+    cells of both are cut until they are the same.
 
     Examples
     --------
@@ -205,16 +213,23 @@ def contour(
     >>> ls.contour(ball, "distance", 0.432, origin=[0.5, 0.5, 0.5])
     Curves(8 curves of ... points, 8 closed)
     """
-    surface = checked_surface(surface, channel)
+    given, surface = surface, checked_surface(surface, channel)
     asked = np.asarray(values, dtype=float)
     if asked.ndim > 1:
         raise ValueError(f"values must be a number or of shape (k,), got shape {asked.shape}")
-    at = np.zeros(3) if origin is None else _vector("origin", origin)
+    at = np.zeros(3) if origin is None else vector("origin", origin)
     cells, workers_ = Cells.of(surface, threads(workers)), threads(workers)
     kept = asked.ravel()[np.isfinite(asked.ravel())]
     found: Scalar
-    if isinstance(scalar, str) and scalar == "distance":
-        point = _clipped(np.ldexp(at, cells.power))
+    adjacency = None
+    if isinstance(scalar, tuple) and len(scalar) == 2 and isinstance(scalar[0], str):
+        own, known = _column(given, scalar[0], scalar[1])
+        power = -int(np.frexp(np.abs(known).max(initial=0))[1])
+        cells = laid = Overlay(surface, cells, own, np.ldexp(known, power), workers_)
+        found, adjacency = Column(laid), Adjacency.of(own)
+        heights = np.clip(np.ldexp(kept, power), -_FAR, _FAR)
+    elif isinstance(scalar, str) and scalar == "distance":
+        point = clipped(np.ldexp(at, cells.power))
         factor = 1 / (1 + np.sqrt((point**2).sum())) ** 2
         found = SquaredDistance(cells, point, factor)
         heights = np.clip(np.ldexp(kept, cells.power), -_FAR, _FAR)
@@ -228,13 +243,13 @@ def contour(
         power = -int(np.frexp(np.abs(known).max(initial=0))[1])
         found = Subdivided(surface, cells, np.ldexp(known, power), workers_)
         heights = np.clip(np.ldexp(kept, power), -_FAR, _FAR)
-    number, curves = _traced(surface, cells, found, heights, tolerance, workers)
+    number, curves = traced(surface, cells, found, heights, tolerance, workers, adjacency=adjacency)
     curves.value[:] = kept[number]
     return curves
 
 
-def _vector(name: str, given: ArrayLike) -> Array:
-    """Three finite numbers."""
+def vector(name: str, given: ArrayLike) -> Array:
+    """Three finite numbers, or an error that says the name."""
     found = np.asarray(given, dtype=float)
     if found.shape != (3,):
         raise ValueError(f"{name} must be three numbers, got shape {found.shape}")
@@ -247,7 +262,7 @@ def _direction(scalar: Any) -> Array:
     if isinstance(scalar, str) and scalar not in _AXES:
         names = ", ".join(map(repr, _AXES))
         raise ValueError(f"scalar must be {names}, 'distance' or numbers, got {scalar!r}")
-    found = _vector("a direction", _AXES[scalar] if isinstance(scalar, str) else scalar)
+    found = vector("a direction", _AXES[scalar] if isinstance(scalar, str) else scalar)
     if not found.any():
         raise ValueError("a direction must not be of length 0")
     return found
@@ -266,6 +281,22 @@ def _vertex_values(surface: LimitSurface, scalar: Any) -> Array:
     return found.ravel()
 
 
+def _column(surface: LimitSurface, name: str, column: Any) -> tuple[LimitSurface, Array]:
+    """The surface of a channel, and the values of a column of it."""
+    own = surface.of_channel(name)
+    known = own.points.reshape(len(own.points), -1)
+    if numbers.type_of(known).exact:
+        raise TypeError(f"contours need float64 values, channel {name!r} is exact")
+    number = operator.index(column)
+    if not 0 <= number < known.shape[1]:
+        raise ValueError(f"channel {name!r} has {known.shape[1]} columns, got column {number}")
+    found = known[:, number]
+    if not np.isfinite(found).all():
+        bad = int(np.flatnonzero(~np.isfinite(found))[0])
+        raise ValueError(f"values of channel {name!r} must be finite; value {bad} is not")
+    return own, found
+
+
 def _height(cells: Cells, toward: Array, origin: Array, values: Array) -> tuple[Array, Array]:
     """A direction with a largest part of about 1, and inner products with it, (k,).
 
@@ -281,20 +312,28 @@ def _height(cells: Cells, toward: Array, origin: Array, values: Array) -> tuple[
     return scaled, np.array([float(max(min(x, most), -most)) for x in heights])
 
 
-def _clipped(point: Array) -> Array:
+def clipped(point: Array) -> Array:
+    """A place in the unit of the index that is not beyond where no surface is."""
     return np.clip(point, -_FAR, _FAR)
 
 
-def _traced(
+def traced(
     surface: LimitSurface, cells: Cells, scalar: Scalar, heights: Array,
-    tolerance: float | None, workers: int,
+    tolerance: float | None, workers: int, *, adjacency: Adjacency | None = None,
+    finish: Callable[[Network], None] | None = None,
 ) -> tuple[Array, Curves]:  # fmt: skip
-    """The curves on which a function has values (k,), and which of them."""
+    """The curves on which a function has values (k,), and which of them.
+
+    It is continuous across what `adjacency` joins; `finish` is called with what was found.
+    """
     scaled = _scaled_tolerance(cells, tolerance)
     leaves = Parting(cells, scalar, heights, scaled).run()
-    network = Network(surface, leaves, cells.form, scalar.form)
+    adjacency = adjacency or Adjacency.of(surface)
+    network = Network(surface, leaves, cells.form, scalar.form, adjacency)
+    if finish is not None:
+        finish(network)
     spans = network.spans
-    number = leaves.cells.level[spans.leaf]
+    number = network.leaves.cells.level[spans.leaf]
     starts, order, backward, closed = chained(spans, number, len(network.nodes.face))
     places, offsets = _in_order(network, scaled, starts, order, backward, closed)
     u, v = places.uv.T.copy()

@@ -9,16 +9,20 @@ curves do not end but on the boundary of the surface.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import memory
+from limitsurf.cage.connectivity import Connectivity
 from limitsurf.query.leaves import CORNER, KNOT, SHIFT, TOUCH, Leaves
 from limitsurf.query.polynomials import Form
 from limitsurf.query.records import Rows, numbered
 from limitsurf.surface import LimitSurface
+
+if TYPE_CHECKING:
+    from limitsurf.scheme.lattice import Lattice
 
 Array = NDArray[Any]
 
@@ -53,11 +57,38 @@ class Spans(Rows):
     bend: Array
 
 
-class Network:
-    """The nodes and spans of the leaves of a surface."""
+@dataclass(frozen=True)
+class Adjacency:
+    """Which sides of limit faces are one: those of the same edges of a cage.
 
-    def __init__(self, surface: LimitSurface, leaves: Leaves, form: Form, own: Form) -> None:
-        self._surface, self._leaves, self._form, self._own = surface, leaves, form, own
+    Limit face k is face ``face[k]`` of the cage, or its part at ``corner[k]`` if that is not -1.
+    Half-edges (C,) are on edges ``edge``, which have the vertices ``ends`` (E, 2), the lower first.
+    """
+
+    cage: Connectivity
+    face: Array
+    corner: Array
+    edge: Array
+    ends: Array
+
+    @classmethod
+    def of(cls, surface: LimitSurface) -> Adjacency:
+        """That of a surface whose function is continuous."""
+        faces, cage = surface.limit_faces, surface.mesh.connectivity
+        return cls(cage, faces.face, faces.corner, cage.corner_edge, cage.edges)
+
+
+class Network:
+    """The nodes and spans of the leaves of a surface.
+
+    The function is the same on both sides of what `adjacency` says is one; elsewhere curves end.
+    """
+
+    def __init__(
+        self, surface: LimitSurface, leaves: Leaves, form: Form, own: Form, adjacency: Adjacency
+    ) -> None:
+        self._surface, self.leaves, self._form, self._own = surface, leaves, form, own
+        self._adjacency = adjacency
         self._sides()
         self._signs()
         self._cross()
@@ -69,10 +100,11 @@ class Network:
 
     def _sides(self) -> None:
         """Segments of all sides: `_leaf`, `_side`, `_segment` and `_from`, `_to` along the side."""
-        cells, ends = self._leaves.cells, self._form.ends
+        cells, ends = self.leaves.cells, self._form.ends
         count, c = len(cells), len(self._form.ends)
         self._uv = cells.frame[:, :1] + np.matmul(ends, cells.frame[:, 1:])  # (L, c, 2)
-        on = _OnLines(self._surface, cells.face, self._uv)
+        on = OnLines(self._surface.topology.lattice, self._adjacency, cells.face, self._uv)
+        self._on_side = on.of_faces
         uv = np.stack([self._uv, np.roll(self._uv, -1, axis=1)], axis=2)  # (L, c, 2, 2)
         line, value, along = on.sides(uv)  # (L, c), (L, c), (L, c, 2)
         line = line + on.count * cells.level[:, None]
@@ -101,8 +133,8 @@ class Network:
 
     def _signs(self) -> None:
         """Whether vertices are above, or 0 up to rounding; the nodes that they are."""
-        cells, first = self._leaves.cells, self._first
-        value = self._leaves.corners.ravel()[first]
+        cells, first = self.leaves.cells, self._first
+        value = self.leaves.corners.ravel()[first]
         self._above = value + SHIFT >= 0
         self._zero = np.abs(value) <= SHIFT
         face = np.repeat(cells.face, len(self._form.ends))[first]
@@ -115,7 +147,7 @@ class Network:
         self._entry = entry
         above = np.where(self._above[ends[0][entry]], ends[0][entry], ends[1][entry])
         at_vertex = self._zero[above]
-        kind = self._leaves.kind[self._leaf[entry]]
+        kind = self.leaves.kind[self._leaf[entry]]
         # of the cells that share a segment one says where: no corner, the smallest, the first
         keys = [self._leaf[entry], self._length[entry], kind == CORNER, self._segment[entry]]
         order = np.lexsort(keys)
@@ -132,7 +164,7 @@ class Network:
         alone = np.flatnonzero((kind == CORNER)[chosen])
         if len(alone):
             leaf = self._leaf[entry[chosen[alone]]]
-            corner = self._vertex[leaf, self._leaves.special[leaf]]
+            corner = self._vertex[leaf, self.leaves.special[leaf]]
             moved = np.arange(len(chosen)) + vertices
             moved[alone] = corner
             node = np.where(at_vertex, above, moved[number])
@@ -152,9 +184,19 @@ class Network:
         self.nodes.face = np.concatenate([self.nodes.face, face])
         self.nodes.uv = np.concatenate([self.nodes.uv, uv])
 
+    @property
+    def crossings(self) -> tuple[Array, Array, Array, Array]:
+        """All places where leaves (n,) are entered: (u, v) there, sides of limit faces, nodes.
+
+        Sides are -1 inside of limit faces.
+        """
+        leaf = self._leaf[self._entry]
+        side = self._on_side[leaf, self._side[self._entry]]
+        return leaf, self._placed(leaf, self._spot), side, self._node
+
     def _roots(self, entry: Array) -> tuple[Array, Array, Array]:
         """Where along their sides entries are crossed, (n,), with limit faces and (u, v)."""
-        leaf, side, cells = self._leaf[entry], self._side[entry], self._leaves.cells
+        leaf, side, cells = self._leaf[entry], self._side[entry], self.leaves.cells
         a, b = self._form.ends[side], np.roll(self._form.ends, -1, axis=0)[side]
         place = roots(self._own, cells.values[leaf], a, b - a, *self._along[entry].T)
         spot = a + place[:, None] * (b - a)
@@ -162,7 +204,7 @@ class Network:
 
     def _placed(self, leaf: Array, spot: Array) -> Array:
         """The (u, v) of places (s, t) in leaves, (n, 2)."""
-        frame = self._leaves.cells.frame[leaf]
+        frame = self.leaves.cells.frame[leaf]
         return np.asarray(frame[:, 0] + np.matmul(spot[:, None], frame[:, 1:])[:, 0])
 
     # ------------------------------------------------------------------ spans
@@ -170,25 +212,25 @@ class Network:
     def _graphs(self) -> Spans:
         """Those across graphs: crossings in order, two and two."""
         leaf = self._leaf[self._entry]
-        some = np.flatnonzero(self._leaves.kind[leaf] < TOUCH)
-        way = self._leaves.kind[leaf[some]]
+        some = np.flatnonzero(self.leaves.kind[leaf] < TOUCH)
+        way = self.leaves.kind[leaf[some]]
         along = self._spot[some, way]
         order = some[np.lexsort([self._spot[some, 1 - way], along, leaf[some]])]
         a, b = order[0::2], order[1::2]
         own = leaf[a]
-        cells, way = self._leaves.cells, self._leaves.kind[own]
+        cells, way = self.leaves.cells, self.leaves.kind[own]
         # what is above is on the left of s where the function rises along t, and of -t along s
         slope = np.matmul(self._own.derivatives[1:3], cells.values[own].T).sum(axis=1)  # (2, S)
         rises = slope[1 - way, np.arange(len(own))]
         sign = np.where(way == 0, np.sign(rises), -np.sign(rises))
-        start, end, bend = self._spot[a], self._spot[b], self._leaves.bend[own]
+        start, end, bend = self._spot[a], self._spot[b], self.leaves.bend[own]
         return Spans(self._node[a], self._node[b], sign, own, start, end, bend)
 
     def _touching(self) -> Spans:
         """Those on sides along which all is 0, if it is below on one side alone."""
         a, b = self._of_point[self._segment], self._of_point[self._segment + 1]
         some = np.flatnonzero(
-            (self._leaves.kind[self._leaf] == TOUCH) & self._above[a] & self._above[b]
+            (self.leaves.kind[self._leaf] == TOUCH) & self._above[a] & self._above[b]
         )
         segment = self._segment[some]
         odd = np.bincount(segment, minlength=len(self._of_point))[segment] % 2 == 1
@@ -201,14 +243,14 @@ class Network:
         # what is below is on the left as one goes around a cell
         sign = np.where(low < high, -1.0, 1.0)
         start, end = (ends[0] + x[:, None] * (ends[1] - ends[0]) for x in (low, high))
-        return Spans(a[some], b[some], sign, leaf, start, end, self._leaves.bend[leaf])
+        return Spans(a[some], b[some], sign, leaf, start, end, self.leaves.bend[leaf])
 
     def _knots(self) -> Spans:
         """From the middle of what is undecided to all curves that end there, or between two."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
-        leaves = self._leaves
+        leaves = self.leaves
         knot = np.flatnonzero(leaves.kind >= KNOT)
         vertex, c = self._vertex[knot], len(self._form.ends)
         size = len(knot), len(self._above)
@@ -240,7 +282,7 @@ class Network:
 
     def _middles(self, knot: Array, label: Array, count: Array, group: Array, node: Array) -> Array:
         """Nodes where the curves of knots meet, by their labels; -1 where two go on."""
-        leaves = self._leaves
+        leaves = self.leaves
         found = np.full(len(count), -1)
         # of many the first, unless there is a better one
         first = np.unique(group, return_index=True)
@@ -266,7 +308,7 @@ class Network:
     def _level_places(self, leaf: Array) -> tuple[Array, Array]:
         """Where functions on leaves have no slope, (n, 2), and whether that is inside."""
         s, t = np.broadcast_to(self._form.ends.mean(axis=0), (len(leaf), 2)).T
-        values = self._leaves.cells.values[leaf]
+        values = self.leaves.cells.values[leaf]
         size = np.abs(values).max(axis=1, initial=0)
         if not len(leaf):
             return np.zeros((0, 2)), np.zeros(0, dtype=bool)
@@ -293,7 +335,7 @@ class Network:
 
     def points(self, tolerance: float) -> tuple[Array, Nodes]:
         """Offsets (S + 1,) and places between the nodes of all spans, from a to b."""
-        spans, leaves = self.spans, self._leaves
+        spans, leaves = self.spans, self.leaves
         step = spans.end - spans.start
         kind = leaves.kind[spans.leaf]
         way = np.where(kind == TOUCH, np.abs(step[:, 1]) > np.abs(step[:, 0]), kind == 1)
@@ -381,16 +423,24 @@ def roots(
     return found
 
 
-class _OnLines:
-    """On which lines the corners and sides of cells lie: `uv` (L, c, 2) on limit faces (L,)."""
+class OnLines:
+    """On which lines the corners and sides of cells lie: `uv` (L, c, 2) on limit faces (L,).
 
-    def __init__(self, surface: LimitSurface, face: Array, uv: Array) -> None:
-        mesh, limit_faces = surface.mesh, surface.limit_faces
+    Attributes
+    ----------
+    line, base, scale : (L, c)
+        Of each side of the limit face its line; where there x is that goes from 0 to 1 along the
+        side from corner k to the next: ``base + scale * x``.
+    of_faces : (L, c)
+        On which side of its limit face each side of a cell lies, or -1.
+    """
+
+    def __init__(self, lattice: Lattice, adjacency: Adjacency, face: Array, uv: Array) -> None:
+        mesh, self._edges = adjacency.cage, adjacency.ends
         self._mesh, self._face, self._uv = mesh, face, uv
-        self._lattice = surface.topology.lattice
-        edges, self._ends = np.array(self._lattice.edges), np.array(self._lattice.corners)
+        edges, self._ends = np.array(lattice.edges), np.array(lattice.corners)
         c = len(self._ends)
-        number, self._cage = limit_faces.corner[face], limit_faces.face[face]
+        number, self._cage = adjacency.corner[face], adjacency.face[face]
         first = mesh.offsets[self._cage][:, None]
         whole = number < 0
         half = first + np.where(whole[:, None], np.arange(c), 0)
@@ -412,15 +462,17 @@ class _OnLines:
             scale[part, 1:3] = [1, -1]
             base[part, 1:3] = [0, 1]
         # (a n-gon's corner 3 comes before its corner 0, along the previous half-edge)
-        self._line = np.where(before == 1, mesh.n_edges + half, mesh.corner_edge[half])
-        self._scale, self._base = scale, base
-        n = len(surface.limit_faces)
+        self.line = np.where(before == 1, len(self._edges) + half, adjacency.edge[half])
+        self.scale, self.base = scale, base
+        n = len(adjacency.face)
         self._first_line = n
-        self._first_end = n + mesh.n_edges + mesh.n_corners
+        self._first_end = n + len(self._edges) + mesh.n_corners
         self.total = self._first_end + mesh.n_vertices + mesh.n_faces
         self.count = self.total + 3 * n
         place = np.concatenate([np.ones((*uv.shape[:2], 1)), uv], axis=2)
         self._on = np.matmul(place, edges.T) == 0  # (L, c, sides of limit faces)
+        self._both = self._on & np.roll(self._on, -1, axis=1)
+        self.of_faces = np.where(self._both.any(axis=2), self._both.argmax(axis=2), -1)
 
     def _along(self, side: Any, uv: Array) -> Array:
         """Where places (L, ..., 2) lie along sides of limit faces, by the lines of these."""
@@ -428,7 +480,7 @@ class _OnLines:
         x = (uv - a) @ (b - a) / ((b - a) @ (b - a))
         shape = (-1, *(1,) * (x.ndim - 1))
         return np.asarray(
-            self._base[:, side].reshape(shape) + self._scale[:, side].reshape(shape) * x
+            self.base[:, side].reshape(shape) + self.scale[:, side].reshape(shape) * x
         )
 
     def sides(self, uv: Array) -> tuple[Array, Array, Array]:
@@ -439,10 +491,9 @@ class _OnLines:
         value = np.where(kind == 0, u0, np.where(kind == 1, v0, u0 + v0))
         along = np.where((kind == 0)[..., None], uv[..., 1], uv[..., 0])
         line = self.total + 3 * self._face[:, None] + kind
-        both = self._on & np.roll(self._on, -1, axis=1)  # (L, c, sides)
         for side in range(len(self._ends)):
-            on = both[:, :, side]
-            line = np.where(on, self._first_line + self._line[:, side, None], line)
+            on = self._both[:, :, side]
+            line = np.where(on, self._first_line + self.line[:, side, None], line)
             value = np.where(on, 0.0, value)
             along = np.where(on[..., None], self._along(side, uv), along)
         return line, value, along
@@ -455,14 +506,14 @@ class _OnLines:
         inner = np.zeros(number.shape, dtype=bool)  # on a line inside of a face
         taken = np.zeros(number.shape, dtype=bool)
         for side in range(len(self._ends)):
-            line = self._line[:, side, None]
+            line = self.line[:, side, None]
             x = self._along(side, self._uv)
-            spoke = line >= mesh.n_edges
+            spoke = line >= len(self._edges)
             end = (x == 0) | (x == 1)
             on = self._on[:, :, side] & (~taken | inner)
             # ends of edges are vertices, lines end in the middle of the face
-            ends = np.minimum(line, mesh.n_edges - 1)
-            vertex = np.where(x == 1, mesh.edges[ends, 1], mesh.edges[ends, 0])
+            ends = np.minimum(line, len(self._edges) - 1)
+            vertex = np.where(x == 1, self._edges[ends, 1], self._edges[ends, 0])
             middle = mesh.n_vertices + self._cage[:, None]
             at_end = self._first_end + np.where(spoke, middle, vertex)
             ends_there = end & (~spoke | (x == 1))

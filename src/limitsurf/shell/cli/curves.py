@@ -37,6 +37,18 @@ from limitsurf.shell.cli.program import (
     help="Perpendicular to the plane.",
 )
 @click.option(
+    "--view",
+    type=(float, float, float),
+    metavar="X Y Z",
+    help="Instead of a plane: the silhouette for a viewer far away in this direction.",
+)
+@click.option(
+    "--eye",
+    type=(float, float, float),
+    metavar="X Y Z",
+    help="Instead of a plane: the silhouette for an eye at this point.",
+)
+@click.option(
     "--tolerance",
     type=float,
     metavar="D",
@@ -54,6 +66,8 @@ def section(
     cage: Cage,
     origin: tuple[float, float, float] | None,
     normal: tuple[float, float, float],
+    view: tuple[float, float, float] | None,
+    eye: tuple[float, float, float] | None,
     tolerance: float | None,
     channel: str | None,
     output: str,
@@ -61,20 +75,32 @@ def section(
     workers: int,
     as_json: bool,
 ) -> None:
-    """Cut the surface by a plane: curves of points on it, as CSV or as lines in OBJ.
+    """Cut the surface by a plane, or find its silhouette: curves as CSV or as lines in OBJ.
 
     \b
     Example:
       limitsurf section cage.obj --normal 0 0 1
       limitsurf section cage.obj --normal 1 2 0 --tolerance 1e-5 -o lines.obj
+      limitsurf section cage.obj --view 1 -2 1.5 -o outline.csv
 
     All curves are found, however small, and each point is on the surface. Columns of CSV are the
     number of the curve, whether it is closed (1) or not (0), x, y, z, and the limit face, u and v.
 
-    Keys of --json: output, curves, closed, points, origin, normal.
+    Keys of --json: output, curves, closed, points; origin, normal of a plane, else view or eye.
     """
     check(output, to, as_json)
+    if (view is not None) + (eye is not None) + (origin is not None) > 1:
+        raise click.UsageError("give one of --origin, of a plane, --view and --eye")
     surface = cage.surface([channel] if channel else ())
+    seen = eye if view is None else view
+    if seen is not None:
+        with terminal.working("searching"):
+            found = ls.silhouette(
+                surface, seen, perspective=view is None, tolerance=tolerance, channel=channel,
+                workers=workers,
+            )  # fmt: skip
+        write(output, to, found, as_json, **{"eye" if view is None else "view": list(seen)})
+        return
     known = surface.of_channel(channel).points
     if origin is None:
         origin = tuple((known.min(axis=0) / 2 + known.max(axis=0) / 2).tolist())
