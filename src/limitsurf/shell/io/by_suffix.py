@@ -57,7 +57,8 @@ def read(
     ``.off``                    polygons, "uv" (STOFF)                                 nothing
     ``.stl``                    triangles                                              ``[formats]``
     ``.vtp .vtu .vtk``          polygons, strips, "uv" (of points), data of cells      ``[plot]``
-    ``.glb .gltf .dae``         triangles, "uv", transforms                            ``[formats]``
+    ``.glb .gltf``              triangles, "uv", transforms                            ``[formats]``
+    ``.dae``                    polygons, "uv", transforms, names of objects           ``[formats]``
     ``.3mf``                    triangles, transforms                                  ``[formats]``
     ``.3dm``                    SubD objects with creases and corners, meshes          ``[rhino]``
     any other of trimesh        triangles, "uv", transforms                            ``[formats]``
@@ -144,7 +145,8 @@ def read(
     are infinitely sharp, sharp edges semi-sharp. Blocks and surfaces (NURBS) are left out.
 
     **glTF, DAE, 3MF** say in which units and with which axis up they are (glTF: metres, Y), which
-    become the ``units`` and ``up`` of the mesh. Strips and fans of glTF become triangles.
+    become the ``units`` and ``up`` of the mesh. Strips and fans of glTF become triangles, morphs
+    are at rest, and glTF 1 is read as glTF 2 is.
 
     Parameters
     ----------
@@ -253,17 +255,21 @@ def frames(
     Parameters
     ----------
     file : str or os.PathLike
-        A USD file.
+        A USD file, or a glTF file (``.glb``, ``.gltf``) with morph targets or nodes that move: of
+        several animations the first. Skeletons are not read.
     prim : str, optional
         As for `read`.
     times : iterable of float, optional
-        Frames, as time codes; by default all at which points or transforms are given, or 0 where
-        nothing moves. Between samples USD interpolates.
+        Frames, as time codes in USD, in seconds in glTF; by default all at which points, weights or
+        transforms are given, or 0 where nothing moves. Between them USD interpolates, and glTF
+        says how.
 
     Yields
     ------
     (time, points (n_vertices, 3))
-        As ``read(file, prim=prim, time=time).points`` has them.
+        As ``read(file, prim=prim, time=time).points`` has them; of glTF, the points of the cage
+        ``read(file)``, each moved as the first of those that it joins. A file is read once, or as
+        often as frames fill 32 MiB.
 
     Raises
     ------
@@ -283,27 +289,24 @@ def frames(
     ...         yield time, surface.with_points(points).evaluate(0, 0.5, 0.5)[2]
     """
     name, kind = _named(file, None, "")
-    if kind not in (*formats.USD, ".usdz"):
-        raise ValueError(f"{name}: only a USD file has frames that are read")
-    if times is None:
-        with _on_disk(file, name, kind, None) as (path, folder):
-            found = formats.read_by_library(name, kind, path, folder, call="times", prim=prim)
-            times = found or [0.0]
-    first: Mesh | None = None
-    for time in times:
-        with warnings.catch_warnings():
+    if kind not in (*formats.USD, ".usdz", ".glb", ".gltf"):
+        raise ValueError(f"{name}: only USD and glTF files have frames that are read")
+    left = None if times is None else [float(time) for time in times]
+    first: dict[str, Any] | None = None
+    while left is None or left:
+        with warnings.catch_warnings(), _on_disk(file, name, kind, None) as (path, folder):
             if first is not None:  # what is said of a file is said once
                 warnings.simplefilter("ignore")
-            mesh = read(file, prim=prim, time=time, merge=False)
-        if first is None:
-            first = mesh
-        elif not (
-            np.array_equal(mesh.sizes, first.sizes)
-            and np.array_equal(mesh.indices, first.indices)
-            and mesh.n_vertices == first.n_vertices
-        ):
-            raise MeshError(f"{name}: at time {time:g} its faces are others than before")
-        yield float(time), mesh.points
+            found = formats.read_by_library(
+                name, kind, path, folder, call="frames", prim=prim, times=left
+            )
+        first = first or found
+        same = (np.array_equal(found[x], first[x]) for x in ("sizes", "indices"))
+        if not all(same) or found["points"][0].shape != first["points"][0].shape:
+            text = f"{name}: at time {found['times'][0]:g} its faces are others than before"
+            raise MeshError(text)
+        yield from zip(found["times"], found["points"], strict=False)
+        left = found["times"][len(found["points"]) :]
 
 
 def schemes(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
 from contextlib import suppress
@@ -47,7 +48,7 @@ _BEGINNINGS = {
     ".vtp": (rb"\s*<((?s:.){0,2000}<)?VTKFile\b", "XML with <VTKFile"),
     ".vtu": (rb"\s*<((?s:.){0,2000}<)?VTKFile\b", "XML with <VTKFile"),
     ".vtk": (rb"# vtk DataFile Version \d", "'# vtk DataFile Version'"),
-    ".glb": (rb"glTF\x02\0\0\0", "'glTF', version 2"),
+    ".glb": (rb"glTF[\x01\x02]\0\0\0", "'glTF', version 1 or 2"),
     ".gltf": (rb"(\xef\xbb\xbf)?\s*\{", "JSON, '{'"),
     ".3mf": (rb"PK\x03\x04", "a ZIP archive, 'PK'"),
     ".3dm": (rb"3D Geometry File Format", "'3D Geometry File Format'"),
@@ -65,6 +66,8 @@ def read_by_library(name: str, suffix: str, path: str, folder: str | None, **opt
     with open(path, "rb") as file:
         _check_beginning(name, suffix, file.read(1 << 16))
     function, modules = _READERS[families.get(suffix) or library(suffix) or "trimesh"]
+    if suffix in TRIMESH and "call" in options:
+        function = f"{function.partition(':')[0]}:{options.pop('call')}"
     size = os.path.getsize(path)
     return read_apart(name, size, function, name, suffix, path, folder, modules=modules, **options)
 
@@ -90,6 +93,8 @@ def library(suffix: str) -> str | None:
 
 def _check_beginning(name: str, suffix: str, data: bytes) -> None:
     pattern, need = _BEGINNINGS.get(suffix, (b"", ""))
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        data = data.decode("utf-16", errors="replace").encode()
     if not re.match(pattern, data):
         raise MeshError(f"{name}: need {need} at the start: this is no {suffix} file")
 

@@ -76,7 +76,7 @@ class Part:
         corner = np.arange(mesh.n_corners)
         source = np.broadcast_to(corner, (len(matrices), len(corner)))
         if turned.any():
-            source = np.where(turned[:, None], _reversed(mesh.sizes), corner)
+            source = np.where(turned[:, None], reversed_corners(mesh.sizes), corner)
         return cls(path, mesh, points, source)
 
     @property
@@ -193,7 +193,7 @@ def _agreed(option: str, parts: Sequence[Part], losses: Losses) -> Any:
     return value if any(getattr(part.mesh, option) for part in parts) else None
 
 
-def _reversed(sizes: IntArray) -> IntArray:
+def reversed_corners(sizes: IntArray) -> IntArray:
     """The order of corners that turns every face around and keeps its first corner."""
     offset, size = np.repeat([np.cumsum(sizes) - sizes, sizes], sizes, axis=1)
     position = np.arange(len(offset)) - offset
