@@ -260,6 +260,7 @@ def test_primvars_that_are_no_channels(read):
         mesh = read(text + 'def Sphere "ball" {}\n' + text.replace('"quads"', '"again"'))
     data = {"material": ["paint"] * 4, "uniform": np.array([1, 2, 1, 2], np.float32)}
     faces = [*FACES, *(np.array(FACES) + 6).tolist()]
+    data["object"] = ["quads", "quads", "again", "again"]
     assert mesh == ls.Mesh([*POINTS, *POINTS], faces, face_data=data)
     assert len(caught) == 1
     said = str(caught[0].message)
@@ -499,6 +500,18 @@ def test_a_flat_transform(read):
     assert read(prim(body)).faces.tolist() == FACES
 
 
+def test_names_of_prims_are_objects(read, tmp_path):
+    """Whole paths where a name is there twice; they come back from a file of one mesh."""
+    two = group(prim(name="lid")) + group(prim(name="lid") + prim(name="body"), "Other")
+    mesh = read(two)
+    assert mesh.face_data["object"].tolist()[::2] == ["/World/lid", "/Other/lid", "body"]
+    for suffix in ".usda", ".obj":
+        ls.write(tmp_path / f"a{suffix}", mesh)
+        again = ls.read(tmp_path / f"a{suffix}")
+        assert again.face_data["object"].tolist() == mesh.face_data["object"].tolist()
+    assert ls.selected(mesh, {"object": "body"}).n_faces == 2
+
+
 def test_several_meshes_become_one(read):
     tags = """
     int[] creaseIndices = [1, 2]
@@ -532,6 +545,7 @@ def test_several_meshes_become_one(read):
             "once_3": ([1] * 8 + [nan], ones + none, "corners_plus1"),
             "once_4": ([1] * 8 + [nan], none + ones, "corners_plus1"),
         },
+        face_data={"object": ["b", "b", "a", "a"]},
     )
     surface = ls.LimitSurface(mesh)
     assert np.isnan(surface.evaluate([0, 1, 2], 0.5, 0.5, channel="once_4")).tolist() == [

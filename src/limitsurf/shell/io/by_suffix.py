@@ -137,7 +137,9 @@ def read(
     USD they are "uniform" primvars by their names; subsets of faces, a text by the name of their
     family ("subset" without one), or truth values by their own names where they overlap; and
     "material", names of materials that are bound. Where several meshes become one, those without
-    such data have "", 0 or NaN. Other formats have none, or they are left out with a warning.
+    such data have "", 0 or NaN, and "object" is the name of the prim that each face is from, or its
+    path where several have that name. COLLADA has objects as well; other formats have no such
+    data, or they are left out with a warning.
     `selected` makes a cage of the faces that have some value.
 
     **Rhino** (``.3dm``). SubD objects and meshes that are shown become one cage, with "object" and
