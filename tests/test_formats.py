@@ -74,7 +74,7 @@ def tolerance(suffix):
 
 def test_every_suffix_is_documented():
     assert set(POLYGONS) | set(TRIANGLES) == set(formats.WRITABLE)
-    assert set(formats.READABLE) == {*formats.WRITABLE, ".usdz"}
+    assert set(formats.READABLE) == {*formats.WRITABLE, ".usdz", ".msh"}
     for suffixes, call in ((*formats.READABLE, ".3dm"), ls.read), (formats.WRITABLE, ls.write):
         listed = re.findall(r"(?m)^    ``(\..*?)``  ", call.__doc__)
         assert sorted(" ".join(listed).split()) == sorted(suffixes)
@@ -1910,3 +1910,156 @@ def test_polygons_of_collada(tmp_path, encoding):
     path.write_bytes(DAE.replace("instance_geometry", "instance_light").encode())
     with pytest.raises(ls.MeshError, match="need at least one polygon in its scene"):
         ls.read(path)
+
+
+MSH_2 = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+2
+1 3 "rim"
+2 7 "top side"
+$EndPhysicalNames
+$Nodes
+6
+10 0 0 0
+20 1 0 0
+30 1 1 0
+40 0 1 0
+5 2 0 0
+99 7 7 7
+$EndNodes
+$Elements
+4
+1 1 2 3 1 10 20
+2 3 2 7 1 10 20 30 40
+3 2 3 8 1 0 20 5 30
+4 9 2 7 1 20 5 30 99 99 99
+$EndElements
+"""
+MSH_4 = """$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$Entities
+1 0 2 0
+1 0 0 0 0
+1 0 0 0 1 1 0 1 -7 0
+2 0 0 0 1 1 0 0 1 4
+$EndEntities
+$Nodes
+2 6 5 99
+2 1 0 5
+10
+20
+30
+40
+5
+0 0 0
+1 0 0
+1 1 0
+0 1 0
+2 0 0
+2 2 1 1
+99
+7 7 7 0.5 0.5
+$EndNodes
+$Elements
+2 2 1 2
+2 1 3 1
+1 10 20 30 40
+2 2 2 1
+2 20 5 30
+$EndElements
+"""
+
+
+def binary_msh(version):
+    """What the two texts above say, as Gmsh writes it in binary; of version 2 without the line."""
+    xyz = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]], float)
+    tags, head = [10, 20, 30, 40, 5], f"$MeshFormat\n{version} 1 8\n".encode()
+    head += struct.pack("<i", 1) + b"\n$EndMeshFormat\n"
+    if version == "2.2":
+        nodes = b"".join(struct.pack("<i3d", tag, *x) for tag, x in zip(tags, xyz, strict=True))
+        faces = struct.pack("<3i7i", 3, 1, 2, 2, 7, 1, 10, 20, 30, 40)
+        faces += struct.pack("<3i6i", 2, 1, 2, 3, 8, 1, 20, 5, 30)
+        return (
+            head + b"$Nodes\n5\n" + nodes + b"\n$EndNodes\n$Elements\n2\n" + faces
+            + b"\n$EndElements\n"
+        )  # fmt: skip
+    surface = struct.pack("<i6dQiQ", 1, *[0.0] * 6, 1, 7, 0)
+    entities = struct.pack("<4Q", 0, 0, 1, 0) + surface
+    nodes = struct.pack("<4Q3iQ5Q", 1, 5, 5, 40, 2, 1, 0, 5, *tags) + xyz.tobytes()
+    faces = struct.pack("<4Q3iQ5Q", 2, 2, 1, 2, 2, 1, 3, 1, 1, 10, 20, 30, 40)
+    faces += struct.pack("<3iQ4Q", 2, 2, 2, 1, 2, 20, 5, 30)
+    parts = {b"Entities": entities, b"Nodes": nodes, b"Elements": faces}
+    return head + b"".join(
+        b"$" + title + b"\n" + content + b"\n$End" + title + b"\n"
+        for title, content in parts.items()
+    )
+
+
+@pytest.mark.parametrize(
+    ("data", "groups"),
+    [
+        (MSH_2.encode(), ["top side", "8", "top side"]),
+        (MSH_4.encode(), ["7", ""]),
+        (binary_msh("2.2"), ["7", "8"]),
+        (binary_msh("4.1"), ["7", ""]),
+    ],
+    ids=["text 2", "text 4", "binary 2", "binary 4"],
+)
+def test_gmsh(tmp_path, data, groups):
+    path = tmp_path / "a.msh"
+    path.write_bytes(data)
+    mesh = ls.read(path)
+    assert mesh.face_data["group"].tolist() == groups
+    first, second = mesh.points[mesh.faces[0]], mesh.points[mesh.faces[1]]
+    assert first.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    assert second.tolist() == [[1, 0, 0], [2, 0, 0], [1, 1, 0]]
+    assert mesh.n_vertices == 5
+    for length in range(40, len(data), 23):  # truncated anywhere
+        path.write_bytes(data[:length])
+        with pytest.raises(ls.MeshError, match=r"a\.msh"):
+            ls.read(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("2.2 0 8", "1.0 0 8", "got version 1.0 of .msh, need 2.2 or 4.1: open it in Gmsh"),
+        ("20 5 30\n4", "20 6 30\n4", "a face has node 6, which is not among its nodes"),
+        ("2 3 2 7", "2 77 2 7", "truncated or broken: KeyError"),
+        ("$MeshFormat", "$Mesh", r"need \$MeshFormat at the start"),
+        ("10 20 30 40", "10 20 30", "an element of type 3 and 2 tags has 8 numbers"),
+        ("10 0 0 0", "10 0 0 x", "truncated or broken: ValueError"),
+    ],
+)
+def test_broken_msh(tmp_path, old, new, message):
+    path = tmp_path / "a.msh"
+    path.write_text(MSH_2.replace(old, new))
+    with pytest.raises(ls.MeshError, match=message):
+        ls.read(path)
+
+
+def test_what_gmsh_has_besides(tmp_path):
+    path = tmp_path / "a.msh"
+    path.write_text(MSH_2)
+    with pytest.raises(
+        ls.MeshError, match=r"left out: lines \(1\), nodes between corners \(1 faces"
+    ):
+        ls.read(path, strict=True)
+    a, b = MSH_2.index("2 3 2 7"), MSH_2.index("$EndElements")
+    path.write_text(MSH_2[:a] + "5 4 2 7 1 10 20 30 99\n" + MSH_2[b:])
+    with pytest.raises(
+        ls.MeshError, match=r"found none; it has lines \(1\), tetrahedra \(1\): save"
+    ):
+        ls.read(path)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "how"),
+    [(".fbx", "Blender opens it"), (".stp", "FreeCAD or Gmsh mesh it"), (".med", "meshio convert")],
+)
+def test_formats_that_others_convert(suffix, how):
+    with pytest.raises(ValueError, match=f"unknown suffix '{suffix}'.*; .*{how}"):
+        ls.read(f"a{suffix}")

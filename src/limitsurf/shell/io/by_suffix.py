@@ -18,7 +18,7 @@ from limitsurf.cage.checks import MeshError
 from limitsurf.cage.mesh import Mesh
 from limitsurf.shell import files
 from limitsurf.shell.files import Path, replacing
-from limitsurf.shell.io import by_trimesh, formats, obj, off, ply, vtk
+from limitsurf.shell.io import by_trimesh, formats, msh, obj, off, ply, vtk
 from limitsurf.shell.io.losses import Losses
 from limitsurf.shell.io.merge import Merge, checked, joined, warn_if_apart
 from limitsurf.shell.io.polygons import (
@@ -34,7 +34,7 @@ from limitsurf.shell.io.polygons import (
 if TYPE_CHECKING:
     from limitsurf.query import Tessellation
 
-_PARSERS = {".obj": obj.parse, ".ply": ply.parse, ".off": off.parse}
+_PARSERS = {".obj": obj.parse, ".ply": ply.parse, ".off": off.parse, ".msh": msh.parse}
 
 
 def read(
@@ -55,6 +55,7 @@ def read(
     ``.usd .usda .usdc .usdz``  polygons, channels, tags, transforms                   ``[usd]``
     ``.ply``                    polygons, strips, "uv" (of corners or vertices)        nothing
     ``.off``                    polygons, "uv" (STOFF)                                 nothing
+    ``.msh``                    triangles, quadrilaterals, names of groups (Gmsh)      nothing
     ``.stl``                    triangles                                              ``[formats]``
     ``.vtp .vtu .vtk``          polygons, strips, "uv" (of points), data of cells      ``[plot]``
     ``.glb .gltf``              triangles, "uv", transforms                            ``[formats]``
@@ -72,10 +73,10 @@ def read(
     they may have others beside them, and images and volumes are refused. VTK places the objects of
     a scene (``.wrl``, ``.3ds``) by translation, rotation and scale: shear is lost.
 
-    All but OBJ, PLY and OFF are read by libraries, in a process of its own, which a broken file may
-    end. Its memory (300 MiB and 128 times the size of the file, and of those that it names) and its
-    time (10 s of a processor and 2 s a megabyte, or twice as long by the clock) are limited. The
-    environment variable ``LIMITSURF_READ_LIMITS``, a number, multiplies these limits; where the
+    All but OBJ, PLY, OFF and MSH are read by libraries, in a process of its own, which a broken
+    file may end. Its memory (300 MiB and 128 times the size of the file, and of those that it
+    names) and its time (10 s of a processor and 2 s a megabyte, or twice as long by the clock) are
+    limited. The environment variable ``LIMITSURF_READ_LIMITS``, a number, multiplies these limits; where the
     system has none for memory (Windows, macOS) there is that of time. Files that another names must
     be regular ones, no pipes.
 
@@ -145,6 +146,10 @@ def read(
     **Rhino** (``.3dm``). SubD objects and meshes that are shown become one cage, with "object" and
     "layer" of each face; of another scheme than "catmull-clark" are the meshes. Creases and corners
     are infinitely sharp, sharp edges semi-sharp. Blocks and surfaces (NURBS) are left out.
+
+    **Gmsh** (``.msh`` 2.2 and 4.1, text and binary). Of elements the triangles and quadrilaterals
+    are read, of higher order their corners; "group" is the name, or else the number, of the first
+    physical group of each. Lines and volumes are left out.
 
     **glTF, DAE, 3MF** say in which units and with which axis up they are (glTF: metres, Y), which
     become the ``units`` and ``up`` of the mesh. Strips and fans of glTF become triangles, morphs
@@ -219,7 +224,7 @@ def read(
         known = ", ".join(formats.READABLE)
         raise ValueError(
             f"{name}: unknown suffix {kind!r}, need one of {known}, "
-            "or another that the installed trimesh or PyVista reads"
+            f"or another that the installed trimesh or PyVista reads{formats.detour(kind)}"
         )
     is_usd = kind in (*formats.USD, ".usdz")
     if prim is not None and not is_usd:

@@ -24,7 +24,7 @@ USD = (".usd", ".usda", ".usdc")
 PLAIN = (".obj", ".ply", ".off")
 VTK = vtk_reader.SUFFIXES
 TRIMESH = (".stl", ".glb", ".gltf", ".3mf", ".dae")
-READABLE = (*PLAIN, *USD, ".usdz", *VTK, *TRIMESH)
+READABLE = (*PLAIN, ".msh", *USD, ".usdz", *VTK, *TRIMESH)
 WRITABLE = (*PLAIN, *USD, *VTK, *TRIMESH)
 # what else a format holds of a tessellation
 WITH_NORMALS = (".obj", ".ply", *USD, *VTK, ".glb", ".gltf", ".dae")
@@ -42,6 +42,18 @@ _READERS: dict[str, tuple[str, tuple[str, ...]]] = {
     "pyvista": ("limitsurf.shell.io.vtk_reader:read", ("pyvista",)),
     "trimesh": ("limitsurf.shell.io.by_trimesh:read", ("trimesh.exchange.load",)),
     "rhino": ("limitsurf.shell.io.rhino:read", ("rhino3dm",)),
+}
+# what makes files that are read of others
+_DETOURS = {
+    ".blend .fbx .abc .x3d .x3dv .bvh .lwo .svg": "Blender opens it, and exports USD or OBJ",
+    ".ma .mb .max .c4d .hip .hipnc .lxo .zpr .ztl": "the program that wrote it exports USD or OBJ",
+    ".skp .dwg .dxf": "the program that wrote it exports COLLADA (.dae) or OBJ",
+    ".step .stp .iges .igs .brep .x_t .sat .fcstd .sldprt .ipt": (
+        "a CAD kernel's faces are no cage: FreeCAD or Gmsh mesh it, and write OBJ or .msh"
+    ),
+    ".mesh .meshb .inp .bdf .nas .fem .su2 .med .xdmf .cgns .unv": (
+        "'meshio convert', of the package meshio, or Gmsh writes .vtk, .msh or OBJ of it"
+    ),
 }
 # how a file begins, after white space, and what to say where it does not
 _BEGINNINGS = {
@@ -89,6 +101,14 @@ def library(suffix: str) -> str | None:
         if suffix in CLASS_READERS:
             return "pyvista"
     return None
+
+
+def detour(suffix: str) -> str:
+    """Which program makes a file that is read of one that is not, for the end of a message."""
+    for suffixes, how in _DETOURS.items():
+        if suffix in suffixes.split():
+            return f"; {how}"
+    return ""
 
 
 def _check_beginning(name: str, suffix: str, data: bytes) -> None:
