@@ -76,9 +76,9 @@ def read(
     All but OBJ, PLY, OFF and MSH are read by libraries, in a process of its own, which a broken
     file may end. Its memory (300 MiB and 128 times the size of the file, and of those that it
     names) and its time (10 s of a processor and 2 s a megabyte, or twice as long by the clock) are
-    limited. The environment variable ``LIMITSURF_READ_LIMITS``, a number, multiplies these limits; where the
-    system has none for memory (Windows, macOS) there is that of time. Files that another names must
-    be regular ones, no pipes.
+    limited. The environment variable ``LIMITSURF_READ_LIMITS``, a number, multiplies these limits;
+    where the system has none for memory (Windows, macOS) there is that of time. Files that another
+    names must be regular ones, no pipes.
 
     Where a format repeats points along the seams of normals and texture coordinates (scenes and all
     of trimesh; PLY and those of VTK and PyVista if there are texture coordinates), points of
