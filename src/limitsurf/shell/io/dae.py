@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+import zipfile
 from collections.abc import Iterator
 from io import BytesIO
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +19,17 @@ from limitsurf.shell.io.parts import reversed_corners
 from limitsurf.shell.io.polygons import mesh_of
 
 SUFFIXES = (".dae", ".zae")
+# elements that are no shapes, and what is said of them
+_LEFT_OUT = {
+    "library_materials": "materials",
+    "library_animations": "animations",
+    "library_cameras": "cameras",
+    "library_lights": "lights",
+} | dict.fromkeys(
+    ("library_effects", "library_images", "bind_material", "instance_camera", "instance_light",
+     "library_animation_clips", "library_physics_models", "library_physics_scenes"), ""
+)  # fmt: skip
+_NO_NUMBER = re.compile(r"[+-]?\d*\.#\w+")  # as in -1.#IND00
 
 
 def read(name: str, data: bytes, losses: Losses) -> Mesh:
@@ -24,6 +38,7 @@ def read(name: str, data: bytes, losses: Losses) -> Mesh:
 
     try:
         with np.errstate(all="ignore"):
+            data, others = _shapes(data)
             file = collada.Collada(BytesIO(data), ignore=[collada.common.DaeError])
             found = list(_shown(file))
     except MemoryError:
@@ -35,14 +50,31 @@ def read(name: str, data: bytes, losses: Losses) -> Mesh:
     if file.errors:
         more = f"; {len(file.errors) - 1} more like it" if len(file.errors) > 1 else ""
         losses.add("collada", "", f"pycollada says {str(file.errors[0])[:200]}{more}")
-    others = [kind for kind in ("lines", "points") if any(kind == x[1] for x in found)]
+    others += ["lines"] * any(isinstance(shape, str) for _, shape in found)
     polygons = [(title, shape) for title, shape in found if not isinstance(shape, str)]
     if not polygons:
         besides = f"; it has {', '.join(others)}" if others else ""
         raise MeshError(f"{name}: need at least one polygon in its scene, found none{besides}")
-    others += ["materials"] * bool(len(file.materials)) + ["animations"] * bool(file.animations)
     losses.left_out(others)
     return _joined(polygons, losses, **_measures(file))
+
+
+def _shapes(data: bytes) -> tuple[bytes, list[str]]:
+    """A file without what is no shape, and what that is: mistakes there cost no shapes then."""
+    if zipfile.is_zipfile(BytesIO(data)):
+        with zipfile.ZipFile(BytesIO(data)) as archive:
+            data = archive.read(next(x for x in archive.namelist() if x.lower().endswith(".dae")))
+    root = ElementTree.fromstring(data)
+    found: dict[str, None] = {}
+    for parent in list(root.iter()):
+        for child in list(parent):
+            name = str(child.tag).rpartition("}")[2]
+            if name in _LEFT_OUT:
+                found |= dict.fromkeys(_LEFT_OUT[name].split() if len(child) else ())
+                parent.remove(child)
+            elif name == "float_array" and child.text and "#" in child.text:
+                child.text = _NO_NUMBER.sub("nan", child.text)
+    return ElementTree.tostring(root), list(found)
 
 
 def _measures(file: Any) -> dict[str, Any]:
@@ -58,7 +90,9 @@ def _shown(file: Any) -> Iterator[tuple[str, Any]]:
     """The primitives in a scene, each with the name of its object: polygons, or what else it is."""
     import collada
 
-    for bound in file.scene.objects("geometry") if file.scene else ():
+    scene = file.scene
+    skinned = [x.geometry for x in scene.objects("controller")] if scene else []
+    for bound in [*scene.objects("geometry"), *skinned] if scene else ():
         title = bound.original.name or bound.original.id or ""
         for x in bound.primitives():
             if isinstance(x, collada.lineset.BoundLineSet):
