@@ -1907,6 +1907,13 @@ def test_polygons_of_collada(tmp_path, encoding):
     uv = uv_of_corners(mesh)
     assert uv[:4, 0].tolist() == [0, 1, 1, 0]
     assert np.isnan(uv[7:10]).all()
+    commas = DAE.replace("0 0 0 1 0 0 1 1 0", "0,0 0 0 1,0 -1,#IND 0 1 1 0", 1)
+    broken = "<material id='m'/>"  # which names no effect
+    commas = commas.replace("</asset>", f"</asset><library_materials>{broken}</library_materials>")
+    path.write_bytes(commas.replace("-1,#IND", "0,0").encode())
+    with pytest.warns(UserWarning, match="left out: materials|without texture"):
+        again = ls.read(path)
+    np.testing.assert_array_equal(again.points, mesh.points)
     path.write_bytes(DAE.replace("instance_geometry", "instance_light").encode())
     with pytest.raises(ls.MeshError, match="need at least one polygon in its scene"):
         ls.read(path)

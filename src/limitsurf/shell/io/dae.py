@@ -29,6 +29,7 @@ _LEFT_OUT = {
     ("library_effects", "library_images", "bind_material", "instance_camera", "instance_light",
      "library_animation_clips", "library_physics_models", "library_physics_scenes"), ""
 )  # fmt: skip
+_NUMBERS = ("float_array", "translate", "rotate", "scale", "matrix", "lookat")
 _NO_NUMBER = re.compile(r"[+-]?\d*\.#\w+")  # as in -1.#IND00
 
 
@@ -72,7 +73,9 @@ def _shapes(data: bytes) -> tuple[bytes, list[str]]:
             if name in _LEFT_OUT:
                 found |= dict.fromkeys(_LEFT_OUT[name].split() if len(child) else ())
                 parent.remove(child)
-            elif name == "float_array" and child.text and "#" in child.text:
+            elif name in _NUMBERS and child.text:
+                if "." not in child.text:  # a comma is the point of some
+                    child.text = child.text.replace(",", ".")
                 child.text = _NO_NUMBER.sub("nan", child.text)
     return ElementTree.tostring(root), list(found)
 
