@@ -227,7 +227,13 @@ def read(name: str, suffix: str, path: str, folder: str | None, *, strict: bool 
     resolver = references.resolver(name, folder) if folder is not None else None
     if suffix in GLTF:
         data = gltf.plain(data, None if resolver is None else resolver.get)
-    return _read(name, suffix, data, resolver, Losses(name, strict))
+    try:
+        return _read(name, suffix, data, resolver, Losses(name, strict))
+    except MeshError as error:
+        if b"KHR_draco_mesh_compression" in data:
+            how = "'gltf-transform copy', or Blender, unpacks it"
+            raise MeshError(f"{error}; it is compressed by Draco: {how}") from None
+        raise
 
 
 def _scene(name: str, suffix: str, data: bytes, resolver: Any) -> Any:
