@@ -108,7 +108,7 @@ def test_bad_calls_are_one_line(cage, tmp_path):
     ls.write(flat, ls.Mesh(np.zeros((4, 3)), [[0, 1, 2, 3]]))
     assert "edge" in fail("closest", plane, "--points", "-", "--signed", stdin="0,0,0\n")
     assert "both be on the standard input" in fail("closest", "-", "--points", "-")
-    assert "unknown suffix '.txt' of points" in fail("closest", cage, "--points", "a.txt")
+    assert "unknown suffix '.txt' of rows" in fail("closest", cage, "--points", "a.txt")
     np.save(tmp_path / "a.npy", np.zeros((2, 2)))
     assert "need numbers of shape (n, 3)" in fail("closest", cage, "--points", tmp_path / "a.npy")
     (tmp_path / "b.npy").write_text("no")

@@ -100,7 +100,8 @@ def check_form(text):
     ids=lambda page: str(page.relative_to(ROOT)),
 )
 def test_every_block_runs(page, tmp_path, monkeypatch, capsys):
-    shutil.copy(SITE / "cage.obj", tmp_path)
+    for name in ("cage.obj", "box.msh"):
+        shutil.copy(SITE / name, tmp_path)
     monkeypatch.chdir(tmp_path)
     parser, runner = doctest.DocTestParser(), doctest.DocTestRunner(optionflags=CHECKED)
     names = {"__name__": "__main__"}

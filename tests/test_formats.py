@@ -16,6 +16,7 @@ import tracemalloc
 import warnings
 import zipfile
 from contextlib import nullcontext
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +74,7 @@ def tolerance(suffix):
 
 def test_every_suffix_is_documented():
     assert set(POLYGONS) | set(TRIANGLES) == set(formats.WRITABLE)
-    assert set(formats.READABLE) == {*formats.WRITABLE, ".usdz"}
+    assert set(formats.READABLE) == {*formats.WRITABLE, ".usdz", ".msh"}
     for suffixes, call in ((*formats.READABLE, ".3dm"), ls.read), (formats.WRITABLE, ls.write):
         listed = re.findall(r"(?m)^    ``(\..*?)``  ", call.__doc__)
         assert sorted(" ".join(listed).split()) == sorted(suffixes)
@@ -1238,7 +1239,9 @@ def test_what_else_trimesh_reads(tmp_path, suffix):
         assert ls.read(file, suffix=suffix) == ls.read(path)
     for content in path.read_bytes()[:-200], b"\0" * 99:
         path.write_bytes(content)
-        with pytest.raises(ls.MeshError, match=rf"x\{suffix}: trimesh cannot read it, truncated"):
+        with pytest.raises(
+            ls.MeshError, match=rf"x\{suffix}: (trimesh|pycollada) cannot read it, truncated"
+        ):
             ls.read(path)
 
 
@@ -1264,7 +1267,9 @@ def test_archives_that_would_fill_the_memory(tmp_path, suffix):
         ls.read(path)
     # one that tells less than it holds
     path.write_bytes(data.replace(struct.pack("<I", size), struct.pack("<I", 1000)))
-    with pytest.raises(ls.MeshError, match=rf"x\{suffix}: trimesh cannot .* broken: BadZipFile"):
+    with pytest.raises(
+        ls.MeshError, match=rf"x\{suffix}: (trimesh|pycollada) cannot .* broken: BadZipFile"
+    ):
         ls.read(path)
     path.write_bytes(archive_of(1 << 20, zipfile.ZIP_LZMA))
     with pytest.raises(
@@ -1722,3 +1727,345 @@ def test_texture_coordinates_with_gaps(tmp_path, suffix, gap):
         warnings.simplefilter("ignore")  # of faces without, and of what trimesh adds
         values, rows, _ = ls.read(tmp_path / f"cage{suffix}").channels["uv"]
     np.testing.assert_array_equal(values[rows], [[1, 2], [3, 4], [5, 6], *[[gap, gap]] * 3])
+
+
+def animated(tmp_path, sampler, values, *, path="weights", sparse=False, more=()):
+    """A glTF file of a square whose morph lifts its first point by 2, or whose node moves."""
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+    lifted = np.zeros((4, 3), np.float32)
+    lifted[0, 2] = 2
+    arrays = [square, np.array([0, 1, 2, 0, 2, 3], "<u4"), lifted]
+    arrays += [np.array(sampler, np.float32), np.array(values, np.float32)]
+    arrays += [np.array([0], "<u4"), lifted[:1]]
+    content = b"".join(x.tobytes() for x in arrays)
+    starts = np.cumsum([0, *(x.nbytes for x in arrays)]).tolist()
+    width = {"weights": 1, "translation": 3, "rotation": 4}[path]
+    kinds = ["VEC3", "SCALAR", "VEC3", "SCALAR", {1: "SCALAR", 3: "VEC3", 4: "VEC4"}[width]]
+    accessors = [
+        {"bufferView": i, "componentType": 5126, "count": x.size // int(k[-1:].replace("R", "1")),
+         "type": k}
+        for i, (k, x) in enumerate(zip(kinds, arrays, strict=False))
+    ]  # fmt: skip
+    accessors[1]["componentType"] = 5125
+    if sparse:
+        del accessors[2]["bufferView"]
+        where = {"bufferView": 5, "componentType": 5125}
+        accessors[2]["sparse"] = {"count": 1, "indices": where, "values": {"bufferView": 6}}
+    primitive = {"attributes": {"POSITION": 0}, "indices": 1, "targets": [{"POSITION": 2}]}
+    how = more[0] if more else "LINEAR"
+    channels = [{"sampler": 0, "target": {"node": 0, "path": path}}]
+    move = {"channels": channels, "samplers": [{"input": 3, "output": 4, "interpolation": how}]}
+    head = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive], "weights": [0.25]}],
+        "animations": [move, *([{**move, "name": "run"}] if len(more) > 1 else [])],
+        "accessors": accessors,
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": a, "byteLength": b - a} for a, b in pairwise(starts)
+        ],
+        "buffers": [{"byteLength": len(content), "uri": "data:x;base64,"}],
+    }
+    head["buffers"][0]["uri"] += base64.b64encode(content).decode()
+    file = tmp_path / "a.gltf"
+    file.write_text(json.dumps(head))
+    return file
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_morphs_are_frames(tmp_path, sparse):
+    path = animated(tmp_path, [0, 2, 3], [0, 1, 0.5], sparse=sparse)
+    assert ls.read(path).points[:, 2].max() == 0.5  # by the weight at rest
+    found = list(ls.frames(path))
+    assert [time for time, _ in found] == [0, 2, 3]
+    assert [points[:, 2].tolist() for _, points in found] == [
+        [0, 0, 0, 0],
+        [2, 0, 0, 0],
+        [1, 0, 0, 0],
+    ]
+    ((_, between), (_, late)) = ls.frames(path, times=[0.5, 9])
+    assert (between[0, 2], late[0, 2]) == (0.5, 1)
+    surface = ls.LimitSurface(ls.read(path))
+    assert surface.with_points(between).mesh.points[0, 2] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("how", "values", "expected"),
+    [
+        ("STEP", [[0, 0, 0], [0, 0, 4]], 0),
+        ("LINEAR", [[0, 0, 0], [0, 0, 4]], 1),
+        # Hermite's cubic of values 0 and 4 and slopes 2 and 0: 4 (3/16 - 2/64) + 2 * 9/64
+        ("CUBICSPLINE", [[0] * 3, [0] * 3, [0, 0, 2], [0] * 3, [0, 0, 4], [0] * 3], 0.90625),
+    ],
+)
+def test_nodes_move(tmp_path, how, values, expected):
+    path = animated(tmp_path, [1, 2], values, path="translation", more=(how, "run"))
+    with pytest.warns(UserWarning, match="only the first animation is read, left out: run"):
+        ((_, points),) = ls.frames(path, times=[1.25])
+    assert points[1, 2] == pytest.approx(expected)
+
+
+def test_nodes_turn_the_short_way(tmp_path):
+    """From no turn to one by 90 degrees about z, whose quaternion has the other sign."""
+    half = -np.sqrt(0.5)
+    path = animated(tmp_path, [0, 1], [[0, 0, 0, 1], [0, 0, half, half]], path="rotation")
+    ((_, points),) = ls.frames(path, times=[1 / 3])
+    np.testing.assert_allclose(points[1], [np.cos(np.pi / 6), np.sin(np.pi / 6), 0], atol=1e-6)
+
+
+def test_animations_that_are_broken(tmp_path):
+    path = animated(tmp_path, [0, 1], [0, 1])
+    text = path.read_text()
+    path.write_text(text.replace('"input": 3', '"input": 33'))
+    with pytest.raises(ls.MeshError, match=r"a\.gltf: its animation is broken: IndexError"):
+        list(ls.frames(path))
+    path.write_text(text.replace('"animations"', '"extras"'))
+    assert [time for time, _ in ls.frames(path)] == [0]
+    with pytest.raises(ValueError, match="only a USD file has some"):
+        list(ls.frames(path, prim="/a"))
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_gltf_1(tmp_path, binary):
+    """Names in place of numbers, several meshes in a node, strides of accessors."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+    rows = np.hstack([points, np.full((3, 1), 9, np.float32)])
+    content = rows.tobytes() + np.array([0, 1, 2, 0], "<u2").tobytes()
+    uri = "data:x;base64," + base64.b64encode(content).decode()
+    primitive = {"attributes": {"POSITION": "p"}, "indices": "i", "material": "red"}
+    name = "binary_glTF" if binary else "body"
+    head = {
+        "asset": {"version": "1.0"},
+        "scene": "s",
+        "scenes": {"s": {"nodes": ["top"]}},
+        "nodes": {
+            "top": {"children": ["low"], "translation": [0, 0, 5]},
+            "low": {"meshes": ["m", "m"]},
+        },
+        "meshes": {"m": {"primitives": [primitive]}},
+        "materials": {"red": {"values": {}}},
+        "accessors": {
+            "i": {"bufferView": "v", "byteOffset": 48, "componentType": 5123, "count": 3,
+                  "type": "SCALAR"},
+            "p": {"bufferView": "v", "byteOffset": 0, "byteStride": 16, "componentType": 5126,
+                  "count": 3, "type": "VEC3"},
+        },
+        "bufferViews": {"v": {"buffer": name, "byteOffset": 0, "byteLength": len(content)}},
+        "buffers": {name: {"byteLength": len(content), "uri": "data:," if binary else uri}},
+    }  # fmt: skip
+    path = tmp_path / ("a.glb" if binary else "a.gltf")
+    text = json.dumps(head).encode()
+    if binary:
+        text += b" " * (-len(text) % 4)
+        size = 20 + len(text) + len(content)
+        text = struct.pack("<4s4I", b"glTF", 1, size, len(text), 0) + text + content
+    path.write_bytes(text)
+    mesh = ls.read(path)
+    assert mesh.points.tolist() == [[0, 0, 5], [1, 0, 5], [0, 1, 5]]
+    assert mesh.uniform.tolist() == [[0, 1, 2], [0, 1, 2]]
+
+
+DAE = """<?xml version="1.0" encoding="utf-8"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit meter="0.0254" name="inch"/><up_axis>Z_UP</up_axis></asset>
+<library_geometries>
+<geometry id="a" name="lid"><mesh>
+<source id="p"><float_array id="q" count="18">0 0 0 1 0 0 1 1 0 0 1 0 2 0 0 2 1 0</float_array>
+<technique_common><accessor source="#q" count="6" stride="3">
+<param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/>
+</accessor></technique_common></source>
+<source id="t"><float_array id="r" count="4">0 0 1 0</float_array>
+<technique_common><accessor source="#r" count="2" stride="2">
+<param name="S" type="float"/><param name="T" type="float"/>
+</accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<polygons count="2"><input semantic="VERTEX" source="#v" offset="0"/>
+<input semantic="TEXCOORD" source="#t" offset="1"/>
+<p>0 0 1 1 2 1 3 0</p><p>1 0 4 1 5 1</p></polygons>
+<polylist count="1"><input semantic="VERTEX" source="#v" offset="0"/>
+<vcount>3</vcount><p>1 5 2</p></polylist>
+</mesh></geometry>
+</library_geometries>
+<library_visual_scenes><visual_scene id="s"><node><instance_geometry url="#a"/></node>
+<node><matrix>-1 0 0 0 0 1 0 0 0 0 1 7 0 0 0 1</matrix><instance_geometry url="#a"/></node>
+</visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_polygons_of_collada(tmp_path, encoding):
+    path = tmp_path / "a.dae"
+    path.write_bytes(DAE.replace("utf-8", encoding).encode(encoding))
+    with pytest.warns(UserWarning, match="2 of 6 faces without texture coordinates"):
+        mesh = ls.read(path)
+    assert mesh.faces.tolist() == [
+        [0, 1, 2, 3], [1, 4, 5], [1, 5, 2], [6, 9, 8, 7], [7, 11, 10], [7, 8, 11],
+    ]  # fmt: skip
+    assert mesh.points[6:8].tolist() == [[0, 0, 7], [-1, 0, 7]]
+    assert (mesh.units, mesh.up) == (0.0254, "z")
+    uv = uv_of_corners(mesh)
+    assert uv[:4, 0].tolist() == [0, 1, 1, 0]
+    assert np.isnan(uv[7:10]).all()
+    commas = DAE.replace("0 0 0 1 0 0 1 1 0", "0,0 0 0 1,0 -1,#IND 0 1 1 0", 1)
+    broken = "<material id='m'/>"  # which names no effect
+    commas = commas.replace("</asset>", f"</asset><library_materials>{broken}</library_materials>")
+    path.write_bytes(commas.replace("-1,#IND", "0,0").encode())
+    with pytest.warns(UserWarning, match="left out: materials|without texture"):
+        again = ls.read(path)
+    np.testing.assert_array_equal(again.points, mesh.points)
+    path.write_bytes(DAE.replace("instance_geometry", "instance_light").encode())
+    with pytest.raises(ls.MeshError, match="need at least one polygon in its scene"):
+        ls.read(path)
+
+
+MSH_2 = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+2
+1 3 "rim"
+2 7 "top side"
+$EndPhysicalNames
+$Nodes
+6
+10 0 0 0
+20 1 0 0
+30 1 1 0
+40 0 1 0
+5 2 0 0
+99 7 7 7
+$EndNodes
+$Elements
+4
+1 1 2 3 1 10 20
+2 3 2 7 1 10 20 30 40
+3 2 3 8 1 0 20 5 30
+4 9 2 7 1 20 5 30 99 99 99
+$EndElements
+"""
+MSH_4 = """$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$Entities
+1 0 2 0
+1 0 0 0 0
+1 0 0 0 1 1 0 1 -7 0
+2 0 0 0 1 1 0 0 1 4
+$EndEntities
+$Nodes
+2 6 5 99
+2 1 0 5
+10
+20
+30
+40
+5
+0 0 0
+1 0 0
+1 1 0
+0 1 0
+2 0 0
+2 2 1 1
+99
+7 7 7 0.5 0.5
+$EndNodes
+$Elements
+2 2 1 2
+2 1 3 1
+1 10 20 30 40
+2 2 2 1
+2 20 5 30
+$EndElements
+"""
+
+
+def binary_msh(version):
+    """What the two texts above say, as Gmsh writes it in binary; of version 2 without the line."""
+    xyz = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]], float)
+    tags, head = [10, 20, 30, 40, 5], f"$MeshFormat\n{version} 1 8\n".encode()
+    head += struct.pack("<i", 1) + b"\n$EndMeshFormat\n"
+    if version == "2.2":
+        nodes = b"".join(struct.pack("<i3d", tag, *x) for tag, x in zip(tags, xyz, strict=True))
+        faces = struct.pack("<3i7i", 3, 1, 2, 2, 7, 1, 10, 20, 30, 40)
+        faces += struct.pack("<3i6i", 2, 1, 2, 3, 8, 1, 20, 5, 30)
+        return (
+            head + b"$Nodes\n5\n" + nodes + b"\n$EndNodes\n$Elements\n2\n" + faces
+            + b"\n$EndElements\n"
+        )  # fmt: skip
+    surface = struct.pack("<i6dQiQ", 1, *[0.0] * 6, 1, 7, 0)
+    entities = struct.pack("<4Q", 0, 0, 1, 0) + surface
+    nodes = struct.pack("<4Q3iQ5Q", 1, 5, 5, 40, 2, 1, 0, 5, *tags) + xyz.tobytes()
+    faces = struct.pack("<4Q3iQ5Q", 2, 2, 1, 2, 2, 1, 3, 1, 1, 10, 20, 30, 40)
+    faces += struct.pack("<3iQ4Q", 2, 2, 2, 1, 2, 20, 5, 30)
+    parts = {b"Entities": entities, b"Nodes": nodes, b"Elements": faces}
+    return head + b"".join(
+        b"$" + title + b"\n" + content + b"\n$End" + title + b"\n"
+        for title, content in parts.items()
+    )
+
+
+@pytest.mark.parametrize(
+    ("data", "groups"),
+    [
+        (MSH_2.encode(), ["top side", "8", "top side"]),
+        (MSH_4.encode(), ["7", ""]),
+        (binary_msh("2.2"), ["7", "8"]),
+        (binary_msh("4.1"), ["7", ""]),
+    ],
+    ids=["text 2", "text 4", "binary 2", "binary 4"],
+)
+def test_gmsh(tmp_path, data, groups):
+    path = tmp_path / "a.msh"
+    path.write_bytes(data)
+    mesh = ls.read(path)
+    assert mesh.face_data["group"].tolist() == groups
+    first, second = mesh.points[mesh.faces[0]], mesh.points[mesh.faces[1]]
+    assert first.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    assert second.tolist() == [[1, 0, 0], [2, 0, 0], [1, 1, 0]]
+    assert mesh.n_vertices == 5
+    for length in range(40, len(data), 23):  # truncated anywhere
+        path.write_bytes(data[:length])
+        with pytest.raises(ls.MeshError, match=r"a\.msh"):
+            ls.read(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("2.2 0 8", "1.0 0 8", "got version 1.0 of .msh, need 2.2 or 4.1: open it in Gmsh"),
+        ("20 5 30\n4", "20 6 30\n4", "a face has node 6, which is not among its nodes"),
+        ("2 3 2 7", "2 77 2 7", "truncated or broken: KeyError"),
+        ("$MeshFormat", "$Mesh", r"need \$MeshFormat at the start"),
+        ("10 20 30 40", "10 20 30", "an element of type 3 and 2 tags has 8 numbers"),
+        ("10 0 0 0", "10 0 0 x", "truncated or broken: ValueError"),
+    ],
+)
+def test_broken_msh(tmp_path, old, new, message):
+    path = tmp_path / "a.msh"
+    path.write_text(MSH_2.replace(old, new))
+    with pytest.raises(ls.MeshError, match=message):
+        ls.read(path)
+
+
+def test_what_gmsh_has_besides(tmp_path):
+    path = tmp_path / "a.msh"
+    path.write_text(MSH_2)
+    said = r"left out: lines \(1\), nodes between corners \(1 faces"
+    with pytest.warns(UserWarning, match=said):
+        ls.read(path, strict=True)
+    a, b = MSH_2.index("2 3 2 7 1"), MSH_2.index("$EndElements")
+    path.write_text(MSH_2[:a] + "5 4 2 7 1 10 20 30 40\n" + MSH_2[b:])
+    with pytest.raises(
+        ls.MeshError, match=r"found none; it has lines \(1\), tetrahedra \(1\): save"
+    ):
+        ls.read(path)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "how"),
+    [(".fbx", "Blender opens it"), (".stp", "FreeCAD or Gmsh mesh it"), (".med", "meshio convert")],
+)
+def test_formats_that_others_convert(suffix, how):
+    with pytest.raises(ValueError, match=f"unknown suffix '{suffix}'.*; .*{how}"):
+        ls.read(f"a{suffix}")

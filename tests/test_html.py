@@ -64,6 +64,66 @@ def test_tables():
     assert Cells(nothing._repr_html_()).cells[-1] == "point"
 
 
+@pytest.mark.parametrize(
+    ("make", "first", "head"),
+    [
+        (
+            lambda s: ls.feet(s, [[0, 0, 0], [2.0, 0, 0]], within=2),
+            "FeetOfPoints(",
+            ["foot of point", "face", "u", "v", "distance", "point"],
+        ),
+        (
+            lambda s: ls.intersect(s, [[[0.4, 0.5, 5], [9, 9, 9]]], [0, 0, -1.0]),
+            "RayHits(2 rays, 1 hits)",
+            ["hit", "t", "face", "u", "v", "point", "normal", "True"],
+        ),
+        (
+            lambda s: ls.intersect_all(s, [[9, 9, 9], [0.4, 0.5, 5]], [[0, 0, -1.0]] * 2),
+            "AllRayHits(2 hits of 2 rays)",
+            ["hit of ray", "t", "face", "u", "v", "multiplicity", "point", "normal", "1"],
+        ),
+        (
+            lambda s: ls.sample(s, 3, rng=0),
+            "Samples(3 samples)",
+            ["face", "u", "v", "point", "normal"],
+        ),
+        (
+            lambda s: ls.section(s, [0, 0, 0.4], [0, 0, 1]),
+            "Curves(1 curve of ",
+            ["points", "closed", "value", "first point"],
+        ),
+        (
+            lambda s: ls.quadrature(s, points=2),
+            "Quadrature(",
+            ["face", "u", "v", "weights", "0"],
+        ),
+        (
+            lambda s: ls.approximate(s, "acc").error(s),
+            "Deviation(6 faces",
+            ["face", "parametric", "parametric_found"],
+        ),
+        (
+            lambda s: ls.approximate(s, "acc"),
+            "ApproximatePatches",
+            ["patches", "6", "kind", "acc", "levels", "0"],
+        ),
+        (lambda s: ls.bezier_patches(s), "BezierPatches(", ["face", "origin", "size", "0"]),
+    ],
+)
+def test_answers_are_tables(make, first, head):
+    cells = Cells(make(ls.LimitSurface(cube()))._repr_html_()).cells
+    assert cells[0].startswith(first)
+    assert cells[1 : len(head) + 1] == head
+
+
+def test_answers_of_nothing_are_tables():
+    surface = ls.LimitSurface(cube())
+    far = ls.intersect_all(surface, [[9.0, 9, 9]], [[0.0, 0, 1]])
+    assert Cells(far._repr_html_()).cells[-1] == "normal"
+    none = ls.section(surface, [0, 0, 9.0], [0, 0, 1])
+    assert Cells(none._repr_html_()).cells[-1] == "first point"
+
+
 def test_a_report_is_an_array():
     report: Any = ls.validate(ls.LimitSurface(cube()), 2)
     assert Cells(report._repr_html_()).cells[:5] == ["level", "error", "order", "limit_error", "1"]

@@ -15,6 +15,8 @@ from test_query_closest import CAGES, CUBE, SHARP, fan, hulls, made, places, que
 import limitsurf as ls
 from limitsurf.query import crossings, rays, sides
 from limitsurf.query.traversal import kernels_for
+from limitsurf.shell.cli.rays import NAMES
+from limitsurf.shell.io.points import batches
 
 CLOSED = ["cube", "sharp", "semi", "dart", "ngons", "loop"]
 
@@ -519,6 +521,15 @@ def test_command_line(tmp_path):
         )
         == 1
     )
+    asked.write_text("name,dx,dy,dz,z,y,x\nfirst,0,0,1,3,2,1\n")  # columns by name
+    (row,) = batches(str(asked), NAMES)
+    assert row.tolist() == [[1, 2, 3, 0, 0, 1]]
+    asked.write_text("ox,oy,oz,vx,vy,vz\n1,2,3,0,0,1\n")
+    (row,) = batches(str(asked), NAMES)
+    assert row.tolist() == [[1, 2, 3, 0, 0, 1]]
+    np.savez(tmp_path / "rays.npz", **dict(zip(NAMES, rows.T, strict=True)))
+    (found,) = batches(str(tmp_path / "rays.npz"), NAMES)
+    np.testing.assert_array_equal(found, rows)
     asked.write_text("1,2,3,0,0,1\n1,2,3\n")
     assert "line 2: need six numbers" in fail("intersect", path, "--rays", asked)
     assert "either --ray" in fail("intersect", path)

@@ -21,7 +21,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
 import limitsurf as ls
 from limitsurf.cage.checks import INTERPOLATION
 from limitsurf.shell.cli.commands import main
-from limitsurf.shell.io import usd
+from limitsurf.shell.io import formats, usd
 
 # USD rounds to float32, which random cages may not survive: `write` says so
 pytestmark = pytest.mark.filterwarnings("ignore:.*distinct points become equal:UserWarning")
@@ -260,6 +260,7 @@ def test_primvars_that_are_no_channels(read):
         mesh = read(text + 'def Sphere "ball" {}\n' + text.replace('"quads"', '"again"'))
     data = {"material": ["paint"] * 4, "uniform": np.array([1, 2, 1, 2], np.float32)}
     faces = [*FACES, *(np.array(FACES) + 6).tolist()]
+    data["object"] = ["quads", "quads", "again", "again"]
     assert mesh == ls.Mesh([*POINTS, *POINTS], faces, face_data=data)
     assert len(caught) == 1
     said = str(caught[0].message)
@@ -385,9 +386,40 @@ def test_frames_of_an_animation(tmp_path):
     assert z.tolist() == [0, 4, 8]
     ((time, points),) = ls.frames(path, prim="/lift/sheet", times=[2])
     assert (time, points[1].tolist()) == (2, [2, 0, 2])
+    assert len(list(ls.frames(path, times=iter([1, 5])))) == 2
+    assert list(ls.frames(path, times=[])) == []
     still = tmp_path / "still.usda"
     ls.write(still, ls.Mesh(POINTS, FACES))
     assert [time for time, _ in ls.frames(still)] == [0]
+
+
+def test_frames_are_read_at_once(tmp_path, monkeypatch):
+    """All that one answer holds; without room, one frame each."""
+    path, calls = tmp_path / "a.usda", []
+    path.write_text(MOVING % "")
+    original = formats.read_by_library
+
+    def counted(*arguments, **options):
+        calls.append(options)
+        return original(*arguments, **options)
+
+    monkeypatch.setattr(formats, "read_by_library", counted)
+    assert len(list(ls.frames(path))) == 3
+    assert len(calls) == 1
+    monkeypatch.setattr(usd, "AN_ANSWER", 0)
+    one = usd.frames("a", str(path))
+    assert (one["times"], len(one["points"])) == ([1, 3, 5], 1)
+    np.testing.assert_array_equal(one["points"][0], ls.read(path).points)
+    assert one["indices"].tolist() == [0, 1, 2]
+
+
+def test_frames_end_before_one_that_is_broken(tmp_path):
+    path = tmp_path / "a.usda"
+    path.write_text((MOVING % "").replace("(3, 0, 0)", "(inf, 0, 0)"))
+    found = ls.frames(path)
+    assert next(found)[0] == 1
+    with pytest.raises(ls.MeshError, match="coordinate inf is not finite"):
+        next(found)
 
 
 def test_frames_that_are_no_one_cage(tmp_path):
@@ -396,7 +428,7 @@ def test_frames_that_are_no_one_cage(tmp_path):
     path.write_text((MOVING % change).replace("int[] faceVertexIndices = [0, 1, 2]", ""))
     with pytest.raises(ls.MeshError, match="at time 3 its faces are others than before"):
         list(ls.frames(path))
-    with pytest.raises(ValueError, match="only a USD file has frames"):
+    with pytest.raises(ValueError, match="only USD and glTF files have frames"):
         list(ls.frames(tmp_path / "a.obj"))
 
 
@@ -468,6 +500,18 @@ def test_a_flat_transform(read):
     assert read(prim(body)).faces.tolist() == FACES
 
 
+def test_names_of_prims_are_objects(read, tmp_path):
+    """Whole paths where a name is there twice; they come back from a file of one mesh."""
+    two = group(prim(name="lid")) + group(prim(name="lid") + prim(name="body"), "Other")
+    mesh = read(two)
+    assert mesh.face_data["object"].tolist()[::2] == ["/World/lid", "/Other/lid", "body"]
+    for suffix in ".usda", ".obj":
+        ls.write(tmp_path / f"a{suffix}", mesh)
+        again = ls.read(tmp_path / f"a{suffix}")
+        assert again.face_data["object"].tolist() == mesh.face_data["object"].tolist()
+    assert ls.selected(mesh, {"object": "body"}).n_faces == 2
+
+
 def test_several_meshes_become_one(read):
     tags = """
     int[] creaseIndices = [1, 2]
@@ -501,6 +545,7 @@ def test_several_meshes_become_one(read):
             "once_3": ([1] * 8 + [nan], ones + none, "corners_plus1"),
             "once_4": ([1] * 8 + [nan], none + ones, "corners_plus1"),
         },
+        face_data={"object": ["b", "b", "a", "a"]},
     )
     surface = ls.LimitSurface(mesh)
     assert np.isnan(surface.evaluate([0, 1, 2], 0.5, 0.5, channel="once_4")).tolist() == [

@@ -48,6 +48,11 @@ def rows(values: NDArray[Any], axes: int = 0) -> NDArray[Any]:
     return values.reshape(-1, *values.shape[values.ndim - axes :])
 
 
+def runs(offsets: NDArray[Any]) -> NDArray[Any]:
+    """The number of the run, from ``offsets[k]`` to ``offsets[k + 1]``, that each row is in."""
+    return np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
+
+
 class Report(np.ndarray[Any, np.dtype[Any]]):
     """A structured array that notebooks show as a table; its columns are plain arrays."""
 

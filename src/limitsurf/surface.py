@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, overload
 
 import numpy as np
@@ -199,7 +200,8 @@ class LimitSurface:
         engine: Choice | None = None,
     ) -> None:
         if not isinstance(mesh, Mesh):
-            raise TypeError(f"a surface needs a Mesh, got {type(mesh).__name__}")
+            how = f"; limitsurf.read({mesh!r}) is one" if isinstance(mesh, (str, PathLike)) else ""
+            raise TypeError(f"a surface needs a Mesh, got {type(mesh).__name__}{how}")
         rules, choice = Rules.resolve(mesh, scheme, boundary, creasing, triangles), chosen(engine)
         topology = Topology(mesh, rules, choice)
         topology.groups.kinds  # noqa: B018  (refuses masks that do not converge)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from limitsurf.pieces.cells import cut
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
+
+_RINGS = 1000  # around a corner, at most
 
 
 class Cells:
@@ -75,3 +78,22 @@ def used_vertices(surface: LimitSurface, faces: Array) -> Array:
         vertex[mesh.indices[face[mesh.corner_face]]] = True
         face[mesh.corner_face[vertex[mesh.indices]]] = True
     return np.flatnonzero(vertex)
+
+
+def over_rings(
+    beyond: Beyond, which: Array, visit: Callable[[Array, Array], Array], part: float
+) -> None:
+    """Visit the rings around some special corners, the outermost first.
+
+    `visit` gets the numbers of corners (C,) and the Bernstein coefficients (C, k, n, 3) of the
+    cells of a ring around each, and returns the sizes (C,) of what they add. The rings of a corner
+    end with the first whose size is below a `part` of the largest.
+    """
+    most = np.zeros(len(which))
+    for ring in range(_RINGS):
+        if not len(which):
+            break
+        size = visit(which, beyond.cells(which, np.full(len(which), ring)).points)
+        most = np.maximum(most, size)
+        going = size > part * most
+        which, most = which[going], most[going]

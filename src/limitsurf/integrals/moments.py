@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.engine.packing import over_chunks
-from limitsurf.integrals.cells import Cells
+from limitsurf.integrals.cells import Cells, over_rings
 from limitsurf.integrals.rules import Rule, moments_rule
 from limitsurf.integrals.sums import cross
 
@@ -75,17 +75,13 @@ def _integrals(rule: Rule, points: Array, order: int) -> tuple[Array, Array]:
 def corner_sums(cells: Cells, which: Array, rule: Rule, order: int) -> Array:
     """Sums (14,) over all rings around some corners."""
     beyond, total = cells.beyond, np.zeros(14)
-    most = np.zeros(len(which))
-    for ring in range(1000):
-        found = beyond.cells(which, np.full(len(which), ring))
-        count, each = found.points.shape[:2]
-        points = found.points + beyond.limits[which][:, None, None]
+
+    def visit(which: Array, points: Array) -> Array:
+        count, each = points.shape[:2]
+        points = points + beyond.limits[which][:, None, None]
         sums, size = _integrals(rule, points.reshape(count * each, *points.shape[2:]), order)
-        total += sums.sum(axis=0)
-        size = size.reshape(count, each).sum(axis=1)
-        most = np.maximum(most, size)
-        going = size > NEGLIGIBLE * most
-        which, most = which[going], most[going]
-        if not len(which):
-            break
+        total[:] += sums.sum(axis=0)
+        return np.asarray(size.reshape(count, each).sum(axis=1))
+
+    over_rings(beyond, which, visit, NEGLIGIBLE)
     return total

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import memory, tables
+from limitsurf import html, memory, tables
 from limitsurf.cage.checks import checked_integer
 from limitsurf.engine.places import Places
 from limitsurf.integrals.checks import check_rtol, chosen_faces, is_exact
@@ -69,6 +69,10 @@ class Quadrature:
 
     def __len__(self) -> int:
         return len(self.face)
+
+    def _repr_html_(self) -> str:
+        columns = {name: getattr(self, name) for name in ("face", "u", "v", "weights")}
+        return html.table(columns, repr(self))
 
     def __repr__(self) -> str:
         n = len(self.offsets) - 1

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.engine.packing import over_chunks
-from limitsurf.integrals.cells import Cells
+from limitsurf.integrals.cells import Cells, over_rings
 from limitsurf.integrals.rules import Rule
 from limitsurf.pieces.bernstein import Bernstein, children
 
@@ -32,7 +32,6 @@ _LESS, _MORE = 6, 9  # points per direction of the two rules
 _AT_ONCE = 1 << 17  # points of rules in memory at once
 _DEEPEST = 40  # halvings of cells
 _FEW, _TIMES = 1 << 17, 8  # cells that may be tried, or so many times as there were at first
-_RINGS = 1000
 # where integrands jump, rules are wrong by up to some 15 times what they differ by
 _MARGIN = 32
 
@@ -94,22 +93,17 @@ def _all_cells(cells: Cells, rtol: float) -> tuple[Array, Array]:
     """Bernstein coefficients (C, n, 3) of all cells, rings among them, and what they are about."""
     found, about = [cells.points], [np.zeros((len(cells.points), 3))]
     beyond, rule = cells.beyond, Rule.of(cells.scheme, 2)
-    which = np.arange(len(beyond))
-    most = np.zeros(len(which))
-    for ring in range(_RINGS):
-        if not len(which):
-            break
-        points = beyond.cells(which, np.full(len(which), ring)).points
+
+    def visit(which: Array, points: Array) -> Array:
         count, each, n, _ = points.shape
         points = points.reshape(-1, n, 3)
         found.append(points)
         about.append(np.repeat(beyond.limits[which], each, axis=0))
         _, s, t = rule.jets(points)
         size = np.sqrt((s * s).sum(axis=2) * (t * t).sum(axis=2)) @ rule.weights
-        size = size.reshape(count, each).sum(axis=1)
-        most = np.maximum(most, size)
-        going = size > rtol / 64 * most
-        which, most = which[going], most[going]
+        return np.asarray(size.reshape(count, each).sum(axis=1))
+
+    over_rings(beyond, np.arange(len(beyond)), visit, rtol / 64)
     return np.concatenate(found), np.concatenate(about)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import memory, numbers
+from limitsurf import html, memory, numbers
 from limitsurf.numbers import Numbers
 from limitsurf.patches import STRIP, PatchTable
 from limitsurf.pieces import bernstein, cover
@@ -167,6 +167,10 @@ class BezierPatches:
 
     def __len__(self) -> int:
         return len(self.face)
+
+    def _repr_html_(self) -> str:
+        columns = {name: getattr(self, name) for name in ("face", "origin", "size")}
+        return html.table(columns, repr(self))
 
     def __repr__(self) -> str:
         parts = [f"{len(self)} patch{'es' * (len(self) != 1)} of degree {self.degree}"]

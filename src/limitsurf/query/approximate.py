@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from limitsurf import html
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.protocol import Request
@@ -79,6 +80,10 @@ class ApproximatePatches:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def _repr_html_(self) -> str:
+        known = {"patches": len(self), "kind": self.kind, "levels": self.levels}
+        return html.facts(type(self).__name__, known)
 
     def __repr__(self) -> str:
         n = len(self)

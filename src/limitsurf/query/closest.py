@@ -216,6 +216,10 @@ class FeetOfPoints:
     v: Array
     normal: Array
 
+    def _repr_html_(self) -> str:
+        columns = {name: getattr(self, name) for name in ("face", "u", "v", "distance", "point")}
+        return html.table({"foot of point": html.runs(self.offsets), **columns}, repr(self))
+
     def __repr__(self) -> str:
         m, n = len(self.face), len(self.offsets) - 1
         what = f"{m} {'foot' if m == 1 else 'feet'} of {n} point{'s' * (n != 1)}"

@@ -7,12 +7,13 @@ coefficients, beyond the last rings around special corners by hulls of both.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf import html
 from limitsurf.query.bezier import BezierPatches, bezier_patches
 from limitsurf.query.polynomials import Form
 from limitsurf.surface import LimitSurface
@@ -59,6 +60,10 @@ class Deviation:
     along_normal_found: Array
     angle_found: Array
     geometric_angle_found: Array
+
+    def _repr_html_(self) -> str:
+        columns = {field.name: getattr(self, field.name) for field in fields(self)}
+        return html.table({"face": np.arange(len(self.parametric)), **columns}, repr(self))
 
     def __repr__(self) -> str:
         n = len(self.parametric)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
-from limitsurf import numbers
+from limitsurf import html, numbers
 from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.integrals.checks import refuse_open
@@ -66,6 +66,11 @@ class RayHits:
     point: Array
     normal: Array
 
+    def _repr_html_(self) -> str:
+        flat = {name: html.rows(getattr(self, name)) for name in ("hit", "t", "face", "u", "v")}
+        ends = {name: html.rows(getattr(self, name), 1) for name in ("point", "normal")}
+        return html.table({**flat, **ends}, repr(self))
+
     def __repr__(self) -> str:
         n = self.hit.size
         return f"RayHits({n} ray{'s' * (n != 1)}, {np.count_nonzero(self.hit)} hits)"
@@ -102,6 +107,11 @@ class AllRayHits:
     point: Array
     normal: Array
     multiplicity: Array
+
+    def _repr_html_(self) -> str:
+        names = ("t", "face", "u", "v", "multiplicity", "point", "normal")
+        columns = {name: getattr(self, name) for name in names}
+        return html.table({"hit of ray": html.runs(self.offsets), **columns}, repr(self))
 
     def __repr__(self) -> str:
         n = len(self.offsets) - 1

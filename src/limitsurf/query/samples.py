@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import memory
+from limitsurf import html, memory
 from limitsurf.cage.checks import checked_integer
 from limitsurf.engine.protocol import threads
 from limitsurf.patches import NO_LIMIT
@@ -58,6 +58,10 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.face)
+
+    def _repr_html_(self) -> str:
+        names = ("face", "u", "v", "point", "normal")
+        return html.table({name: getattr(self, name) for name in names}, repr(self))
 
     def __repr__(self) -> str:
         n = len(self)

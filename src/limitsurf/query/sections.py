@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import numbers
+from limitsurf import html, numbers
 from limitsurf.engine.protocol import threads
 from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.leaves import Parting
@@ -64,6 +64,11 @@ class Curves:
 
     def __len__(self) -> int:
         return len(self.closed)
+
+    def _repr_html_(self) -> str:
+        first = self.point[self.offsets[:-1]]
+        columns = {"points": np.diff(self.offsets), "closed": self.closed, "value": self.value}
+        return html.table({**columns, "first point": first}, repr(self))
 
     def __repr__(self) -> str:
         n, m = len(self), len(self.face)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 import limitsurf as ls
-from limitsurf.shell import files, terminal
+from limitsurf.shell import terminal
 from limitsurf.shell.cli.program import (
     PATH,
     Cage,
@@ -21,7 +19,7 @@ from limitsurf.shell.cli.program import (
     workers_option,
 )
 
-Array = NDArray[Any]
+NAMES = ("x", "y", "z", "dx", "dy", "dz")
 
 
 @click.command()
@@ -35,7 +33,7 @@ Array = NDArray[Any]
     metavar="X Y Z DX DY DZ",
     help="Origin and direction of a ray; may be given several times.",
 )
-@click.option("--rays", type=PATH, metavar="FILE", help="CSV or NPY of such rows; - reads CSV.")
+@click.option("--rays", type=PATH, metavar="FILE", help="CSV, NPY or NPZ of such rows; - is CSV.")
 @click.option("--t-min", type=float, default=0.0, show_default=True, help="Where rays begin.")
 @click.option("--t-max", type=float, default=float("inf"), show_default=True, help="And end.")
 @click.option("--all", "every", is_flag=True, help="All hits of each ray, not only the first.")
@@ -62,13 +60,14 @@ def intersect(
       limitsurf intersect cage.obj --rays rays.csv --all -o hits.npz
 
     Rows are x, y, z of origins, then of directions, which need not be of length 1: t counts them.
-    CSV may have a line of names above.
+    CSV may have a line of names above; among other columns they are x, y, z, dx, dy, dz.
 
     Columns of CSV and Parquet are face, u, v, ray (the number of the row), t, x, y, z and the
     normal n_x, n_y, n_z; with --all also multiplicity, 2 where a ray touches. Arrays of NPZ and
     fields of NPY are face, u, v, ray, t, position, normal. Rays that hit nothing have no rows.
     """
     from limitsurf.shell.io import answers as targets
+    from limitsurf.shell.io.points import batches
 
     if (rays is None) == (not given):
         raise click.UsageError("need rays: either --ray X Y Z DX DY DZ or --rays FILE")
@@ -77,7 +76,7 @@ def intersect(
     to_file = output != "-"
     if to_file:
         targets.check_target(output)
-    rows = np.array(given) if rays is None else _rows(rays)
+    rows = np.array(given) if rays is None else np.concatenate(list(batches(rays, NAMES)))
     surface = cage.surface()
     options: dict[str, Any] = {"t_min": t_min, "t_max": t_max, "workers": workers}
     start, way = rows[:, :3], rows[:, 3:]
@@ -98,40 +97,3 @@ def intersect(
         write(hits)
     if as_json and to_file:
         report(output, as_json, rays=len(rows), hits=len(number))
-
-
-def _rows(path: str) -> Array:
-    """Rows of six numbers, (n, 6)."""
-    name = "<stdin>" if path == "-" else path
-    if path.lower().endswith(".npy"):
-        try:
-            table = np.load(path, allow_pickle=False)
-        except ValueError as error:
-            raise ValueError(f"{path}: no NPY file of numbers ({error})") from None
-        if table.dtype.kind not in "iuf" or table.ndim != 2 or table.shape[1] != 6:
-            raise ValueError(
-                f"{path}: rays must be numbers (n, 6), got {table.dtype} {table.shape}"
-            )
-        return np.asarray(table, dtype=float)
-    if path == "-":
-        lines = terminal.standard_input().read().splitlines()
-    else:
-        with files.opened(Path(path)) as file:
-            lines = file.read().decode("utf-8-sig", "replace").splitlines()
-    rows, first = [], True
-    for k, line in enumerate(lines, 1):
-        cells = line.partition("#")[0].strip()
-        if not cells:
-            continue
-        try:
-            row = [float(x) for x in cells.split(",")]
-        except ValueError:
-            row = []
-        if len(row) == 6:
-            rows.append(row)
-        elif not first or (cells.count(",") != 5):
-            raise ValueError(
-                f"{name}: line {k}: need six numbers x,y,z,dx,dy,dz, got {cells[:40]!r}"
-            )
-        first = False
-    return np.array(rows, dtype=float).reshape(-1, 6)

@@ -45,6 +45,9 @@ MEMORY, MEMORY_PER_BYTE = 300 << 20, 128
 SECONDS, SECONDS_PER_BYTE = 10.0, 2e-6  # of a processor
 WAIT = 2  # times as many seconds pass before the end
 
+AN_ANSWER = 1 << 25  # bytes of points of frames that one answer has, and a frame more at most
+A_WHILE = 2.0  # seconds of a processor after which no other frame is added to an answer
+
 IDLE = 60.0  # seconds that a server waits for the next request
 
 _START = (

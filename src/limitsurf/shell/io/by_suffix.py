@@ -18,7 +18,7 @@ from limitsurf.cage.checks import MeshError
 from limitsurf.cage.mesh import Mesh
 from limitsurf.shell import files
 from limitsurf.shell.files import Path, replacing
-from limitsurf.shell.io import by_trimesh, formats, obj, off, ply, vtk
+from limitsurf.shell.io import by_trimesh, formats, msh, obj, off, ply, vtk
 from limitsurf.shell.io.losses import Losses
 from limitsurf.shell.io.merge import Merge, checked, joined, warn_if_apart
 from limitsurf.shell.io.polygons import (
@@ -34,7 +34,7 @@ from limitsurf.shell.io.polygons import (
 if TYPE_CHECKING:
     from limitsurf.query import Tessellation
 
-_PARSERS = {".obj": obj.parse, ".ply": ply.parse, ".off": off.parse}
+_PARSERS = {".obj": obj.parse, ".ply": ply.parse, ".off": off.parse, ".msh": msh.parse}
 
 
 def read(
@@ -55,9 +55,11 @@ def read(
     ``.usd .usda .usdc .usdz``  polygons, channels, tags, transforms                   ``[usd]``
     ``.ply``                    polygons, strips, "uv" (of corners or vertices)        nothing
     ``.off``                    polygons, "uv" (STOFF)                                 nothing
+    ``.msh``                    triangles, quadrilaterals, names of groups (Gmsh)      nothing
     ``.stl``                    triangles                                              ``[formats]``
     ``.vtp .vtu .vtk``          polygons, strips, "uv" (of points), data of cells      ``[plot]``
-    ``.glb .gltf .dae``         triangles, "uv", transforms                            ``[formats]``
+    ``.glb .gltf``              triangles, "uv", transforms                            ``[formats]``
+    ``.dae``                    polygons, "uv", transforms, names of objects           ``[formats]``
     ``.3mf``                    triangles, transforms                                  ``[formats]``
     ``.3dm``                    SubD objects with creases and corners, meshes          ``[rhino]``
     any other of trimesh        triangles, "uv", transforms                            ``[formats]``
@@ -71,12 +73,12 @@ def read(
     they may have others beside them, and images and volumes are refused. VTK places the objects of
     a scene (``.wrl``, ``.3ds``) by translation, rotation and scale: shear is lost.
 
-    All but OBJ, PLY and OFF are read by libraries, in a process of its own, which a broken file may
-    end. Its memory (300 MiB and 128 times the size of the file, and of those that it names) and its
-    time (10 s of a processor and 2 s a megabyte, or twice as long by the clock) are limited. The
-    environment variable ``LIMITSURF_READ_LIMITS``, a number, multiplies these limits; where the
-    system has none for memory (Windows, macOS) there is that of time. Files that another names must
-    be regular ones, no pipes.
+    All but OBJ, PLY, OFF and MSH are read by libraries, in a process of its own, which a broken
+    file may end. Its memory (300 MiB and 128 times the size of the file, and of those that it
+    names) and its time (10 s of a processor and 2 s a megabyte, or twice as long by the clock) are
+    limited. The environment variable ``LIMITSURF_READ_LIMITS``, a number, multiplies these limits;
+    where the system has none for memory (Windows, macOS) there is that of time. Files that another
+    names must be regular ones, no pipes.
 
     Where a format repeats points along the seams of normals and texture coordinates (scenes and all
     of trimesh; PLY and those of VTK and PyVista if there are texture coordinates), points of
@@ -136,15 +138,22 @@ def read(
     USD they are "uniform" primvars by their names; subsets of faces, a text by the name of their
     family ("subset" without one), or truth values by their own names where they overlap; and
     "material", names of materials that are bound. Where several meshes become one, those without
-    such data have "", 0 or NaN. Other formats have none, or they are left out with a warning.
+    such data have "", 0 or NaN, and "object" is the name of the prim that each face is from, or its
+    path where several have that name. COLLADA has objects as well; other formats have no such
+    data, or they are left out with a warning.
     `selected` makes a cage of the faces that have some value.
 
     **Rhino** (``.3dm``). SubD objects and meshes that are shown become one cage, with "object" and
     "layer" of each face; of another scheme than "catmull-clark" are the meshes. Creases and corners
     are infinitely sharp, sharp edges semi-sharp. Blocks and surfaces (NURBS) are left out.
 
+    **Gmsh** (``.msh`` 2.2 and 4.1, text and binary). Of elements the triangles and quadrilaterals
+    are read, of higher order their corners; "group" is the name, or else the number, of the first
+    physical group of each. Lines and volumes are left out.
+
     **glTF, DAE, 3MF** say in which units and with which axis up they are (glTF: metres, Y), which
-    become the ``units`` and ``up`` of the mesh. Strips and fans of glTF become triangles.
+    become the ``units`` and ``up`` of the mesh. Strips and fans of glTF become triangles, morphs
+    are at rest, and glTF 1 is read as glTF 2 is.
 
     Parameters
     ----------
@@ -215,7 +224,7 @@ def read(
         known = ", ".join(formats.READABLE)
         raise ValueError(
             f"{name}: unknown suffix {kind!r}, need one of {known}, "
-            "or another that the installed trimesh or PyVista reads"
+            f"or another that the installed trimesh or PyVista reads{formats.detour(kind)}"
         )
     is_usd = kind in (*formats.USD, ".usdz")
     if prim is not None and not is_usd:
@@ -253,17 +262,21 @@ def frames(
     Parameters
     ----------
     file : str or os.PathLike
-        A USD file.
+        A USD file, or a glTF file (``.glb``, ``.gltf``) with morph targets or nodes that move: of
+        several animations the first. Skeletons are not read.
     prim : str, optional
         As for `read`.
     times : iterable of float, optional
-        Frames, as time codes; by default all at which points or transforms are given, or 0 where
-        nothing moves. Between samples USD interpolates.
+        Frames, as time codes in USD, in seconds in glTF; by default all at which points, weights or
+        transforms are given, or 0 where nothing moves. Between them USD interpolates, and glTF
+        says how.
 
     Yields
     ------
     (time, points (n_vertices, 3))
-        As ``read(file, prim=prim, time=time).points`` has them.
+        As ``read(file, prim=prim, time=time).points`` has them; of glTF, the points of the cage
+        ``read(file)``, each moved as the first of those that it joins. A file is read once, or as
+        often as frames fill 32 MiB.
 
     Raises
     ------
@@ -283,27 +296,24 @@ def frames(
     ...         yield time, surface.with_points(points).evaluate(0, 0.5, 0.5)[2]
     """
     name, kind = _named(file, None, "")
-    if kind not in (*formats.USD, ".usdz"):
-        raise ValueError(f"{name}: only a USD file has frames that are read")
-    if times is None:
-        with _on_disk(file, name, kind, None) as (path, folder):
-            found = formats.read_by_library(name, kind, path, folder, call="times", prim=prim)
-            times = found or [0.0]
-    first: Mesh | None = None
-    for time in times:
-        with warnings.catch_warnings():
+    if kind not in (*formats.USD, ".usdz", ".glb", ".gltf"):
+        raise ValueError(f"{name}: only USD and glTF files have frames that are read")
+    left = None if times is None else [float(time) for time in times]
+    first: dict[str, Any] | None = None
+    while left is None or left:
+        with warnings.catch_warnings(), _on_disk(file, name, kind, None) as (path, folder):
             if first is not None:  # what is said of a file is said once
                 warnings.simplefilter("ignore")
-            mesh = read(file, prim=prim, time=time, merge=False)
-        if first is None:
-            first = mesh
-        elif not (
-            np.array_equal(mesh.sizes, first.sizes)
-            and np.array_equal(mesh.indices, first.indices)
-            and mesh.n_vertices == first.n_vertices
-        ):
-            raise MeshError(f"{name}: at time {time:g} its faces are others than before")
-        yield float(time), mesh.points
+            found = formats.read_by_library(
+                name, kind, path, folder, call="frames", prim=prim, times=left
+            )
+        first = first or found
+        same = (np.array_equal(found[x], first[x]) for x in ("sizes", "indices"))
+        if not all(same) or found["points"][0].shape != first["points"][0].shape:
+            text = f"{name}: at time {found['times'][0]:g} its faces are others than before"
+            raise MeshError(text)
+        yield from zip(found["times"], found["points"], strict=False)
+        left = found["times"][len(found["points"]) :]
 
 
 def schemes(

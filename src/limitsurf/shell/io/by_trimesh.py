@@ -8,19 +8,20 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import BytesIO
+from time import process_time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.cage.checks import MeshError
-from limitsurf.cage.mesh import UP, Mesh
-from limitsurf.shell.io import gltf, references
-from limitsurf.shell.io.apart import allow
+from limitsurf.cage.mesh import Mesh
+from limitsurf.shell.io import dae, gltf, references
+from limitsurf.shell.io.apart import A_WHILE, AN_ANSWER, allow
 from limitsurf.shell.io.formats import MEASURES
 from limitsurf.shell.io.losses import Losses
 from limitsurf.shell.io.merge import Merge, checked, joined
-from limitsurf.shell.io.polygons import mesh_of, polygons, tessellated
+from limitsurf.shell.io.polygons import distinct, mesh_of, polygons, tessellated
 
 if TYPE_CHECKING:
     from limitsurf.query import Polygons, Tessellation
@@ -121,11 +122,36 @@ def _of_trimesh(mesh: Any, losses: Losses, *, merge: bool, **tags: Any) -> Mesh:
     if isinstance(mesh, trimesh.Trimesh):
         placed = [(mesh, np.eye(4))]
     elif isinstance(mesh, trimesh.Scene):
-        nodes = [mesh.graph[node] for node in mesh.graph.nodes_geometry]
-        placed = [(mesh.geometry[name], np.asarray(matrix)) for matrix, name in nodes]
-        placed = [(part, matrix) for part, matrix in placed if isinstance(part, trimesh.Trimesh)]
+        placed = _placed(mesh)
     else:
         raise TypeError(f"need a trimesh.Trimesh or Scene, got {type(mesh).__name__}")
+    points, faces, textures, rows = _soup(placed, losses)
+    return mesh_of(
+        points,
+        np.full(len(faces), 3),
+        faces.ravel(),
+        losses,
+        uv=textures,
+        rows=rows.ravel(),
+        merge=merge,
+        **tags,
+    )
+
+
+def _placed(scene: Any) -> list[tuple[Any, NDArray[Any]]]:
+    """The meshes of a scene, each with the matrix (4, 4) that puts it into its place."""
+    nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
+    placed = [(scene.geometry[name], np.asarray(matrix)) for matrix, name in nodes]
+    return [(part, matrix) for part, matrix in placed if isinstance(part, _trimesh().Trimesh)]
+
+
+def _soup(
+    placed: list[tuple[Any, NDArray[Any]]], losses: Losses
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any] | None, NDArray[Any]]:
+    """Points (V, 3) and triangles (m, 3) of meshes; texture coordinates, or None, and their rows.
+
+    The latter are (m, 3), and -1 where there are none.
+    """
     points, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
     textures, rows = [np.zeros((0, 2))], [np.zeros((0, 3), np.int64)]
     for i, (part, matrix) in enumerate(placed):
@@ -149,17 +175,8 @@ def _of_trimesh(mesh: Any, losses: Losses, *, merge: bool, **tags: Any) -> Mesh:
         faces.append(triangles + count)
         points.append(vertices)
         count += len(vertices)
-    indices = np.concatenate(faces)
-    return mesh_of(
-        np.concatenate(points),
-        np.full(len(indices), 3),
-        indices.ravel(),
-        losses,
-        uv=np.concatenate(textures) if len(textures) > 1 else None,
-        rows=np.concatenate(rows).ravel(),
-        merge=merge,
-        **tags,
-    )
+    uv = np.concatenate(textures) if len(textures) > 1 else None
+    return np.concatenate(points), np.concatenate(faces), uv, np.concatenate(rows)
 
 
 def _trimesh() -> Any:
@@ -200,18 +217,32 @@ def _quiet() -> Iterator[None]:
 
 def read(name: str, suffix: str, path: str, folder: str | None, *, strict: bool = False) -> Mesh:
     """The cage of a file that trimesh reads, its objects together, points joined."""
-    trimesh = _trimesh()
+    _trimesh()  # or who needs it says so
     with open(path, "rb") as file:
         data = file.read()
     if suffix == ".stl":
         _check_stl(name, data)
+    if suffix in dae.SUFFIXES:
+        return _of_dae(name, data, Losses(name, strict))
     resolver = references.resolver(name, folder) if folder is not None else None
     if suffix in GLTF:
-        data = gltf.with_triangles(data, None if resolver is None else resolver.get)
+        data = gltf.plain(data, None if resolver is None else resolver.get)
+    try:
+        return _read(name, suffix, data, resolver, Losses(name, strict))
+    except MeshError as error:
+        if b"KHR_draco_mesh_compression" in data:
+            how = "'gltf-transform copy', or Blender, unpacks it"
+            raise MeshError(f"{error}; it is compressed by Draco: {how}") from None
+        raise
+
+
+def _scene(name: str, suffix: str, data: bytes, resolver: Any) -> Any:
+    """What trimesh makes of a file, a scene."""
+    trimesh = _trimesh()
     try:
         _check_archive(name, data)
         with _quiet(), np.errstate(all="ignore"):
-            scene = trimesh.load_scene(
+            return trimesh.load_scene(
                 BytesIO(data), file_type=suffix[1:], resolver=resolver, process=False
             )
     except ImportError as error:
@@ -221,17 +252,68 @@ def read(name: str, suffix: str, path: str, folder: str | None, *, strict: bool 
     except Exception as error:  # of whatever type: trimesh checks little of what it reads
         reason = f"{type(error).__name__}: {error}"[:200]
         raise MeshError(f"{name}: trimesh cannot read it, truncated or broken: {reason}") from None
+
+
+def _read(name: str, suffix: str, data: bytes, resolver: Any, losses: Losses) -> Mesh:
+    """The cage of the content of a file."""
+    scene = _scene(name, suffix, data, resolver)
     others, damage = gltf.others(data) if suffix in GLTF else (_scene_others(scene), [])
     if not any(len(getattr(part, "faces", ())) for part in scene.geometry.values()):
         besides = f"; it has {', '.join(others)}" if others else ""
         raise MeshError(f"{name}: need at least one triangle, got none{besides}")
-    losses = Losses(name, strict)
     for text in damage:
         losses.add(text, "", text)
     losses.left_out(others)
-    mesh = _of_trimesh(scene, losses, merge=True, **_measures(suffix, data, scene))
+    mesh = _of_trimesh(scene, losses, merge=True, **_measures(suffix, scene))
     losses.warn(3)
     return mesh
+
+
+def frames(
+    name: str,
+    suffix: str,
+    path: str,
+    folder: str | None,
+    *,
+    prim: str | None = None,
+    times: list[float] | None = None,
+) -> dict[str, Any]:
+    """The first frames of the animation of a glTF file, as `usd.frames` has them."""
+    if prim is not None:
+        raise ValueError(f"{name}: got prim {prim!r}, but only a USD file has some")
+    with open(path, "rb") as opened:
+        data = opened.read()
+    resolver = references.resolver(name, folder) if folder is not None else None
+    resolved = None if resolver is None else resolver.get
+    losses = Losses(name, strict=False)
+    rest = gltf.plain(data, resolved)
+    mesh = _read(name, suffix, rest, resolver, losses)
+    try:
+        file = gltf.File(gltf.plain(data, resolved, at_rest=False), resolved)
+        moves, known, others = gltf.animation(file)
+        if others:
+            text = f"only the first animation is read, left out: {', '.join(others)}"
+            losses.note("animations", "", text)
+        times = known or [0.0] if times is None else times
+        at_rest, *_ = _soup(_placed(_scene(name, suffix, rest, resolver)), losses)
+        first, _ = distinct(at_rest)  # of points that are joined the first one moves all
+        first = first if len(first) < len(at_rest) else np.arange(len(at_rest))
+        points: list[NDArray[np.float64]] = []
+        begun, size = process_time(), 0
+        for time in times:
+            scene = _scene(name, suffix, gltf.posed(file, moves, time), resolver)
+            moved, *_ = _soup(_placed(scene), Losses(name, strict=False))
+            points.append(moved[first])
+            size += points[-1].nbytes
+            if size > AN_ANSWER or process_time() - begun > A_WHILE:
+                break
+    except gltf.BROKEN as error:
+        if isinstance(error, MeshError):
+            raise
+        reason = f"{type(error).__name__}: {error}"[:200]
+        raise MeshError(f"{name}: its animation is broken: {reason}") from None
+    losses.warn(3)
+    return {"times": times, "points": points, "sizes": mesh.sizes, "indices": mesh.indices}
 
 
 def _scene_others(scene: Any) -> list[str]:
@@ -251,25 +333,28 @@ def _scene_others(scene: Any) -> list[str]:
     return list(said)
 
 
-def _measures(suffix: str, data: bytes, scene: Any) -> dict[str, Any]:
+def _of_dae(name: str, data: bytes, losses: Losses) -> Mesh:
+    try:
+        _check_archive(name, data)
+        mesh = dae.read(name, data, losses)
+    except ImportError as error:
+        raise ImportError(f'{name}: {error}: pip install "limitsurf[formats]"') from error
+    except zipfile.BadZipFile as error:
+        text = f"{name}: pycollada cannot read it, truncated or broken: BadZipFile: {error}"
+        raise MeshError(text) from None
+    losses.warn(4)
+    return mesh
+
+
+def _measures(suffix: str, scene: Any) -> dict[str, Any]:
     """Units and up axis of a file, as far as its format has them."""
-    if suffix == ".zae":  # an archive with a DAE file
-        with zipfile.ZipFile(BytesIO(data)) as archive:
-            names = [name for name in archive.namelist() if name.lower().endswith(".dae")]
-            suffix, data = ".dae", archive.read(names[0]) if names else b""
     if suffix not in MEASURES:
         return {}
     up, units = MEASURES[suffix]
-    if suffix == ".dae":
-        said = re.search(rb"<up_axis>\s*([XYZ])_UP\s*</up_axis>", data)
-        up = said[1].decode().lower() if said else "y"
-    if suffix in (".dae", ".3mf") and scene.units is not None:
+    if suffix == ".3mf" and scene.units is not None:
         with suppress(ValueError, KeyError, TypeError):
             units = _trimesh().units.unit_conversion(scene.units, "meters")
-    return {
-        "up": up if up in UP else None,
-        "units": units if 0 < units < float("inf") else None,
-    }
+    return {"up": up, "units": units if 0 < units < float("inf") else None}
 
 
 def content(shape: Polygons, suffix: str) -> Iterator[bytes]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
 from contextlib import suppress
@@ -23,7 +24,7 @@ USD = (".usd", ".usda", ".usdc")
 PLAIN = (".obj", ".ply", ".off")
 VTK = vtk_reader.SUFFIXES
 TRIMESH = (".stl", ".glb", ".gltf", ".3mf", ".dae")
-READABLE = (*PLAIN, *USD, ".usdz", *VTK, *TRIMESH)
+READABLE = (*PLAIN, ".msh", *USD, ".usdz", *VTK, *TRIMESH)
 WRITABLE = (*PLAIN, *USD, *VTK, *TRIMESH)
 # what else a format holds of a tessellation
 WITH_NORMALS = (".obj", ".ply", *USD, *VTK, ".glb", ".gltf", ".dae")
@@ -42,12 +43,24 @@ _READERS: dict[str, tuple[str, tuple[str, ...]]] = {
     "trimesh": ("limitsurf.shell.io.by_trimesh:read", ("trimesh.exchange.load",)),
     "rhino": ("limitsurf.shell.io.rhino:read", ("rhino3dm",)),
 }
+# what makes files that are read of others
+_DETOURS = {
+    ".blend .fbx .abc .x3d .x3dv .bvh .lwo .svg": "Blender opens it, and exports USD or OBJ",
+    ".ma .mb .max .c4d .hip .hipnc .lxo .zpr .ztl": "the program that wrote it exports USD or OBJ",
+    ".skp .dwg .dxf": "the program that wrote it exports COLLADA (.dae) or OBJ",
+    ".step .stp .iges .igs .brep .x_t .sat .fcstd .sldprt .ipt": (
+        "a CAD kernel's faces are no cage: FreeCAD or Gmsh mesh it, and write OBJ or .msh"
+    ),
+    ".mesh .meshb .inp .bdf .nas .fem .su2 .med .xdmf .cgns .unv": (
+        "'meshio convert', of the package meshio, or Gmsh writes .vtk, .msh or OBJ of it"
+    ),
+}
 # how a file begins, after white space, and what to say where it does not
 _BEGINNINGS = {
     ".vtp": (rb"\s*<((?s:.){0,2000}<)?VTKFile\b", "XML with <VTKFile"),
     ".vtu": (rb"\s*<((?s:.){0,2000}<)?VTKFile\b", "XML with <VTKFile"),
     ".vtk": (rb"# vtk DataFile Version \d", "'# vtk DataFile Version'"),
-    ".glb": (rb"glTF\x02\0\0\0", "'glTF', version 2"),
+    ".glb": (rb"glTF[\x01\x02]\0\0\0", "'glTF', version 1 or 2"),
     ".gltf": (rb"(\xef\xbb\xbf)?\s*\{", "JSON, '{'"),
     ".3mf": (rb"PK\x03\x04", "a ZIP archive, 'PK'"),
     ".3dm": (rb"3D Geometry File Format", "'3D Geometry File Format'"),
@@ -65,6 +78,8 @@ def read_by_library(name: str, suffix: str, path: str, folder: str | None, **opt
     with open(path, "rb") as file:
         _check_beginning(name, suffix, file.read(1 << 16))
     function, modules = _READERS[families.get(suffix) or library(suffix) or "trimesh"]
+    if suffix in TRIMESH and "call" in options:
+        function = f"{function.partition(':')[0]}:{options.pop('call')}"
     size = os.path.getsize(path)
     return read_apart(name, size, function, name, suffix, path, folder, modules=modules, **options)
 
@@ -88,8 +103,18 @@ def library(suffix: str) -> str | None:
     return None
 
 
+def detour(suffix: str) -> str:
+    """Which program makes a file that is read of one that is not, for the end of a message."""
+    for suffixes, how in _DETOURS.items():
+        if suffix in suffixes.split():
+            return f"; {how}"
+    return ""
+
+
 def _check_beginning(name: str, suffix: str, data: bytes) -> None:
     pattern, need = _BEGINNINGS.get(suffix, (b"", ""))
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        data = data.decode("utf-16", errors="replace").encode()
     if not re.match(pattern, data):
         raise MeshError(f"{name}: need {need} at the start: this is no {suffix} file")
 

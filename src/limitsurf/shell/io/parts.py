@@ -18,6 +18,8 @@ from limitsurf.shell.io.losses import Losses, joined_channels, listed
 
 Array: TypeAlias = NDArray[Any]
 
+OBJECT = "object"  # what the names of parts are called among the data of faces
+LONGEST = 255  # letters of a name that each face keeps
 MIXED = "mixed"  # the scheme of a mesh whose parts have several
 # what holds where a part leaves a choice open
 DEFAULTS = {
@@ -76,7 +78,7 @@ class Part:
         corner = np.arange(mesh.n_corners)
         source = np.broadcast_to(corner, (len(matrices), len(corner)))
         if turned.any():
-            source = np.where(turned[:, None], _reversed(mesh.sizes), corner)
+            source = np.where(turned[:, None], reversed_corners(mesh.sizes), corner)
         return cls(path, mesh, points, source)
 
     @property
@@ -168,10 +170,24 @@ def _joined_data(parts: Sequence[Part]) -> dict[str, Array]:
     likes: dict[str, Array] = {}
     for part in parts:
         likes = {**part.mesh.face_data, **likes}
-    return {
+    found = {
         name: np.concatenate([part.data(name, like) for part in parts])
         for name, like in likes.items()
     }
+    if len(parts) > 1 and OBJECT not in found:
+        counts = [part.copies * part.mesh.n_faces for part in parts]
+        found[OBJECT] = np.repeat(_titles([part.path for part in parts]), counts)
+    return found
+
+
+def _titles(paths: Sequence[str]) -> Array:
+    """The last names of paths, or whole paths where several have one; the end of long ones."""
+    by_name: dict[str, set[str]] = {}
+    for path in paths:
+        by_name.setdefault(path.rpartition("/")[2], set()).add(path)
+    names = (path.rpartition("/")[2] for path in paths)
+    pairs = zip(names, paths, strict=True)
+    return np.array([(n if len(by_name[n]) == 1 else path)[-LONGEST:] for n, path in pairs])
 
 
 def _agreed(option: str, parts: Sequence[Part], losses: Losses) -> Any:
@@ -193,7 +209,7 @@ def _agreed(option: str, parts: Sequence[Part], losses: Losses) -> Any:
     return value if any(getattr(part.mesh, option) for part in parts) else None
 
 
-def _reversed(sizes: IntArray) -> IntArray:
+def reversed_corners(sizes: IntArray) -> IntArray:
     """The order of corners that turns every face around and keeps its first corner."""
     offset, size = np.repeat([np.cumsum(sizes) - sizes, sizes], sizes, axis=1)
     position = np.arange(len(offset)) - offset

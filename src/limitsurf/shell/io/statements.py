@@ -16,6 +16,7 @@ from limitsurf.shell.io.polygons import IntArray
 
 # kinds of statements, of OBJ files
 VERTEX, TEXTURE, FACE, TAG, OTHER = range(5)
+_PART = 1 << 18  # bytes
 
 
 class Statements:
@@ -37,23 +38,35 @@ class Statements:
             data = re.sub(rb"\\[ \t]*\n", b"\v", data)
         data = b"".join([b" " * digits.PADDING, data, b"\n" * digits.PADDING])
         self.text = np.frombuffer(data, dtype=np.uint8)
-        space = is_space(self.text)
-        words = (np.flatnonzero(space[1:] != space[:-1]) + 1).reshape(-1, 2)
+        words = _changes(self.text).reshape(-1, 2)
         starts, self.end = words[:, 0].copy(), words[:, 1].copy()  # (W,) of each word
-        line_ends = np.flatnonzero(self.text == ord("\n"))
-        first = np.searchsorted(starts, np.append(0, line_ends))
-        filled = np.flatnonzero(np.diff(first))
+        first = np.flatnonzero(self._begins_line(starts))
         self.start = np.append(starts, len(self.text))  # (W + 1,) first byte of each word
-        self.first = np.append(first[filled], len(starts))  # (S + 1,) first word of each statement
+        self.first = np.append(first, len(starts))  # (S + 1,) first word of each statement
         self.n_words = np.diff(self.first)  # (S,)
-        self.head = starts[first[filled]]  # (S,) first byte of each keyword
+        self.head = starts[first]  # (S,) first byte of each keyword
         a, b, c = (self.text[self.head + i] for i in range(3))
-        kind = np.full(len(filled), OTHER, dtype=np.int8)
+        kind = np.full(len(first), OTHER, dtype=np.int8)
         for letter, known in ("v", VERTEX), ("f", FACE), ("t", TAG):
             kind[(a == ord(letter)) & is_space(b)] = known
         kind[(a == ord("v")) & (b == ord("t")) & is_space(c)] = TEXTURE
         kind[(a == ord("f")) & (b == ord("o")) & is_space(c)] = FACE  # as faces were called once
         self.kind = kind  # (S,)
+
+    def _begins_line(self, starts: IntArray) -> NDArray[np.bool_]:
+        """Which words have the end of a line between them and the word before."""
+        newline = np.uint8(ord("\n"))
+        found: NDArray[np.bool_] = self.text[starts - 1] == newline
+        found[1:] |= self.text[self.end[:-1]] == newline
+        found[:1] = True
+        # the end of a line may have white space on both sides
+        wide = np.flatnonzero(~found)
+        wide = wide[starts[wide] - self.end[wide - 1] > 2]
+        if len(wide):
+            lines = np.flatnonzero(self.text == newline)
+            before, after = (np.searchsorted(lines, x) for x in (self.end[wide - 1], starts[wide]))
+            found[wide] = before < after
+        return found
 
     def of(self, kind: int) -> IntArray:
         """The statements of a kind, in order."""
@@ -160,6 +173,18 @@ class Statements:
         except (ValueError, DeprecationWarning):
             return None
         return values if len(values) == len(words) else None
+
+
+def _changes(text: NDArray[np.uint8]) -> IntArray:
+    """The places (2 W,) at which words begin and end, in parts that a cache of the processor holds.
+
+    The text begins and ends with white space.
+    """
+    found = []
+    for start in range(0, len(text) - 1, _PART):
+        space = is_space(text[start : start + _PART + 1])
+        found.append(np.flatnonzero(space[1:] != space[:-1]) + (start + 1))
+    return np.concatenate(found)
 
 
 def is_space(text: NDArray[np.uint8]) -> NDArray[np.bool_]:

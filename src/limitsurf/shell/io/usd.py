@@ -7,6 +7,9 @@ import re
 import tempfile
 import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import accumulate
+from time import process_time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +17,7 @@ from numpy.typing import NDArray
 
 from limitsurf.cage.checks import MeshError
 from limitsurf.cage.mesh import Mesh
+from limitsurf.shell.io.apart import A_WHILE, AN_ANSWER
 from limitsurf.shell.io.losses import LocatedError, Losses, listed
 from limitsurf.shell.io.parts import DEFAULTS, MIXED, Part, merged
 from limitsurf.shell.io.polygons import IntArray, float_points, polygons
@@ -64,11 +68,20 @@ def read(
     """
     losses = Losses(name, strict)
     code = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
+    with _opened(losses, file) as stage:
+        mesh = _scene_mesh(stage, prim, code, losses)
+    losses.warn(stacklevel=3)
+    return mesh
+
+
+@contextmanager
+def _opened(losses: Losses, file: str) -> Iterator[Any]:
+    """A stage for as long as the block lasts, and what USD says of it and of all that is done."""
+    name = losses.name
     # In its place of stderr, for as long as it lives.
     diagnostics = UsdUtils.CoalescingDiagnosticDelegate()
     try:
-        stage = Usd.Stage.Open(os.path.abspath(file))
-        mesh = _scene_mesh(stage, prim, code, losses)
+        yield Usd.Stage.Open(os.path.abspath(file))
     except Tf.ErrorException as error:
         said = one_line(error.args[0])
         at = re.search(r":(\d+):\d+: ", said)
@@ -76,13 +89,11 @@ def read(
         raise MeshError(place) from None
     finally:
         complaints = [one_line(found) for found in diagnostics.TakeUncoalescedDiagnostics()]
-        if not strict:
+        if not losses.strict:
             for text in _alike(complaints):
-                warnings.warn(f"{name}: {text}", stacklevel=3)
-    if complaints and strict:
+                warnings.warn(f"{name}: {text}", stacklevel=4)
+    if complaints and losses.strict:
         raise MeshError(f"{name}: {complaints[0]}")
-    losses.warn(stacklevel=3)
-    return mesh
 
 
 def _alike(complaints: list[str]) -> list[str]:
@@ -110,13 +121,61 @@ def schemes(
     return {x.path: x.choice(*CHOICES["scheme"]) or DEFAULTS["scheme"] for x in readers}
 
 
-def times(name: str, file: str, *, prim: str | None = None) -> list[float]:
-    """The frames at which points or transforms of what `read` reads are given, ascending."""
+def frames(
+    name: str,
+    file: str,
+    *,
+    prim: str | None = None,
+    times: list[float] | None = None,
+) -> dict[str, Any]:
+    """The first frames of an animation, as many as one answer holds, from one stage.
+
+    These are ``points`` of the first of ``times``, which are given or else all that there are, and
+    the ``sizes`` and ``indices`` of their faces. They end before a frame whose faces are others, or
+    which is broken, if it is not the first.
+    """
     losses = Losses(name, strict=False)
+    known: dict[str, tuple[Mesh, bool]] = {}
+    points: list[NDArray[np.float64]] = []
+    with _opened(losses, file) as stage:
+        if times is None:
+            times = _times(stage, prim, losses) or [0.0]
+        begun, size = process_time(), 0
+        first: tuple[IntArray, IntArray] | None = None
+        for time in times:
+            code = Usd.TimeCode(time)
+            told = losses if first is None else Losses(name, strict=False)
+            try:
+                parts = _parts(stage, prim, code, told, known)
+            except MeshError:
+                if first is None:
+                    raise
+                break
+            faces = _faces(parts)
+            if first is None:
+                first = faces
+            elif not all(map(np.array_equal, faces, first)):
+                break
+            points.append(np.concatenate([part.points for part in parts]))
+            size += points[-1].nbytes
+            if size > AN_ANSWER or process_time() - begun > A_WHILE:
+                break
+    losses.warn(stacklevel=3)
+    sizes, indices = first or (np.zeros(0, np.int64), np.zeros(0, np.int64))
+    return {"times": times, "points": points, "sizes": sizes, "indices": indices}
+
+
+def _faces(parts: list[Part]) -> tuple[IntArray, IntArray]:
+    """Sizes and corners of the faces of all parts together."""
+    first = [0, *accumulate(len(part.points) for part in parts)]
+    indices = [part.indices + n for part, n in zip(parts, first, strict=False)]
+    return np.concatenate([part.sizes for part in parts]), np.concatenate(indices)
+
+
+def _times(stage: Any, prim: str | None, losses: Losses) -> list[float]:
+    """The frames at which points or transforms of what `read` reads are given, ascending."""
     found: set[float] = set()
     seen: set[Any] = set()
-    diagnostics = UsdUtils.CoalescingDiagnosticDelegate()
-    stage = Usd.Stage.Open(os.path.abspath(file))
     scene = _shown(stage, prim, Usd.TimeCode.EarliestTime(), losses)
     for each, _ in scene.placed:
         while each and each.GetPath() not in seen:
@@ -126,7 +185,6 @@ def times(name: str, file: str, *, prim: str | None = None) -> list[float]:
                 if name in _MOVING or name.startswith("xformOp:"):
                     found.update(attribute.GetTimeSamples())
             each = each.GetParent()
-    diagnostics.TakeUncoalescedDiagnostics()  # which `read` has told
     return sorted(found)
 
 
@@ -147,6 +205,21 @@ def _shown(stage: Any, path: str | None, time: Any, losses: Losses) -> Traversal
 
 def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh:
     """All that is shown of a stage, or at or below a path, as one mesh."""
+    return merged(_parts(stage, path, time, losses), losses, **_measures(stage, losses))
+
+
+def _parts(
+    stage: Any,
+    path: str | None,
+    time: Any,
+    losses: Losses,
+    known: dict[str, tuple[Mesh, bool]] | None = None,
+) -> list[Part]:
+    """All meshes that are shown of a stage, or at or below a path.
+
+    Those that are `known` by their path, from another time, are but moved where that is all that
+    changes; others become known.
+    """
     name, scene = losses.name, _shown(stage, path, time, losses)
     if not scene.placed:
         place = "in the stage" if path is None else f"at or below {path}"
@@ -160,7 +233,9 @@ def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh
         reader = Reader(prim, time, losses)
         try:
             if reader.path not in read:
-                read[reader.path] = reader.mesh(), reader.is_left_handed()
+                before = None if known is None else known.get(reader.path)
+                moved = None if before is None else reader.moved(before[0])
+                read[reader.path] = moved or reader.mesh(), reader.is_left_handed()
                 for what in reader.left_out:
                     others.setdefault(what, []).append(reader.path)
             parts.append(Part.of(reader.path, *read[reader.path], matrices))
@@ -177,7 +252,9 @@ def _scene_mesh(stage: Any, path: str | None, time: Any, losses: Losses) -> Mesh
     if others:
         kinds = [f"{kind} ({listed(paths)})" for kind, paths in sorted(others.items())]
         losses.note("others", "", f"a cage has no place for all, left out: {', '.join(kinds)}")
-    return merged(parts, losses, **_measures(stage, losses))
+    if known is not None:
+        known.update(read)
+    return parts
 
 
 def _measures(stage: Any, losses: Losses) -> dict[str, Any]:

@@ -13,13 +13,13 @@ from pxr import Sdf, Tf, UsdGeom, Vt
 
 from limitsurf.cage.checks import MeshError
 from limitsurf.cage.mesh import Mesh
+from limitsurf.shell.io.parts import LONGEST
 from limitsurf.shell.io.usd_values import numbers_of
 
 BINDING = "materialBind"  # the family of subsets that bind materials
 MATERIAL = "material"  # what names of materials are called among the data of faces
 UNNAMED = "subset"  # of subsets without a family
 NOTE = "limitsurf:value"  # the text of a subset whose name, an identifier, is another
-LONGEST = 255  # letters of a name that each face keeps
 _ARRAYS = {  # of numbers a face: USD's type and array, by that of NumPy and how many there are
     (1, "b"): ("BoolArray", Vt.BoolArray, bool),
     (1, "i"): ("Int64Array", Vt.Int64Array, np.int64),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pxr import UsdGeom
 
 from limitsurf.cage.checks import INTERPOLATION, Channel, MeshError
-from limitsurf.cage.mesh import CREASING, Mesh
+from limitsurf.cage.mesh import CREASING, Mesh, valid_mesh
 from limitsurf.shell.io.losses import Losses, finite_points, first_of, tagged
 from limitsurf.shell.io.polygons import IntArray
 from limitsurf.shell.io.usd_faces import data_of_faces, is_of_faces
@@ -132,6 +132,16 @@ class Reader:
             creasing=creasing,
             **options,
         )
+
+    def moved(self, before: Mesh) -> Mesh | None:
+        """What `mesh` returns, of its points alone, where faces are what they were before."""
+        points = self.array("points", "f", (3,))
+        if len(points) != before.n_vertices:
+            return None
+        if not all(map(np.array_equal, self.faces(), (before.sizes, before.indices))):
+            return None
+        points = finite_points(points, before.indices, self._unused)
+        return valid_mesh(Mesh, points, before.connectivity)
 
     def _look_around(self) -> None:
         """Note what else there is, of which a cage has none."""

@@ -6,7 +6,7 @@ import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from limitsurf.shell.plot import paint
 from limitsurf.shell.plot.paint import Image
 from limitsurf.shell.plot.scene import LIGHT, SEAM, Lines, Look, Scene
-from limitsurf.spectra.fan import Fan, Mode
+
+if TYPE_CHECKING:
+    from limitsurf.spectra.fan import Fan, Mode
 
 Array: TypeAlias = NDArray[np.float64]
 

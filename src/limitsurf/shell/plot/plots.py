@@ -41,12 +41,11 @@ from limitsurf.shell.plot.scene import (
     seams,
     unit_points,
 )
-from limitsurf.spectra.dual_fan import fan_of
-from limitsurf.spectra.fan import Fan, Mode, predicted_order
 from limitsurf.surface import LimitSurface
 
 if TYPE_CHECKING:
     from limitsurf.scheme.scheme import Scheme
+    from limitsurf.spectra.fan import Fan, Mode
 
 __all__ = [
     "Picture",
@@ -417,7 +416,7 @@ def plot_characteristic_map(
     fan = (
         _fan(scheme, valence)
         if kind is None
-        else fan_of(scheme, kind, checked_integer("faces", faces, 1))
+        else _fan(scheme, checked_integer("faces", faces, 1), kind)
     )
     fan.characteristic_map()  # says now what there is not
     look = DARK if dark else LIGHT
@@ -591,6 +590,8 @@ def plot_convergence(
     >>> ls.plot_convergence({"cube": ls.LimitSurface(cube)}, levels=3, off_screen=True)
     <Picture of 1600 x 1200 pixels>
     """
+    from limitsurf.spectra.fan import predicted_order  # not for every picture
+
     named = surfaces if isinstance(surfaces, Mapping) else {"": surfaces}
     pictures.check_target(file, off_screen, charts.ChartDrawing.suffixes)
     if not named:
@@ -618,8 +619,12 @@ def _chart(
     return pictures.finished(charts.ChartDrawing(draw, size, look), size, file, off_screen)
 
 
-def _fan(scheme: str | Scheme, valence: Any) -> Fan:
-    return fan_of(scheme, "interior", checked_integer("valence", valence, 3))
+def _fan(scheme: str | Scheme, faces: Any, kind: str = "interior") -> Fan:
+    from limitsurf.spectra.dual_fan import fan_of  # not for every picture
+
+    if kind == "interior":
+        faces = checked_integer("valence", faces, 3)
+    return fan_of(scheme, kind, faces)
 
 
 def _checked_size(window_size: Any) -> tuple[int, int]:
