@@ -186,13 +186,9 @@ def _room_of(flat: Array, tables: Tables) -> Room:
     )
 
 
-@inlined
-def scale_by_two(x: float, n: int) -> float:
-    """``x * 2 ** n``."""
-    result: float
-    if -1022 <= n <= 1023:
-        result = x * of_bits((n + 1023) << 52)
-        return result
+@outlined
+def _scaled_far(x: float, n: int) -> float:
+    """``x * 2 ** n``, whatever n is."""
     n = max(-4400, min(4400, n))
     while n > 1023:
         x *= 2.0**1023
@@ -200,7 +196,18 @@ def scale_by_two(x: float, n: int) -> float:
     while n < -1022:
         x *= 2.0**-1022
         n += 1022
-    result = x * of_bits((n + 1023) << 52)
+    result: float = x * of_bits((n + 1023) << 52)
+    return result
+
+
+@inlined
+def scale_by_two(x: float, n: int) -> float:
+    """``x * 2 ** n``."""
+    result: float
+    if -1022 <= n <= 1023:
+        result = x * of_bits((n + 1023) << 52)
+        return result
+    result = _scaled_far(x, n)
     return result
 
 
