@@ -13,8 +13,9 @@ from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import register_pass
 from numba.core.targetconfig import ConfigStack
-from numba.core.typed_passes import NativeLowering
+from numba.core.typed_passes import InlineOverloads, NativeLowering, NopythonRewrites
 from numba.core.types.containers import BaseTuple
+from numba.core.untyped_passes import InlineClosureLikes, InlineInlinables
 
 
 @contextmanager
@@ -119,8 +120,13 @@ class _LoweringOfParts(NativeLowering):  # type: ignore[misc]
         return True
 
 
+# passes for what kernels do without: functions in functions, expressions of whole arrays, and
+# functions of others that are pasted in
+_WITHOUT = (InlineClosureLikes, InlineInlinables, InlineOverloads, NopythonRewrites)
+
+
 class Kernels(CompilerBase):  # type: ignore[misc]
-    """The usual passes, but for the last."""
+    """The usual passes, but for the last and for those that find nothing to do."""
 
     lowering: Any = _LoweringOfKernels
 
@@ -129,6 +135,7 @@ class Kernels(CompilerBase):  # type: ignore[misc]
         passes.passes = [
             (self.lowering, text) if one is NativeLowering else (one, text)
             for one, text in passes.passes
+            if one not in _WITHOUT
         ]
         passes.finalize()
         return [passes]
