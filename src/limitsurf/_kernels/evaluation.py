@@ -154,9 +154,9 @@ _FIELDS = (
 )  # fmt: skip
 
 
-def block(patches: Patches, tables: Tables, points: Points) -> Block:
-    """All that kernels evaluate, prepared."""
-    return Block(_FIELDS, patches, tables, points)
+def block(*known: Patches | Tables | Points) -> Block:
+    """All that kernels evaluate, patches, tables and points, or the first of these, prepared."""
+    return Block(_FIELDS[: len(known)], *known)
 
 
 # what is in it

@@ -70,34 +70,17 @@ def writable(kind: Any) -> Any:
     return kind
 
 
-class _Whole(JITCodeLibrary):  # type: ignore[misc]
-    """A kernel, which is optimised when it has all its parts, and not before."""
+class _Source(JITCodeLibrary):  # type: ignore[misc]
+    """Code that kernels hold: it is optimised as part of them, once, and never runs by itself."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
-
-
-class _Source(_Whole):
-    """Code that kernels hold: it is optimised as part of them, once, and never runs by itself."""
 
     def finalize(self) -> None:
         for library in dict.fromkeys(self._linking_libraries):
             self._reload_init.update(library._reload_init)
             self._final_module.link_in(library._get_module_for_linking(), preserve=True)
         self._finalized = True
-
-
-@register_pass(mutates_CFG=True, analysis_only=False)
-class _LoweringOfKernels(NativeLowering):  # type: ignore[misc]
-    """The usual lowering, without optimising parts by themselves."""
-
-    _name = "lowering_of_kernels"
-
-    def run_pass(self, state: Any) -> bool:
-        state.library = _Whole(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.library.enable_object_caching()
-        changed: bool = super().run_pass(state)
-        return changed
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -126,9 +109,9 @@ _WITHOUT = (InlineClosureLikes, InlineInlinables, InlineOverloads, NopythonRewri
 
 
 class Kernels(CompilerBase):  # type: ignore[misc]
-    """The usual passes, but for the last and for those that find nothing to do."""
+    """The usual passes, but for those that find nothing to do."""
 
-    lowering: Any = _LoweringOfKernels
+    lowering: Any = NativeLowering
 
     def define_pipelines(self) -> list[Any]:
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)

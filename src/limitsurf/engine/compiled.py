@@ -123,7 +123,8 @@ class Compiled:
         """What `Packing.shapes` returns, of requests that are in range."""
         queries = request.face, request.u, request.v
         packing = self._topology.packing
-        rest = packing.shapes(kernel, self._points, queries, given, request.workers)
+        words = self._isolated.words
+        rest = packing.shapes(kernel, words, queries, given, request.workers)
         if rest is None:
             self._complain(request)
         return rest

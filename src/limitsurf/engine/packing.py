@@ -25,6 +25,7 @@ from limitsurf.refine import sharing
 
 if TYPE_CHECKING:
     from limitsurf._kernels import evaluation, grids, rows
+    from limitsurf._kernels.blocks import Block
     from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
@@ -294,6 +295,13 @@ class Packing:
         ]
 
     @cached_property
+    def _cover_block(self) -> Block:
+        """What kernels know whatever the points."""
+        from limitsurf._kernels.evaluation import block
+
+        return block(self.patches, self.tables)
+
+    @cached_property
     def _columns(self) -> rows.Controls:
         from limitsurf._kernels import evaluation, rows
 
@@ -403,7 +411,7 @@ class Packing:
         knows.
         """
         with _kernels.preparing:
-            known = self.patches, self.tables, self._columns, self._patterns
+            known = self._cover_block.words, self._columns, self._patterns
         from limitsurf._kernels import evaluation, rows
 
         total, order = queries[0].size, max(_TOTALS[term] for term in terms)
@@ -426,7 +434,7 @@ class Packing:
         def fill(part: slice) -> None:
             places = indptr[:-1][part], indices, addresses
             room = evaluation.Room.of(self.tables)
-            space = rows.Space.of(*known[2:], self.shape.POINTS, len(terms))
+            space = rows.Space.of(*known[1:], self.shape.POINTS, len(terms))
             self.shape.fill(*chunk(part), *known, order, wanted, *places, room, space)
 
         for _ in over_chunks(total, workers, fill):
@@ -482,15 +490,15 @@ class Packing:
     def shapes(
         self,
         kernel: str,
-        points: evaluation.Points,
+        words: Array,
         queries: tuple[Array, Array, Array],
         given: Callable[[], Sequence[Any]],
         workers: int,
     ) -> Array | None:
         """Answer queries by a kernel of ``_kernels/curvature.py``; which are left to the reference.
 
-        `given` makes what it takes between the points and the number of the first query. Returns
-        None if a query is out of range.
+        Words are those of a `block`; `given` makes what comes between them and the number of the
+        first query. Returns None if a query is out of range.
         """
         from limitsurf._kernels import evaluation
 
@@ -499,8 +507,7 @@ class Packing:
         def work(part: slice) -> Array | None:
             face, u, v = chunk(part)
             rest, room = np.empty(len(face), dtype=np.int64), evaluation.Room.of(self.tables)
-            known = self.patches, self.tables, points, *given()
-            left = function(face, u, v, *known, part.start, rest, room)
+            left = function(face, u, v, words, *given(), part.start, rest, room)
             return None if left < 0 else rest[:left]
 
         if total <= CHUNK:
