@@ -8,6 +8,7 @@ import pytest
 
 import limitsurf as ls
 from limitsurf import rings, tables
+from limitsurf._kernels import evaluation
 from limitsurf.numbers import FLOAT64, RATIONAL
 
 KINDS = ("interior", "cone", "crease", "corner", "dart")
@@ -274,6 +275,26 @@ def test_memory_of_kernels_is_linear():
         sizes.append(sum(x.nbytes for x in surface._answers.compiled._points))
     assert sizes[1] < 2.1 * sizes[0]
     assert sizes[1] < 6500 * n
+
+
+@pytest.mark.parametrize("kind", ["interior", "dart"])
+def test_kernels_isolate_as_far_as_queries_ask(kind):
+    mesh, t = around(kind, MANY), 0.75 * 0.5 ** np.arange(14.0)
+    t[-1] = 0
+    whole, other = (ls.LimitSurface(mesh, engine="compiled") for _ in range(2))
+    wanted = whole.jet(0, t, t, order=2)
+    for k, x in [*enumerate(t)][::-1]:  # from the corner on
+        found = other.jet([0], x, x, order=2)
+        for nu, rows in wanted.items():
+            assert np.array_equal(found[nu][0], rows[k], equal_nan=True)
+    again = other.with_points(mesh.points)
+    isolated, near = again._answers.compiled._isolated, MANY + 1
+    ready = []
+    for face, x in ((near, 0.5), (0, 0.75), (0, 0.15), (0, 0.4), (0, 1e-9)):
+        found = again.evaluate(face, x, x)
+        assert np.array_equal(found, whole.evaluate(face, x, x))
+        ready.append(isolated._kinds[:, evaluation.READY].max())
+    assert ready == [0, 0, 2, 2, 2]  # far below what is kept NumPy answers, as before
 
 
 def test_limits_of_refined_meshes():

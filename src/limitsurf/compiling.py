@@ -27,7 +27,7 @@ def precompile() -> None:
     """Compile all kernels now, or load them, and use them for calls of any size from now on.
 
     For services, and for images of containers, that are to be fast from the first call on. The
-    first time on a machine this takes two minutes of one processor, later about a second: what is
+    first time on a machine this takes a minute of one processor, later about a second: what is
     compiled is kept in a cache directory, ``LIMITSURF_CACHE_DIR`` or else the user's, which is used
     only if nobody but the user, root and the owner of the installed package may write it. Who does
     not call this has kernels compiled in the background as soon as much is asked for. Where

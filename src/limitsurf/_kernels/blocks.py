@@ -12,7 +12,11 @@ from typing import Any
 
 import numpy as np
 from numba.core import cgutils, types
-from numba.core.types import NamedTuple, UniTuple  # type: ignore[attr-defined]
+from numba.core.datamodel import models
+from numba.core.datamodel import register_default as register_model
+from numba.core.imputils import lower_getattr_generic
+from numba.core.types import UniTuple  # type: ignore[attr-defined]
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.np.arrayobj import populate_array
 from numba.np.numpy_support import as_dtype
 from numpy.typing import NDArray
@@ -74,31 +78,63 @@ def _placed(context: Any, builder: Any, kind: Any, pointer: Any, shape: Any) -> 
     return made._getvalue()
 
 
+class Fields(types.Type):
+    """Fields of a named tuple in a block, by one address: they are read where they are used.
+
+    As tuples of arrays, each call between parts of kernels would hand over two hundred numbers.
+    """
+
+    def __init__(self, made: Any, first: int, kinds: tuple[Any, ...]) -> None:
+        self.fields = {name: (first + k, kinds[k]) for k, name in enumerate(made._fields)}
+        super().__init__(f"Fields({made.__name__}, {first})")
+
+
+@register_model(Fields)
+class _Model(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, cgutils.intp_t.as_pointer())
+
+
+@infer_getattr
+class _Kinds(AttributeTemplate):  # type: ignore[misc]
+    key = Fields
+
+    def generic_resolve(self, fields: Any, name: str) -> Any:
+        return fields.fields[name][1]
+
+
+def _field(context: Any, builder: Any, fields: Any, data: Any, name: str) -> Any:
+    """A field, from words that nobody writes to while kernels run."""
+    k, kind = fields.fields[name]
+
+    def word(n: int) -> Any:
+        found = builder.load(builder.gep(data, [context.get_constant(types.intp, n)]))
+        found.set_metadata("invariant.load", builder.module.add_metadata([]))
+        return found
+
+    value = word(_SLOT * k)
+    if not isinstance(kind, types.Array):
+        return value
+    shape = [word(_SLOT * k + 1 + axis) for axis in range(kind.ndim)]
+    return _placed(context, builder, kind, builder.inttoptr(value, cgutils.voidptr_t), shape)
+
+
+lower_getattr_generic(Fields)(_field)
+
+
 def unpacking(made: type, first: int, kinds: tuple[Any, ...]) -> Any:
     """An intrinsic for a named tuple whose fields are in a block from number `first` on.
 
     ``f(words)``; `kinds` are types of the fields, contiguous arrays and integers.
     """
+    fields = Fields(made, first, kinds)
 
     @intrinsic
     def unpack(typing: Any, words: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+            return context.make_array(signature.args[0])(context, builder, arguments[0]).data
 
-            def word(k: int) -> Any:
-                return builder.load(builder.gep(data, [context.get_constant(types.intp, k)]))
-
-            values = []
-            for k, kind in enumerate(kinds, start=first):
-                value = word(_SLOT * k)
-                if isinstance(kind, types.Array):
-                    pointer = builder.inttoptr(value, cgutils.voidptr_t)
-                    shape = [word(_SLOT * k + 1 + axis) for axis in range(kind.ndim)]
-                    value = _placed(context, builder, kind, pointer, shape)
-                values.append(value)
-            return context.make_tuple(builder, signature.return_type, values)
-
-        return NamedTuple(kinds, made)(words), generate
+        return fields(words), generate
 
     return unpack
 

@@ -38,8 +38,11 @@ from limitsurf._kernels.evaluation import (
     Points,
     Room,
     Tables,
+    patches_of,
+    points_of,
     powered,
     scale_by_two,
+    tables_of,
 )
 from limitsurf._kernels.jit import (
     bits,
@@ -388,13 +391,14 @@ def shapers(shape: Any) -> tuple[Any, Any]:
 
     @lean
     def tangents(
-        face: Array, u: Array, v: Array, patches: Patches, tables: Tables, points: Points,
-        width: int, out: Array, start: int, rest: Array, room: Room,
+        face: Array, u: Array, v: Array, words: Array, width: int, out: Array, start: int,
+        rest: Array, room: Room,
     ) -> int:  # fmt: skip
         """Unit vectors along d/du and d/dv, of `width` channels each, into ``out[0]``, ``out[1]``.
 
         Arguments and what is returned are as for `evaluator`.
         """
+        patches, tables, points = patches_of(words), tables_of(words), points_of(words)
         left = 0
         for begin in range(0, len(face), _BLOCK):
             count = min(_BLOCK, len(face) - begin)
@@ -586,8 +590,8 @@ def shapers(shape: Any) -> tuple[Any, Any]:
 
     @lean
     def curved(
-        face: Array, u: Array, v: Array, patches: Patches, tables: Tables, points: Points,
-        rounding: Array, mine: Array, out: Array, start: int, rest: Array, room: Room,
+        face: Array, u: Array, v: Array, words: Array, rounding: Array, mine: Array, out: Array,
+        start: int, rest: Array, room: Room,
     ) -> int:  # fmt: skip
         """Curvatures k1, k2, mean and Gaussian, and directions d1 and d2, into out (Q, 10).
 
@@ -595,6 +599,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         1 / NOISE; mine (3, 1, 6 `LANES`) is room. The others, and what is returned, are as for
         `evaluator`.
         """
+        patches, tables, points = patches_of(words), tables_of(words), points_of(words)
         left = 0
         for begin in range(0, len(face), _BLOCK):
             count = min(_BLOCK, len(face) - begin)

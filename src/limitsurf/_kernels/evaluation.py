@@ -53,10 +53,10 @@ LANES = 4  # channels that are evaluated at once
 # largest size of a control point, errors included); numbers of chains and of complex pairs; whether
 # odd levels flip normals; number of the first patch in `Points.fine`, or the first row where rings
 # are shared; coefficients whose cross product is along the normal at the corner itself, or -1; for
-# how many levels control points are kept, and for how many beside sharp sides; and the faces around
-# the corner where patches share a ring, 0 elsewhere
+# how many levels control points are kept, and for how many beside sharp sides; the faces around the
+# corner where patches share a ring, 0 elsewhere; and for how many levels control points are there
 SIZE, ROWS, MODES, CHAINS, PAIRS, FLIP, PATCH, ALONG, ACROSS = range(9)
-LEVELS, BESIDE, FACES, FIELDS = range(9, 13)
+LEVELS, BESIDE, FACES, READY, FIELDS = range(9, 14)
 HEAD = 3  # rows of a level of a shared ring: the limit less the vertex, the vertex, [errors]
 FIRST, SECOND = 0, 1  # the eigenvalue that powers are relative to
 ROW = (1 << TURN) - 1  # the bits of a packed patch that are its row
@@ -154,9 +154,9 @@ _FIELDS = (
 )  # fmt: skip
 
 
-def block(patches: Patches, tables: Tables, points: Points) -> Block:
-    """All that kernels evaluate, prepared."""
-    return Block(_FIELDS, patches, tables, points)
+def block(*known: Patches | Tables | Points) -> Block:
+    """All that kernels evaluate, patches, tables and points, or the first of these, prepared."""
+    return Block(_FIELDS[: len(known)], *known)
 
 
 # what is in it
@@ -186,13 +186,9 @@ def _room_of(flat: Array, tables: Tables) -> Room:
     )
 
 
-@inlined
-def scale_by_two(x: float, n: int) -> float:
-    """``x * 2 ** n``."""
-    result: float
-    if -1022 <= n <= 1023:
-        result = x * of_bits((n + 1023) << 52)
-        return result
+@outlined
+def _scaled_far(x: float, n: int) -> float:
+    """``x * 2 ** n``, whatever n is."""
     n = max(-4400, min(4400, n))
     while n > 1023:
         x *= 2.0**1023
@@ -200,7 +196,18 @@ def scale_by_two(x: float, n: int) -> float:
     while n < -1022:
         x *= 2.0**-1022
         n += 1022
-    result = x * of_bits((n + 1023) << 52)
+    result: float = x * of_bits((n + 1023) << 52)
+    return result
+
+
+@inlined
+def scale_by_two(x: float, n: int) -> float:
+    """``x * 2 ** n``."""
+    result: float
+    if -1022 <= n <= 1023:
+        result = x * of_bits((n + 1023) << 52)
+        return result
+    result = _scaled_far(x, n)
     return result
 
 
@@ -373,7 +380,7 @@ def evaluator(shape: Any) -> Any:
 
     @inlined
     def _kept(code: int, tables: Tables) -> int:
-        """For how many levels the control points around a special corner are kept."""
+        """For how many levels the control points around a special corner are there."""
         kind = code >> KIND
         levels: int = tables.kinds[kind, LEVELS]
         if shared and levels > 1:
@@ -381,6 +388,7 @@ def evaluator(shape: Any) -> Any:
             position = (code & ROW) % faces
             if position == 0 or position == faces - 1:
                 levels = tables.kinds[kind, BESIDE]
+            levels = min(levels, tables.kinds[kind, READY])
         return levels
 
     @inlined
@@ -555,7 +563,7 @@ def evaluator(shape: Any) -> Any:
             block = (at + (code & ROW) * (n + 3)) * width
             piece, level = room.places[k] & 3, (room.places[k] >> 2) - 1
             S, T = room.s[k], room.t[k]
-            if shared and tables.kinds[kind, FACES] and level < 0 and order == 0:
+            if shared and tables.kinds[kind, READY] and level < 0 and order == 0:
                 _, head, _ = _around(code, room.places[k], tables)
                 for j in range(len(which)):
                     for c in range(d):

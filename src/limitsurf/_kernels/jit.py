@@ -19,18 +19,16 @@ import numba
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.caching import NullCache
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, CompileResult, DefaultPassBuilder
+from numba.core.compiler import CompileResult
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.compiler_machinery import register_pass
 from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
-from numba.core.typed_passes import NativeLowering
-from numba.core.types.containers import BaseTuple
+from numba.core.types.misc import unliteral
 from numba.extending import intrinsic as _intrinsic
 
 from limitsurf import disk_cache
 from limitsurf._kernels import background, locks
+from limitsurf._kernels.pipeline import Kernels, Parts, in_one_go, writable
 
 F = TypeVar("F", bound=Callable[..., Any])
 # called from kernels without the typing context that they are written with
@@ -59,14 +57,14 @@ def lean(function: F) -> F:
 
 
 def _cached(function: F, options: dict[str, Any]) -> F:
-    dispatcher = numba.njit(nogil=True, **options)(function)
+    dispatcher = numba.njit(nogil=True, pipeline_class=Kernels, **options)(function)
     dispatcher._cache = cache = _Cache(function)
     compile_alone = dispatcher.compile
 
     def compile_once(given: tuple[Any, ...]) -> Any:
         """Also for arrays that are read-only: kernels write to none but those made for that."""
-        signature = tuple(map(_writable, given))
-        with cache.reserved(signature, dispatcher.targetctx.codegen()):
+        signature = tuple(map(writable, given))
+        with cache.reserved(signature, dispatcher.targetctx.codegen()), in_one_go(dispatcher):
             found = compile_alone(signature)
         if given != signature:
             dispatcher._insert([kind._code for kind in given], found, False)
@@ -74,16 +72,6 @@ def _cached(function: F, options: dict[str, Any]) -> F:
 
     dispatcher.compile = compile_once
     return cast(F, dispatcher)
-
-
-def _writable(kind: Any) -> Any:
-    """The type of an argument as if all arrays in it could be written: one kernel does for both."""
-    if isinstance(kind, types.Array) and not kind.mutable:
-        return kind.copy(readonly=False)
-    if isinstance(kind, BaseTuple):
-        own = getattr(kind, "instance_class", tuple)
-        return BaseTuple.from_types(list(map(_writable, kind.types)), own)
-    return kind
 
 
 class _Cache(NullCache):  # type: ignore[misc]
@@ -202,54 +190,16 @@ def _mark(kind: str) -> str:
     return f"{background.folder()}/{background.MARK}{kind}-{key}"
 
 
-class _Source(JITCodeLibrary):  # type: ignore[misc]
-    """Code that kernels hold: it is optimised as part of them, once, and never runs by itself."""
-
-    def _optimize_functions(self, ll_module: Any) -> None:
-        ll_module.data_layout = self._codegen._data_layout
-
-    def finalize(self) -> None:
-        for library in dict.fromkeys(self._linking_libraries):
-            self._reload_init.update(library._reload_init)
-            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
-        self._finalized = True
-
-
-@register_pass(mutates_CFG=True, analysis_only=False)
-class _Lowering(NativeLowering):  # type: ignore[misc]
-    """Lowering of what only kernels call: no machine code yet, nor a door for Python."""
-
-    _name = "lowering_of_parts"
-
-    def run_pass(self, state: Any) -> bool:
-        context, flags = state.targetctx, state.flags
-        state.library = _Source(context.codegen(), state.func_id.func_qualname)
-        state.library.enable_object_caching()
-        flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
-        super().run_pass(state)
-        # by this callers know it; Python, which cannot call it, would get an error
-        unique: list[Any] = []
-        lowered, name = state["cr"], unique.index
-        context.insert_user_function(name, lowered.fndesc, [state.library])
-        state["cr"] = lowered._replace(cfunc=name)
-        return True
-
-
-class _Parts(CompilerBase):  # type: ignore[misc]
-    """The usual passes, but for the last."""
-
-    def define_pipelines(self) -> list[Any]:
-        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.passes = [
-            (_Lowering, "lowering of parts") if one is NativeLowering else (one, text)
-            for one, text in passes.passes
-        ]
-        passes.finalize()
-        return [passes]
-
-
 def _part(function: F, **options: Any) -> F:
-    return cast(F, numba.njit(pipeline_class=_Parts, **_LEAN | options)(function))
+    """What is lowered once for all calls, whether or not their arguments are constants."""
+    dispatcher = numba.njit(pipeline_class=Parts, **_LEAN | options)(function)
+    template = dispatcher.get_call_template
+
+    def of_all(args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
+        return template(tuple(writable(unliteral(kind)) for kind in args), kws)
+
+    dispatcher.get_call_template = of_all
+    return cast(F, dispatcher)
 
 
 def outlined(function: F) -> F:

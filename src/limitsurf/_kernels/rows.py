@@ -28,8 +28,10 @@ from limitsurf._kernels.evaluation import (
     Patches,
     Room,
     Tables,
+    patches_of,
     powered,
     scale_by_two,
+    tables_of,
 )
 from limitsurf._kernels.jit import inlined, lean, prefetch, products, store, unfused
 
@@ -165,10 +167,11 @@ def writers(shape: Any) -> tuple[Any, Any]:
 
     @lean
     def lengths(
-        face: Array, u: Array, v: Array, patches: Patches, tables: Tables, controls: Controls,
+        face: Array, u: Array, v: Array, words: Array, controls: Controls,
         found: Patterns, order: int, result: Array,
     ) -> int:  # fmt: skip
         """How many entries the row of each query has; negative if one cannot be answered."""
+        patches, tables = patches_of(words), tables_of(words)
         for q in range(len(face)):
             if q + 16 < len(face):
                 prefetch(patches.info, face[q + 16])
@@ -338,7 +341,7 @@ def writers(shape: Any) -> tuple[Any, Any]:
 
     @lean
     def fill(
-        face: Array, u: Array, v: Array, patches: Patches, tables: Tables, controls: Controls,
+        face: Array, u: Array, v: Array, words: Array, controls: Controls,
         found: Patterns, order: int, terms: Array, starts: Array, indices: Array, data: Array,
         room: Room, space: Space,
     ) -> None:  # fmt: skip
@@ -347,6 +350,7 @@ def writers(shape: Any) -> tuple[Any, Any]:
         Those of query q begin at number ``starts[q]`` of indices, and of each array whose address
         is in `data`. `lengths` has been asked before.
         """
+        patches, tables = patches_of(words), tables_of(words)
         codes = room.codes
         for begin in range(0, len(face), len(codes)):
             plain = others = 0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from limitsurf import _kernels
 from limitsurf.caching import cached_property
-from limitsurf.engine.kinds import Rings
+from limitsurf.engine.isolated import Isolated
 from limitsurf.engine.packing import TERMS, asked
 from limitsurf.engine.protocol import Order, Request
 from limitsurf.engine.reference import Reference
@@ -45,30 +45,19 @@ class Compiled:
         values = self._reference.values
         return weights or (values.channels > 0 and not values.balance)
 
+    @cached_property
+    def _isolated(self) -> Isolated:
+        """What kernels evaluate, as far as queries have asked for it."""
+        with _kernels.preparing:
+            found: Isolated | None = self.__dict__.get("_made")
+            if found is None:
+                found = self.__dict__["_made"] = Isolated(self._topology, self._reference.points)
+            return found
+
     @property
     def _points(self) -> Points:
         """Control points as kernels want them."""
-        found: Points | None = self.__dict__.get("_packed")
-        if found is None:
-            packing = self._topology.packing
-            with _kernels.preparing:
-                found = self.__dict__.get("_packed")
-                if found is None:
-                    values = self._reference.values
-                    rings = {
-                        number: kind.around(values)
-                        for number, kind in enumerate(self._topology.groups.kinds)
-                        if isinstance(kind, Rings)
-                    }
-                    found = packing.points(self._reference.points, rings)
-                    self.__dict__["_packed"] = found
-        return found
-
-    @cached_property
-    def _words(self) -> Array:
-        """What kernels evaluate, prepared."""
-        self._block = self._topology.packing.block(self._points)
-        return self._block.words
+        return self._isolated.points
 
     def one(self, face: int, u: float, v: float, orders: tuple[Order, ...] | None) -> Array | None:
         """Derivatives of orders of `PLACES`, or the normal for None, at one place: (n, 1, d).
@@ -78,7 +67,9 @@ class Compiled:
         if orders is not None and not PLACES.keys() >= {*orders}:
             return None
         channels = self._reference.values.channels
-        return self._topology.packing.one(self._words, channels, (face, u, v), asked(orders))
+        return self._topology.packing.one(
+            self._isolated.words, channels, (face, u, v), asked(orders)
+        )
 
     def derivatives(
         self, request: Request, orders: Sequence[Order], out: Sequence[Array] | None = None
@@ -132,7 +123,8 @@ class Compiled:
         """What `Packing.shapes` returns, of requests that are in range."""
         queries = request.face, request.u, request.v
         packing = self._topology.packing
-        rest = packing.shapes(kernel, self._points, queries, given, request.workers)
+        words = self._isolated.words
+        rest = packing.shapes(kernel, words, queries, given, request.workers)
         if rest is None:
             self._complain(request)
         return rest
@@ -204,7 +196,12 @@ class Compiled:
         results = Results.new(shape) if out is None else Results.into(out)
         places = request.face, request.u, request.v
         packing = self._topology.packing
-        rest = packing.evaluate(self._words, places, given, results, request.workers)
+        rest = packing.evaluate(self._isolated.words, places, given, results, request.workers)
         if rest is None:
             self._complain(request)
+        if len(rest) and self._isolated.add(again := request.flat(rest), self._reference.values):
+            found, left = self._answers(again, orders, None)
+            for result, part in zip(results.arrays, found, strict=True):
+                result[rest] = part
+            rest = rest[left]
         return results.arrays, rest

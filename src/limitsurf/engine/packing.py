@@ -6,7 +6,7 @@ coefficients in the eigenbasis of each special corner.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -26,7 +26,6 @@ from limitsurf.refine import sharing
 if TYPE_CHECKING:
     from limitsurf._kernels import evaluation, grids, rows
     from limitsurf._kernels.blocks import Block
-    from limitsurf.rings import RingValues
     from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
@@ -48,7 +47,7 @@ _LARGEST = 136  # control points of special patches whose coefficients are kept
 # Levels around corners whose patches share rings for which control points are kept: no more memory
 # a face than coefficients take where fewer meet. Sharp sides fall faster than faces do beside them,
 # and relative to these lose a factor of 2.6^2 with each level in second derivatives.
-_LEVELS, _LEVELS_BESIDE = 12, 4
+LEVELS, LEVELS_BESIDE = 12, 4
 _WIDEST = 256  # vertices of the cage that a control point of compiled rows of weights may combine
 
 
@@ -97,6 +96,14 @@ def asked(orders: tuple[tuple[int, int], ...] | None) -> Asked:
     return Asked(terms, np.array(places, dtype=np.int64), max(map(sum, terms)), orders is None)
 
 
+def ring_rows(shape: Any, faces: int) -> int:
+    """Rows of control points of a shared ring, by the kernels for a shape of faces."""
+    from limitsurf._kernels.evaluation import HEAD
+
+    each: int = shape.BLOCK * (faces + 3)
+    return HEAD + LEVELS * (HEAD + each)
+
+
 class Packing:
     """The patches of a surface as flat arrays; ``_kernels/evaluation.py`` says what is in them.
 
@@ -121,9 +128,9 @@ class Packing:
         self._native = holding(scheme.spline)
         shape = _kernels.shape(self._native.directions)
         assert shape is not None
-        self._shape = _kernels.evaluating(shape)
-        self._cover = Cover.of(patches, eigen_tables, scheme)
-        self._controls, self._sectors = self._cover.controls, self._cover.tables
+        self.shape = _kernels.evaluating(shape)
+        self.cover = Cover.of(patches, eigen_tables, scheme)
+        self._controls, self._sectors = self.cover.controls, self.cover.tables
         self.tables, self._n_rows, self._n_fine = self._tables()
         self.patches = self._covering(strips, which)
         # of `evaluation.Room`, in numbers; and what single queries leave behind for the next
@@ -132,7 +139,7 @@ class Packing:
     def _covering(self, strips: tables.StripTables, which: Array) -> evaluation.Patches:
         from limitsurf._kernels import evaluation
 
-        patches, cover = self._patches, self._cover
+        patches, cover = self._patches, self.cover
         regular, strip = self._controls[REGULAR], self._controls[STRIP]
         packed = cover.kind.astype(np.int64) << evaluation.KIND
         packed |= patches.turn.astype(np.int64) << evaluation.TURN
@@ -154,7 +161,7 @@ class Packing:
         far = np.flatnonzero((packed >> evaluation.FAR & 1 == 1) & (cover.kind <= STRIP))
         if len(far) <= max(_COPIED, _COPIED_SHARE * patches.n_limit_faces):
             self._copied = packed[far] & evaluation.ROW
-            near[self._copied] = self._n_fine + np.arange(len(far)) * (self._shape.REFINED + 2)
+            near[self._copied] = self._n_fine + np.arange(len(far)) * (self.shape.REFINED + 2)
         if strips.both:
             which = which[:0]
         return evaluation.Patches(
@@ -188,7 +195,7 @@ class Packing:
         kinds[:, evaluation.MODES] = -1
         made = evaluation.Tables(
             kinds,
-            np.zeros((n, 3, self._shape.MONOMIALS, wide)),
+            np.zeros((n, 3, self.shape.MONOMIALS, wide)),
             np.zeros((n, 2, levels, wide)),
             np.zeros((n, 2)),
             np.zeros((n, levels)),
@@ -212,7 +219,7 @@ class Packing:
             kinds[k, [evaluation.ALONG, evaluation.ACROSS]] = first, second
             kinds[k, evaluation.FLIP] = table.rates[0, 1:3].prod() < 0
             kinds[k, evaluation.PATCH] = patches
-            kinds[k, evaluation.LEVELS] = self._cover.splines
+            kinds[k, evaluation.LEVELS] = self.cover.splines
             patches += len(self._controls[k])
             rows += len(self._controls[k]) * (_rounded(size) + 3)
             made.pieces[k][:, places, :size] = table.pieces[:, :, 1:]
@@ -227,26 +234,19 @@ class Packing:
             made.angles[k, : len(table.pairs)] = table.angles
             made.chains[k, : len(table.chains)] = table.chains - 1
             made.pairs[k, : len(table.pairs)] = table.pairs - 1
-        fine = patches * (self._shape.REFINED + 2) * self._cover.splines
-        for k, rings in self._patches.rings.items() if self._cover.splines else ():
+        fine = patches * (self.shape.REFINED + 2) * self.cover.splines
+        for k, rings in self._patches.rings.items() if self.cover.splines else ():
             sector = self._patches.sectors[k]
             assert sector is not None
             sharp = sector.open or sector.kind == "dart"
-            own = _LEVELS, _LEVELS_BESIDE if sharp else _LEVELS, sector.faces
+            own = LEVELS, LEVELS_BESIDE if sharp else LEVELS, sector.faces
             kinds[k, [evaluation.LEVELS, evaluation.BESIDE, evaluation.FACES]] = own
             kinds[k, evaluation.PATCH] = fine
-            fine += len(rings.points) * self._ring_rows(sector.faces)
+            fine += len(rings.points) * ring_rows(self.shape, sector.faces)
         return made, rows, fine
 
-    def _ring_rows(self, faces: int) -> int:
-        """Rows of control points of a shared ring."""
-        from limitsurf._kernels.evaluation import HEAD
-
-        each: int = self._shape.BLOCK * (faces + 3)
-        return HEAD + _LEVELS * (HEAD + each)
-
-    def points(self, points: Array, rings: Mapping[int, RingValues]) -> evaluation.Points:
-        """Points of the cage (n_vertices, d), ready for evaluation; shared rings by kind."""
+    def points(self, points: Array) -> evaluation.Points:
+        """Points of the cage (n_vertices, d), ready for evaluation but around shared rings."""
         from limitsurf._kernels import coefficients, evaluation
 
         d = points.shape[1]
@@ -260,13 +260,11 @@ class Packing:
             coefficients.extend(*given, start)
             start += len(indptr) - 1
         modes = _aligned((self._n_rows, width))
-        shape, each = self._shape, self._shape.REFINED + 2
+        shape, each = self.shape, self.shape.REFINED + 2
         fine = _aligned((self._n_fine + len(self._copied) * each, width))
         copies = fine[self._n_fine :].reshape(-1, each, width)
         ids = self.patches.ids.reshape(-1, shape.POINTS)
         coefficients.copies(ids, shape.OWN, self._copied, high, extras, copies)
-        for kind, around in rings.items() if self._cover.splines else ():
-            self._spread(kind, around, fine)
         sums = np.empty((coefficients.SIX, evaluation.LANES))
         for kind, table in enumerate(self._sectors):
             begin, size, patch = kinds[
@@ -276,10 +274,10 @@ class Packing:
                 continue
             ids = self._controls[kind]
             blocks = modes[begin : begin + len(ids) * (size + 3)].reshape(-1, size + 3, width)
-            matrix = _projections(table, shape, self._cover.splines)
+            matrix = _projections(table, shape, self.cover.splines)
             near = np.zeros(matrix.shape[1] * evaluation.LANES)
             grids = np.zeros((len(ids), 2, width))  # no refined points, which are not read
-            if self._cover.splines:
+            if self.cover.splines:
                 grids = fine[patch * each : (patch + len(ids)) * each].reshape(-1, each, width)
             coefficients.coefficients(
                 ids, high, extras, errors, matrix, blocks, grids, near, sums,
@@ -288,31 +286,6 @@ class Packing:
                 blocks[:, -1, 1] = 1
         return evaluation.Points(high, extras, errors, modes.reshape(-1), fine)
 
-    def _spread(self, kind: int, values: RingValues, fine: Array) -> None:
-        """Write the control points around shared rings of a kind, some levels of them, to fine."""
-        from limitsurf._kernels.evaluation import FACES, HEAD, PATCH
-
-        shape, rings = self._shape, self._patches.rings[kind]
-        faces, first = self.tables.kinds[kind, [FACES, PATCH]].tolist()
-        count, start = len(rings.points), HEAD * (_LEVELS + 1)
-        own = fine[first : first + count * self._ring_rows(faces)].reshape(count, -1, fine.shape[1])
-        heads = own[:, :start].reshape(count, _LEVELS + 1, HEAD, -1)
-        high, low, limit = values.vertices
-        d = high.shape[1]
-        heads[:, :, 0, :d], heads[:, :, 1, :d] = (low + limit)[:, None], high[:, None]
-        j, i = np.nonzero(shape.PLACES >= 0)
-        blocks = shape.BLOCK * np.asarray(rings.position)[:, None] + shape.PLACES[j, i]
-        rows = np.zeros((len(blocks), 5, 5, fine.shape[1]))
-        whole = np.dtype((np.void, rows[0, 0, 0].nbytes))  # (as one, they are copied faster)
-        kept, found = own.view(whole)[..., 0], rows.view(whole)[..., 0]
-        for level, (points, after, size) in zip(range(_LEVELS), values.levels(), strict=False):
-            heads[:, level + 1, 0, :d] -= after
-            # rows that refine have sums of at most 3, where points are reflected
-            heads[:, level + 1, 2, 0] = 3 * size
-            rows[..., :d] = points
-            kept[rings.ring[:, None], start + blocks] = found[:, j, i]
-            start += shape.BLOCK * (faces + 3)
-
     @cached_property
     def _operators(self) -> list[tuple[Array, Array, Array]]:
         """Rows of control points beyond the cage, as kernels take them."""
@@ -320,6 +293,13 @@ class Packing:
             (x.indptr.astype(np.int64), x.indices.astype(np.int64), x.data)
             for x in self._patches.extras
         ]
+
+    @cached_property
+    def _cover_block(self) -> Block:
+        """What kernels know whatever the points."""
+        from limitsurf._kernels.evaluation import block
+
+        return block(self.patches, self.tables)
 
     @cached_property
     def _columns(self) -> rows.Controls:
@@ -354,7 +334,7 @@ class Packing:
 
         controls = self._columns
         known = self.tables.kinds[:, evaluation.MODES] >= 0
-        blocks = [self.patches.ids.reshape(-1, self._shape.POINTS)]
+        blocks = [self.patches.ids.reshape(-1, self.shape.POINTS)]
         blocks += [ids for ids, kept in zip(self._controls, known, strict=True) if kept]
         one = np.ones(controls.n_vertices, np.int64)
         each = np.concatenate([one, np.diff(controls.indptr)])
@@ -411,11 +391,11 @@ class Packing:
         """
         from limitsurf._kernels import evaluation
 
-        result = np.zeros(len(self._cover.kind), dtype=bool)
+        result = np.zeros(len(self.cover.kind), dtype=bool)
         known = self.tables.kinds[:, evaluation.MODES] >= 0
         _, wide = self._over_vertices
         for kind, controls in enumerate(self._controls):
-            here = np.flatnonzero(self._cover.kind == kind)
+            here = np.flatnonzero(self.cover.kind == kind)
             if kind > STRIP and not known[kind]:
                 result[here] = True
             elif wide.any():
@@ -431,7 +411,7 @@ class Packing:
         knows.
         """
         with _kernels.preparing:
-            known = self.patches, self.tables, self._columns, self._patterns
+            known = self._cover_block.words, self._columns, self._patterns
         from limitsurf._kernels import evaluation, rows
 
         total, order = queries[0].size, max(_TOTALS[term] for term in terms)
@@ -439,7 +419,7 @@ class Packing:
         indptr = np.zeros(total + 1, dtype=np.int64)
 
         def measure(part: slice) -> int:
-            found: int = self._shape.lengths(*chunk(part), *known, order, indptr[1:][part])
+            found: int = self.shape.lengths(*chunk(part), *known, order, indptr[1:][part])
             return found
 
         if any(found < 0 for found in over_chunks(total, workers, measure)):
@@ -454,18 +434,12 @@ class Packing:
         def fill(part: slice) -> None:
             places = indptr[:-1][part], indices, addresses
             room = evaluation.Room.of(self.tables)
-            space = rows.Space.of(*known[2:], self._shape.POINTS, len(terms))
-            self._shape.fill(*chunk(part), *known, order, wanted, *places, room, space)
+            space = rows.Space.of(*known[1:], self.shape.POINTS, len(terms))
+            self.shape.fill(*chunk(part), *known, order, wanted, *places, room, space)
 
         for _ in over_chunks(total, workers, fill):
             pass
         return sharing(indptr, indices, data, (total, self._patches.n_vertices))
-
-    def block(self, points: evaluation.Points) -> Block:
-        """All that kernels evaluate, prepared: patches, tables and points."""
-        from limitsurf._kernels.evaluation import block
-
-        return block(self.patches, self.tables, points)
 
     def one(
         self, words: Array, channels: int, query: tuple[int, float, float], given: Asked
@@ -483,7 +457,7 @@ class Packing:
         room[-4], room[-3], room[-2] = query
         _, which, order, normals = given
         out = np.empty((len(which), 1, channels))
-        left = self._shape.scattered(room, 1, words, order, which, normals, out, 0)
+        left = self.shape.scattered(room, 1, words, order, which, normals, out, 0)
         self._free.append(room)
         return None if left else out
 
@@ -516,25 +490,24 @@ class Packing:
     def shapes(
         self,
         kernel: str,
-        points: evaluation.Points,
+        words: Array,
         queries: tuple[Array, Array, Array],
         given: Callable[[], Sequence[Any]],
         workers: int,
     ) -> Array | None:
         """Answer queries by a kernel of ``_kernels/curvature.py``; which are left to the reference.
 
-        `given` makes what it takes between the points and the number of the first query. Returns
-        None if a query is out of range.
+        Words are those of a `block`; `given` makes what comes between them and the number of the
+        first query. Returns None if a query is out of range.
         """
         from limitsurf._kernels import evaluation
 
-        total, chunk, function = queries[0].size, _chunks(queries), getattr(self._shape, kernel)
+        total, chunk, function = queries[0].size, _chunks(queries), getattr(self.shape, kernel)
 
         def work(part: slice) -> Array | None:
             face, u, v = chunk(part)
             rest, room = np.empty(len(face), dtype=np.int64), evaluation.Room.of(self.tables)
-            known = self.patches, self.tables, points, *given()
-            left = function(face, u, v, *known, part.start, rest, room)
+            left = function(face, u, v, words, *given(), part.start, rest, room)
             return None if left < 0 else rest[:left]
 
         if total <= CHUNK:
@@ -571,7 +544,7 @@ class Packing:
             room = np.empty(64), np.empty((6, 3, weights.places))
             queries = slice(part.start * n, part.stop * n)
             into, start = out.place(queries)
-            left = self._shape.gridded(
+            left = self.shape.gridded(
                 face, words, *weights, len(terms), n, position, given.normals, into, start // n,
                 rest, *room,
             )  # fmt: skip
@@ -594,7 +567,7 @@ class Packing:
         for both in np.flatnonzero(there).tolist():
             kind, turn = both >> (evaluation.KIND - evaluation.TURN), both & evaluation.TURNS
             if kind == REGULAR:
-                size = self._shape.POINTS
+                size = self.shape.POINTS
                 weights_of = basis.regular_weights(self._spline, FLOAT64)
                 if self._strips.both:
                     weights_of = partial(basis.center_weights, self._strips)
@@ -651,7 +624,7 @@ class Packing:
     ) -> Array | None:
         """Derivatives, or normals, each query by itself."""
         total, size, chunk = queries[0].size, self._room, _chunk(out)
-        scattered, (_, which, order, normals) = self._shape.scattered, given
+        scattered, (_, which, order, normals) = self.shape.scattered, given
 
         def work(part: slice) -> Array | None:
             n = part.stop - part.start
