@@ -228,7 +228,7 @@ class Packing:
             made.chains[k, : len(table.chains)] = table.chains - 1
             made.pairs[k, : len(table.pairs)] = table.pairs - 1
         fine = patches * (self._shape.REFINED + 2) * self._cover.splines
-        for k, rings in self._patches.rings.items() if self._cover.splines else ():
+        for k, rings in self._patches.rings.items() if self._shares else ():
             sector = self._patches.sectors[k]
             assert sector is not None
             sharp = sector.open or sector.kind == "dart"
@@ -237,6 +237,11 @@ class Packing:
             kinds[k, evaluation.PATCH] = fine
             fine += len(rings.points) * self._ring_rows(sector.faces)
         return made, rows, fine
+
+    @property
+    def _shares(self) -> bool:
+        """Whether kernels know control points of shared rings."""
+        return self._cover.splines and self._shape.BLOCK > 0
 
     def _ring_rows(self, faces: int) -> int:
         """Rows of control points of a shared ring."""
@@ -265,7 +270,7 @@ class Packing:
         copies = fine[self._n_fine :].reshape(-1, each, width)
         ids = self.patches.ids.reshape(-1, shape.POINTS)
         coefficients.copies(ids, shape.OWN, self._copied, high, extras, copies)
-        for kind, around in rings.items() if self._cover.splines else ():
+        for kind, around in rings.items() if self._shares else ():
             self._spread(kind, around, fine)
         sums = np.empty((coefficients.SIX, evaluation.LANES))
         for kind, table in enumerate(self._sectors):
