@@ -383,8 +383,8 @@ assert 40 * 3 - 40 * np.log2(1 / 0.622) > 92
 
 # %% [markdown]
 # The slowest waves have $\lambda = \frac38 + \frac14 \cos\kappa$, with the same $\kappa$ as in
-# quads ([3](#3-rings-of-many-faces-keep-their-digits)): rings of triangles lose no more than five
-# binary digits.
+# quads ([3](wide_rings.py#3-rings-of-many-faces-keep-their-digits)): rings of triangles lose no
+# more than five binary digits.
 
 
 # %%
