@@ -22,7 +22,7 @@ Run this file: it says nothing unless an assertion fails.
 #
 # Around a vertex of $N$ faces there are $N$ patches of $2N + 8$ control points each, and open
 # sectors and darts have a matrix for each of their faces: eigenbases cost $N^2$. The ring that all
-# the patches share costs $N$ a step. Here: the step, and how a patch follows it with $16$ control
+# the patches share costs $N$ a step. Here: the step, and how a patch follows it with few control
 # points of its own; where a patch deep inside may begin; why rings of many faces keep their digits
 # however often they are refined; and the few left eigenvectors that directions at the vertex itself
 # need, as solutions of a recurrence.
@@ -43,6 +43,7 @@ from limitsurf.exact.wide import Weights, dart_limit, rounded_dart_limit, slowes
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from limitsurf.scheme.loop import LOOP
 from limitsurf.scheme.sector import Sector
+from limitsurf.scheme.spline import QUARTIC
 
 # %% [markdown]
 # ## 1. A patch that follows its ring
@@ -310,3 +311,106 @@ for faces in (9, 20, 66, 120):
     assert abs(found - values[1]) < 1e-13
     assert values[1] < value(np.cos(np.pi / faces))
     assert values[1] > value(np.cos(1.5 * np.pi / faces))
+
+# %% [markdown]
+# ## 6. Triangles
+#
+# Of triangles a patch follows its ring with ten control points: the vertex, $e_{p-1}$ to $e_{p+2}$,
+# and the five beyond these. All refined points that its pieces and the next ten points come from
+# are made from them by the regular rules, $\left( \frac38, \frac38, \frac18, \frac18 \right)$ along
+# edges, and $\frac58$ and six times $\frac1{16}$ at vertices, but for the vertex and the points
+# $e_{p-1}$ and $e_{p+2}$ of the next ring. Beside a sharp edge what is beyond it is again
+# reflected: $p_{i, 0} = p_{i, 1} + p_{i-1, 1} - p_{i-1, 2}$.
+
+# %%
+STAR = [(1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1)]
+
+
+def regular_rule(i, j):
+    """Weights of a refined point of a regular triangulation, by places."""
+    x, y = 1 + (i - 1) // 2, 1 + (j - 1) // 2
+    odd = (i - 1) % 2, (j - 1) % 2
+    if odd == (0, 0):
+        return {(x, y): Fraction(5, 8)} | {(x + a, y + b): Fraction(1, 16) for a, b in STAR}
+    if odd == (1, 1):
+        ends, far = [(x + 1, y), (x, y + 1)], [(x, y), (x + 1, y + 1)]
+    elif odd == (1, 0):
+        ends, far = [(x, y), (x + 1, y)], [(x, y + 1), (x + 1, y - 1)]
+    else:
+        ends, far = [(x, y), (x, y + 1)], [(x + 1, y), (x - 1, y + 1)]
+    return dict.fromkeys(ends, Fraction(3, 8)) | dict.fromkeys(far, Fraction(1, 8))
+
+
+def triangles_of(sector, rows):
+    """Rows of the places of a triangle, with reflections at its sharp sides."""
+    grid = {place: rows[k] for place, k in grid_index(sector).items() if k < len(rows)}
+    for swap, sharp in enumerate(sector.sharp_sides):
+        for i in range(2, 5) if sharp else ():
+            places = [(i, 0), (i, 1), (i - 1, 1), (i - 1, 2)]
+            beyond, *near = (x[::-1] for x in places) if swap else places
+            if all(x in grid for x in near):
+                terms = zip((1, 1, -1), (grid[x] for x in near), strict=True)
+                grid[beyond] = added(*terms)
+    return grid
+
+
+for kind, faces in product(("interior", "cone", "crease", "corner", "dart"), (5, 7)):
+    for p in range(1 if kind in ("interior", "cone") else faces):
+        sector = LOOP.sector(kind, faces, p)
+        matrix = subdivision_matrix(LOOP, sector)
+        before = triangles_of(sector, [{k: Fraction(1)} for k in range(sector.size)])
+        after = triangles_of(sector, matrix.rows[: sector.size + len(sector.beyond)])
+        assert len(before) >= 10
+        for (i, j), row in after.items():
+            if (i, j) not in [(1, 1), (2, 0), (0, 2)]:
+                terms = [(w, before[place]) for place, w in regular_rule(i, j).items()]
+                assert added(*terms) == row, (sector, i, j)
+
+# %% [markdown]
+# The five outer points drive nothing either: their block has $1/8$ three times and $1/16$ twice,
+# and with its left eigenvectors the row sums of $\left| W \right| \left| W^{-1} \right|$ are $5$
+# at most. Rings of more than $64$ triangles fall by more than $0.62$, so that
+# patches may begin as many steps before as in quads.
+
+# %%
+OUTER = [(3, 0), (3, 1), (2, 2), (1, 3), (0, 3)]
+A_o = Matrix(5, 5, lambda m, k: Rational(regular_rule(*OUTER[m]).get(OUTER[k], 0)))
+W, D = A_o.diagonalize()
+assert sorted(D[k, k] for k in range(5)) == [Rational(1, 16)] * 2 + [Rational(1, 8)] * 3
+bound = W.applyfunc(abs) * W.inv().applyfunc(abs)
+assert max(sum(bound.row(k)) for k in range(5)) == 5
+assert 40 * 3 - 40 * np.log2(1 / 0.622) > 92
+
+# %% [markdown]
+# The slowest waves have $\lambda = \frac38 + \frac14 \cos\kappa$, with the same $\kappa$ as in
+# quads ([3](wide_rings.py#3-rings-of-many-faces-keep-their-digits)): rings of triangles lose no
+# more than five binary digits.
+
+
+# %%
+def loop_value(kappa):
+    return 3 / 8 + np.cos(kappa) / 4
+
+
+for faces in range(65, 1000):
+    turn = 2 * np.pi / faces
+    assert (loop_value(turn) / loop_value(turn / 2)) ** 1074 > 0.2
+    assert (loop_value(turn) / loop_value(0)) ** 1074 > 0.1
+    assert (loop_value(1.5 * turn) / loop_value(turn)) ** 1074 > 0.05
+    assert loop_value(1.5 * turn) > 0.622
+
+# %% [markdown]
+# On a curve, $t = 0$, points inside have weights of their own and the opposite ones from
+# reflections. Where what is beyond the curve is given to what it comes from, exactly, none of them
+# is left in the terms without $t$, and so none in the value.
+
+# %%
+for powers, row in zip(QUARTIC.exponents, QUARTIC.pieces, strict=True):
+    own = dict(zip(QUARTIC.template, row, strict=True))
+    for i, j in QUARTIC.template:
+        if j == 0:
+            weight = own.pop((i, 0))
+            for place, factor in (((i, 1), 1), ((i - 1, 1), 1), ((i - 1, 2), -1)):
+                own[place] += factor * weight
+    if powers[1] == 0:
+        assert not any(w for (_, j), w in own.items() if j > 1)

@@ -57,6 +57,14 @@ def test_every_job_runs_and_is_reported(tmp_path: Path) -> None:
     assert figures["machine"]["processor"] in table
 
 
+def test_schemes_are_compared() -> None:
+    times = json.loads(run("schemes.py", "16 --runs 1 --queries 100"))["times"]
+    kinds = ("random", "irregular", "regular", "u = 0.3", "u = 1e-300")
+    schemes = ("catmull-clark", "loop", "doo-sabin")
+    assert {f"{scheme}: {kind}" for scheme in schemes for kind in kinds} < times.keys()
+    assert min(times.values()) > 0
+
+
 def test_jobs_can_be_chosen() -> None:
     words = f"8 {SMALL} --only set-up --only random"
     (cage,) = json.loads(run("bench.py", words))["cages"]

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import tracemalloc
 from dataclasses import replace
 from fractions import Fraction as F
 
@@ -583,3 +584,37 @@ def test_a_wicked_mask_is_seen(wicked, monkeypatch, request):
     else:
         monkeypatch.setattr(kind, "rim", lambda self, k: tuple(r * F(9, 10) for r in rim(self, k)))
         assert min(gap()) > 1e-4
+
+
+def test_polygons_of_many_corners_are_refined_by_sums():
+    """As by the operator, whose rows of an n-gon have n entries, and as they turn."""
+    n = 100
+    angle = 2 * np.pi * np.arange(n) / n
+    inner = np.stack([np.cos(angle), np.sin(angle), np.cos(3 * angle)], axis=1)
+    points = np.concatenate([inner, 2 * inner])
+    j = np.arange(n)
+    quads = np.stack([j, n + j, n + (j + 1) % n, (j + 1) % n], axis=1)
+    mesh = ls.Mesh(points, (np.append(n, np.full(n, 4)), np.append(j, quads.ravel())))
+    for boundary in ("none", "edge_only", "edge_and_corner"):
+        given = {"scheme": "doo-sabin", "boundary": boundary}
+        fine, R = ls.refined(mesh, 2, operator=True, **given)
+        found = ls.refined(mesh, 2, **given).points
+        assert np.abs(found - fine.points).max() < 4e-15
+        assert np.abs(R @ mesh.points - found).max() < 4e-15
+    # waves by own + once = 1/2, once around, and by own = 1/4
+    first = ls.refined(mesh.with_points(points - [0, 0, 1e3]), 1, scheme="doo-sabin").points[:n]
+    assert np.abs(first[:, :2] - inner[:, :2] / 2).max() < 1e-15
+    assert np.abs(first[:, 2] - (inner[:, 2] / 4 - 1e3)).max() < 1e-12
+
+
+def test_cost_of_refined_points_is_linear():
+    sizes = []
+    for n in (4000, 8000):
+        points = np.random.default_rng(n).random((n, 3))
+        mesh = ls.Mesh(points, (np.array([n]), np.arange(n)))
+        tracemalloc.start()
+        ls.refined(mesh, 2, scheme="doo-sabin")
+        sizes.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert sizes[1] < 2.2 * sizes[0]
+    assert sizes[1] < 4000 * 8000

@@ -4,7 +4,9 @@ import itertools
 
 import numpy as np
 import oracles_creases
+import oracles_loop
 import pytest
+import zoo_triangles
 
 import limitsurf as ls
 from limitsurf import rings, tables
@@ -295,6 +297,118 @@ def test_kernels_isolate_as_far_as_queries_ask(kind):
         assert np.array_equal(found, whole.evaluate(face, x, x))
         ready.append(isolated._kinds[:, evaluation.READY].max())
     assert ready == [0, 0, 2, 2, 2]  # far below what is kept NumPy answers, as before
+
+
+def triangles(kind, faces):
+    """Faces 0 to `faces` - 1 in turn around vertex 0, and a ring of triangles around these."""
+    points, indices = zoo_triangles.rings(faces, open_at=kind in ("crease", "corner"))
+    points = points + np.random.default_rng(faces).normal(size=points.shape) / faces / 8
+    points[:, 2] += np.cos(5 * np.arctan2(points[:, 1], points[:, 0])) / 4
+    tags = {}
+    if kind in ("cone", "corner"):
+        tags["corners"] = {0: np.inf}
+    if kind == "dart":
+        tags["creases"] = dict.fromkeys([(0, 1), (1, 1 + faces)], np.inf)
+    return ls.Mesh(points, np.array(indices), **tags)
+
+
+def corner_places(faces):
+    """`places` that are in triangles."""
+    face, u, v = places(faces)
+    inside = u + v <= 1
+    return face[inside], u[inside], v[inside]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_triangles_against_rational_numbers(kind):
+    """All masks of Warren's are rational."""
+    mesh = triangles(kind, MANY)
+    face, u, v = (x[::2] for x in corner_places(MANY))
+    surface = ls.LimitSurface(mesh, scheme="loop-warren")
+    assert surface.patches.rings
+    exact = ls.LimitSurface(mesh.with_points(RATIONAL.array(mesh.points)), scheme="loop-warren")
+    for nu in ORDERS:
+        wanted = exact.evaluate(face, u, v, nu=nu).astype(float)
+        assert relative(surface.evaluate(face, u, v, nu=nu), wanted) < 1e-12
+        assert relative(surface.weights(face, u, v, nu=nu) @ mesh.points, wanted) < 1e-12
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_triangles_against_the_oracle(kind):
+    mesh = triangles(kind, MANY)
+    creases = {
+        tuple(sorted(pair)): s
+        for pair, s in zip(*map(np.ndarray.tolist, mesh.creases), strict=True)
+    }
+    corners = dict(zip(*map(np.ndarray.tolist, mesh.corners), strict=True))
+    faces = mesh.uniform.tolist()
+    cage = oracles_creases.Cage(mesh.points.tolist(), faces, creases=creases, corners=corners)
+    oracle = oracles_loop.LoopSurface(cage)
+    surface = ls.LimitSurface(mesh, scheme="loop")
+    for face in (0, MANY - 1):
+        for u, v in ((0.3, 0.25), (0.01, 0), (0, 2e-4), (0.001, 0.002)):
+            for nu in ((0, 0), (1, 0), (0, 1), (1, 1)):
+                wanted = np.array([oracle.evaluate(face, u, v, nu)], dtype=float)
+                assert relative(surface.evaluate([face], u, v, nu=nu), wanted) < 1e-12
+            normal = np.array(oracle.normal(face, u, v), dtype=float)
+            assert np.allclose(surface.normal(face, u, v), normal, atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_triangles_against_eigenbases(kind, monkeypatch):
+    mesh = triangles(kind, 12)
+    face, u, v = corner_places(12)
+    shallow = (np.maximum(u, v) > 1e-6) | (u + v == 0)
+    face, u, v = face[shallow], u[shallow], v[shallow]
+    answers = []
+    for most in (tables.MOST_FACES, 8):
+        for module in (tables, tables.masks):
+            monkeypatch.setattr(module, "MOST_FACES", most)
+        surface = ls.LimitSurface(mesh, scheme="loop")
+        assert bool(surface.patches.rings) == (most == 8)
+        curvature = surface.curvature(face, u, v)
+        found = [surface.normal(face, u, v), *surface.tangents(face, u, v)]
+        found += [curvature.k1[:, None], curvature.k2[:, None]]
+        jet = [surface.evaluate(face, u, v, nu=nu) for nu in ORDERS]
+        pieces = ls.bezier_patches(surface, face=[0, 11], depth=3).points.reshape(-1, 3)
+        fine = ls.refined(mesh, scheme="loop")
+        answers.append([*found, fine.limit_points[:1], fine.limit_normals[:36], pieces, *jet])
+    for wanted, found in zip(*(x[: -len(ORDERS)] for x in answers), strict=True):
+        assert relative(found, wanted) < 1e-11
+    for wanted, found in zip(*(x[-len(ORDERS) :] for x in answers), strict=True):
+        assert np.array_equal(np.isnan(found), np.isnan(wanted))
+        # beside a sharp side next to nothing can be left of what is large on the same ring
+        size = np.abs(np.nan_to_num(wanted)).max(axis=1).reshape(4, -1)
+        size = np.maximum(size, 1e-3 * size.max(axis=0)).ravel()
+        assert (np.abs(np.nan_to_num(found - wanted)).max(axis=1) <= 1e-12 * size).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_triangles_far_down(kind):
+    faces = 100
+    surface = ls.LimitSurface(triangles(kind, faces), scheme="loop")
+    face = np.array([0, 3, faces // 2, faces - 1])[:, None]
+    down = 0.5 ** np.array([30, 200, 500, 900, 1070])
+    normal = surface.normal(face, 0.75 * down, 0.25 * down)
+    assert np.allclose(np.linalg.norm(normal, axis=-1), 1, atol=1e-14)
+    after = surface.normal(face, 0.375 * down, 0.125 * down)
+    assert (np.abs(normal - after) < 0.05).all()
+    # along sharp sides, whose points fall faster than those of the faces
+    ends = surface.tangents(face[[0, 3]], 0.75 * down, 0.0), surface.tangents(face[3], 0, down)
+    if kind in ("crease", "corner"):
+        along = ends[0][0][0], ends[1][1]
+        for tangent in along:
+            assert np.allclose(tangent, tangent[:1], atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_memory_of_triangles_is_linear(kind):
+    counts = []
+    for n in (250, 500):
+        surface = ls.LimitSurface(triangles(kind, n), scheme="loop-warren")
+        surface.normal(np.arange(n), 0.25, 0.5)
+        counts.append(numbers(surface))
+    assert counts[1] < 2.1 * counts[0]
 
 
 def test_limits_of_refined_meshes():

@@ -6,15 +6,18 @@ faces of other than four corners only; "edge" is a mistake once seen in a well-k
 "curve", "triangle", "chaikin" and the blends concern boundaries, creases and corners.
 """
 
+import copy
 import os
 import re
 import subprocess
 import sys
+import warnings
 from fractions import Fraction as F
 from pathlib import Path
 
 import pytest
 import sympy
+import test_every_scheme
 
 import limitsurf as ls
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
@@ -157,3 +160,90 @@ def test_schemes_are_told_apart_by_their_masks():
     cube = ls.Mesh(points, quads)
     assert ls.LimitSurface(cube).evaluate(0, 0, 0).tolist() == [F(1, 4)] * 3
     assert ls.LimitSurface(cube, scheme=stolen).evaluate(0, 0, 0)[0] != F(1, 4)
+
+
+def stolen(mask, valences=None):
+    """A vertex mask that gives a sixteenth of itself to its neighbours, at some valences."""
+
+    def wrong(n):
+        own, each, *around = mask(n)
+        share = F(1, 16) if valences is None or n in valences else F(0)
+        return (own - share, each + share / n, *around)
+
+    return wrong
+
+
+def crowded(mask, sizes=None):
+    """Another symmetric mask of polygons of some sizes."""
+
+    def wrong(n):
+        true = mask(n)
+        return (F(2, n + 1), *[F(1, n + 1)] * (n - 1)) if sizes is None or n in sizes else true
+
+    return wrong
+
+
+def straight_rim(k):
+    """Ratios in equal steps."""
+    return tuple(F(k - 1 - 2 * j, k - 1) for j in range(k)) if k > 1 else (F(1), F(-1))
+
+
+CURVE = (F(2, 3), F(1, 6))  # as in the limit
+QUAD = test_every_scheme.KINDS["catmull-clark"].scheme
+WARREN = test_every_scheme.KINDS["loop-warren"].scheme
+LOOP = test_every_scheme.KINDS["loop"].scheme
+DUAL = test_every_scheme.KINDS["doo-sabin"].scheme
+# what is wrong, and a cage that shows it
+WRONG = [
+    ("catmull-clark", "vertex", stolen(QUAD.vertex, {3}), "cube"),
+    ("catmull-clark", "vertex", stolen(QUAD.vertex, {4}), "carved_cube_1"),
+    *((name, "vertex", stolen(scheme.vertex, valences), cage)
+      for name, scheme in (("loop", LOOP), ("loop-warren", WARREN))
+      for valences, cage in ((None, "octahedron"), ({5}, "icosahedron"), ({6}, "crowded"))),
+    *((name, "edge", (F(1, 4), F(1, 4)), "octahedron") for name in ("loop", "loop-warren")),
+    *((name, "boundary_vertex", CURVE, "fan_7") for name in ("loop", "loop-warren")),
+    ("doo-sabin", "corner", crowded(DUAL.corner), "cube"),
+    ("doo-sabin", "corner", crowded(DUAL.corner, {3}), "cube"),
+    ("doo-sabin", "corner", crowded(DUAL.corner, {4}), "cube"),
+    ("doo-sabin", "corner", crowded(DUAL.corner, {7}), "prism_7"),
+    ("doo-sabin", "rim", straight_rim, "half_disk_5"),
+    ("bilinear", "face", crowded(lambda n: (F(1, n),) * n, {7}), "prism_7"),
+    ("bilinear", "edge", (F(1, 4), F(1, 4)), "cube"),
+    ("bilinear", "boundary_vertex", (F(3, 4), F(1, 8)), "grid_3x3"),
+    ("linear", "edge", (F(3, 8), F(1, 8)), "crowded"),
+    ("linear", "boundary_vertex", (F(3, 4), F(1, 8)), "fan_7"),
+]  # fmt: skip
+
+
+# patches of degree 1 are their own corners
+UNASKED = {("linear", "edge"), ("linear", "boundary_vertex"), ("bilinear", "edge"),
+           ("bilinear", "boundary_vertex")}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("kind", "mask", "wrong", "cage"),
+    WRONG,
+    ids=[f"{x[0]}-{x[1]}-{k}" for k, x in enumerate(WRONG)],
+)
+def test_a_wicked_mask_of_any_scheme_turns_the_suite_red(kind, mask, wrong, cage, monkeypatch):
+    """In the refiner, and in the surface where that asks for the mask."""
+    every = test_every_scheme
+    known = every.KINDS[kind]
+    # a copy is not checked as a new Scheme is
+    scheme = copy.copy(known.scheme)
+    object.__setattr__(scheme, mask, wrong)
+    object.__setattr__(scheme, "name", f"wicked {kind}")
+    monkeypatch.setitem(every.KINDS, kind, known._replace(scheme=scheme))
+    every.surface.cache_clear()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of tangent planes that there are none
+        with pytest.raises(AssertionError):
+            every.test_refined_is_naively_refined(kind, cage)
+        if (kind, mask) not in UNASKED:
+            with pytest.raises((AssertionError, ValueError)):
+                every.test_values_are_the_oracles(kind, cage, "reference")
+    every.surface.cache_clear()
+
+
+def test_every_registered_scheme_has_its_wicked_masks():
+    assert {kind for kind, *_ in WRONG} >= ls.schemes.keys()

@@ -180,7 +180,7 @@ def _piece_derivatives(table: EigenTable, nu: Order) -> Array:
     return np.ascontiguousarray(found * signs[:, None, None])
 
 
-def _side_piece(lattice: Lattice, axis: int) -> int:
+def side_piece(lattice: Lattice, axis: int) -> int:
     """The piece at the far end of the side t = 0, or s = 0."""
     return [piece.origin for piece in lattice.pieces].index(((1, 0), (0, 1))[axis])
 
@@ -190,7 +190,7 @@ def _along_sides(table: EigenTable, nu: Order) -> Array:
     """Those polynomials on the side t = 0 if nu = (i, 0), on s = 0 if (0, j): (powers, K - 1)."""
     axis = int(nu[1] > 0)
     on_side = _powers(table.scheme.spline, nu)[1 - axis] == 0
-    piece = _side_piece(table.sector.lattice, axis)
+    piece = side_piece(table.sector.lattice, axis)
     return np.asarray(_piece_derivatives(table, nu)[piece, on_side])
 
 
@@ -632,7 +632,7 @@ def _rational_derivative(
     if not (sector.open and sector.sharp_sides[axis]):
         # by halvings along the side it tends to its part in the eigenspace of 1 / 2^order
         S, T = (numbers.RATIONAL.array([int(axis == k)]) for k in (0, 1))
-        piece = np.array([_side_piece(sector.lattice, axis)])
+        piece = np.array([side_piece(sector.lattice, axis)])
         place = CornerPlace(np.array([0]), piece, S, T)
         ahead = rational_weights(table, spline, place, nu, at_corner)[0]
         return table.projected(ahead, Fraction(1, 2 ** sum(nu)))
@@ -730,14 +730,14 @@ def _line_weights(degree: int, x: Array, order: int) -> Array:
 
 
 def _piece_weights(spline: Spline, number: NumberType, s: Array, t: Array, nu: Order) -> Array:
-    exponents, coefficients = _barycentric(spline, nu, number)
+    exponents, coefficients = barycentric(spline, nu, number)
     if not exponents:
         return number.full((len(s), len(spline.template)), number.zero)
     return np.asarray(kernels.barycentric_monomials(s, t, exponents) @ coefficients)
 
 
 @lru_cache(maxsize=256)
-def _barycentric(
+def barycentric(
     spline: Spline, nu: Order, number: NumberType
 ) -> tuple[Sequence[tuple[int, int, int]], Array]:
     """The derivative of a regular piece in its barycentric coordinates: exponents, coefficients.

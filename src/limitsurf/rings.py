@@ -1,27 +1,28 @@
 """Special corners at which many faces meet: rings refined recursively, instead of eigenbases.
 
-With K = 2 N + 8 control points a patch and N patches around a vertex of N faces, eigenbases would
-cost N^2. But all these patches share one ring, and a step of refinement maps it to a ring of the
-same kind at the cost of N (`Ring`). Of a single patch, 4 x 4 control points and what three points
-of the next ring are is enough to refine it (`_Patches`), down to the regular piece that holds a
-query. The vertex stands at 0 and units are powers of two, so that all digits are kept at any depth.
-The outer control points of a patch forget where they began by an eighth with every step, while
-rings fall by 0.65: where they did not matter `_WINDOW` steps before, they begin there
-(``derivations/wide_rings.py``).
+With K control points a patch, of which the ring is a part that grows with N, and N patches around
+a vertex of N faces, eigenbases would cost N^2. But all these patches share one ring, and a step of
+refinement maps it to a ring of the same kind at the cost of N (`Ring`). Of a single patch a few
+control points and what three points of the next ring are is enough to refine it (`ring_grids`),
+down to the regular piece that holds a query. The vertex stands at 0 and units are powers of two, so
+that all digits are kept at any depth. The outer control points of a patch forget where they began
+by an eighth with every step, while rings fall by less than a half: where they did not matter
+`_WINDOW` steps before, they begin there (``derivations/wide_rings.py``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import basis, tables
+from limitsurf import basis, ring_grids, tables
 from limitsurf._kernels import reference as kernels
-from limitsurf.patches import OUTER, SharedRings
+from limitsurf.patches import SharedRings
+from limitsurf.ring_grids import Layout, sharp_sides
 
 if TYPE_CHECKING:
     from limitsurf.tables import RingMasks
@@ -33,13 +34,8 @@ Order: TypeAlias = tuple[int, int]
 # ring must remain of its size before that
 _WINDOW, _DIGITS = 40, 80
 _EVERY = 64  # every so many steps of a deep ring are kept
-# where the three regular pieces begin in 5 x 5 refined points, (i, j)
-_PIECES = np.array([(1, 0), (1, 1), (0, 1)])
-_OUTER_I, _OUTER_J = np.array(OUTER).T
 _ENDS = (0, -1), (-1, 0)  # the edge along u, and along v, where it is sharp, and the other end
-_AHEAD = OUTER.index((3, 1)), OUTER.index((1, 3))  # outer points that continue these edges
-# positions (j, i) in the grid of e_p-1 to e_p+2 and of f_p-1 to f_p+1
-_EDGES, _FACES = ([0, 1, 2, 1], [1, 2, 1, 0]), ([0, 2, 2], [2, 2, 0])
+_AHEAD = (3, 1), (1, 3)  # places of outer points that continue these edges
 
 
 @dataclass(frozen=True)
@@ -75,14 +71,17 @@ class Ring:
     def refined(self, masks: RingMasks) -> Ring:
         """One step."""
         w, kind = masks.weights, masks.sector.kind
-        E = self.edges
-        around = w.corner * (_before(E, masks) + self.faces + _after(E, masks))
+        E, around, faces = self.edges, self.faces, self.faces.shape[2] > 0
         edges = w.end * E
+        if faces:
+            around = w.corner * (_before(E, masks) + around + _after(E, masks))
         if masks.sector.open:
-            edges[:, :, 1:-1] += w.face * (around[:, :, :-1] + around[:, :, 1:])
+            before, after = (around, around[:, :, 1:]) if faces else (E, E[:, :, 2:])
+            edges[:, :, 1:-1] += w.face * (before[:, :, : after.shape[2]] + after)
             edges[:, :, [0, -1]] = w.half * E[:, :, [0, -1]]
         else:
-            edges += w.face * (np.roll(around, 1, axis=2) + around)
+            after = around if faces else np.roll(E, -1, axis=2)
+            edges += w.face * (np.roll(around if faces else E, 1, axis=2) + after)
         step = np.zeros(E.shape[:2])
         if kind == "dart":
             edges[:, :, 0] = w.half * E[:, :, 0]
@@ -91,7 +90,7 @@ class Ring:
         elif kind == "crease":
             step = w.beside * (E[:, :, 0] + E[:, :, -1])
         edges -= step[:, :, None]
-        around -= step[:, :, None]
+        around = around - step[:, :, None]
         return Ring(edges, around, step, self.exponent, self.shift, self.size).scaled()
 
     def scaled(self) -> Ring:
@@ -119,88 +118,6 @@ def _after(edges: Array, masks: RingMasks) -> Array:
 
 
 @dataclass(frozen=True)
-class _Patches:
-    """4 x 4 control points of patches at some step of their rings, relative to the vertex.
-
-    Attributes
-    ----------
-    ring, position : (A,)
-    grid : (A, 4, 4, d)
-        By j and i, in the units of the ring; what is beyond sharp sides is reflected at them.
-    """
-
-    ring: Array
-    position: Array
-    grid: Array
-
-    @classmethod
-    def of(
-        cls, masks: RingMasks, state: Ring, ring: Array, position: Array, outer: Array
-    ) -> _Patches:
-        """Patches from their ring and outer points (A, 7, d), relative and in its units."""
-        grid = np.zeros((len(ring), 4, 4, outer.shape[2]))
-        grid[:, _OUTER_J, _OUTER_I] = outer
-        edge, face = _beside(masks, position)
-        grid[:, *_EDGES] = state.edges[ring[:, None], :, edge]
-        grid[:, *_FACES] = state.faces[ring[:, None], :, face]
-        along_u, along_v = sharp_sides(masks, position)
-        grid[along_u, 0] = 2 * grid[along_u, 1] - grid[along_u, 2]
-        grid[along_v, :, 0] = 2 * grid[along_v, :, 1] - grid[along_v, :, 2]
-        return cls(ring, position, grid)
-
-    def refined(self, masks: RingMasks, after: Ring) -> Array:
-        """5 x 5 refined points (A, 5, 5, d), from the rings after this step."""
-        lines, (A, *_, d) = _lines(masks), self.grid.shape
-        fine = np.matmul(lines, self.grid.reshape(A, 4, 4 * d)).reshape(A, 5, 4, d)
-        fine = np.matmul(lines, fine)
-        fine = fine - after.step[self.ring][:, None, None]
-        fine = kernels.scale_by_two(fine, -after.shift[self.ring][:, None, None, None])
-        before, *_, beyond = _beside(masks, self.position)[0].T
-        fine[:, 1, 1] = 0
-        fine[:, 0, 1] = after.edges[self.ring, :, before]
-        fine[:, 1, 0] = after.edges[self.ring, :, beyond]
-        # sharp sides refine by themselves: what they fall by may be much less than the faces
-        across = fine.swapaxes(1, 2)
-        grid, over = self.grid, self.grid.swapaxes(1, 2)
-        for side, points, on in zip(
-            sharp_sides(masks, self.position), (fine, across), (grid, over), strict=True
-        ):
-            rings = self.ring[side]
-            line = np.matmul(lines, on[side, 1]) - after.step[rings][:, None]
-            line = kernels.scale_by_two(line, -after.shift[rings][:, None, None])
-            points[side, 1, 1:] = line[:, 1:]
-            points[side, 1, 1] = 0
-            points[side, 0] = 2 * points[side, 1] - points[side, 2]
-        return np.asarray(fine)
-
-
-def _beside(masks: RingMasks, position: Array) -> tuple[Array, Array]:
-    """The edges p - 1 to p + 2 and the faces p - 1 to p + 1 of faces p, (A, 4) and (A, 3)."""
-    faces = masks.sector.faces
-    both = [position[:, None] + np.arange(-1, most) for most in (3, 2)]
-    if masks.sector.open:  # beyond sharp sides there is nothing: any will do
-        return both[0].clip(0, faces), both[1].clip(0, faces - 1)
-    return both[0] % faces, both[1] % faces
-
-
-def sharp_sides(masks: RingMasks, position: Array) -> tuple[Array, Array]:
-    """Whether the edges along u and along v of faces are sharp, (A,) each."""
-    sector = masks.sector
-    ends = sector.open or sector.kind == "dart"
-    return ends & (position == 0), ends & (position == sector.faces - 1)
-
-
-def _lines(masks: RingMasks) -> Array:
-    """Refined points of a line of 4 control points: edge, vertex, edge, vertex, edge, (5, 4)."""
-    half, beside = masks.weights.half, masks.weights.beside
-    lines = np.zeros((5, 4))
-    for k in range(5):
-        weights = [beside, 1 - 2 * beside, beside] if k % 2 else [half, half]
-        lines[k, k // 2 : k // 2 + len(weights)] = weights
-    return lines
-
-
-@dataclass(frozen=True)
 class Place:
     """Where queries are: like `basis.CornerPlace`, with the refined points that they depend on.
 
@@ -209,13 +126,14 @@ class Place:
     corner, away : (n,), (q - n,)
         The queries at the corner itself, and the others; what follows is about these.
     local : basis.CornerPlace
-    points : (q - n, 16, d)
+    points : (q - n, K, d)
         Control points of the regular piece relative to the vertex, in units of ``2**exponent``.
     exponent : (q - n,)
     limit : (q - n, d)
         The limit of the corner, relative to the vertex, in these units.
     sharp : (2, q - n) bool
         Whether the side t = 0, and s = 0, of the piece is sharp.
+    masks : RingMasks
     """
 
     corner: Array
@@ -225,51 +143,18 @@ class Place:
     exponent: Array
     limit: Array
     sharp: Array
+    masks: RingMasks
 
     def __getitem__(self, here: Array) -> Place:
         """The places of some queries away from the corner, as if there were no others."""
         points, exponent, limit = (x[here] for x in (self.points, self.exponent, self.limit))
         near = self.corner[:0], self.away[here], self.local[here]
-        return Place(*near, points, exponent, limit, self.sharp[:, here])
+        return Place(*near, points, exponent, limit, self.sharp[:, here], self.masks)
 
     def derivatives(self, nu: Order) -> Array:
         """The derivatives themselves, (q - n, d), in units of ``2**exponent``."""
-        return np.asarray(
-            np.matmul(_weights(self.local, self.sharp, nu)[:, None], self.points)[:, 0]
-        )
-
-
-def _weights(local: basis.CornerPlace, sharp: Array, nu: Order) -> Array:
-    """Weights (n, 16) of the control points of pieces, with or without `sharp` sides, (2, n)."""
-    across, along = kernels.cubic_weights(local.T, nu[1]), kernels.cubic_weights(local.S, nu[0])
-    across[sharp[0]] = _reflected(local.T[sharp[0]], nu[1])
-    along[sharp[1]] = _reflected(local.S[sharp[1]], nu[0])
-    return np.asarray((across[:, :, None] * along[:, None, :]).reshape(len(along), 16))
-
-
-def _sharp_pieces(masks: RingMasks, position: Array, local: basis.CornerPlace) -> Array:
-    """Whether the sides t = 0 and s = 0 of the pieces that hold queries are sharp, (2, n)."""
-    sides = np.stack(sharp_sides(masks, position))
-    return np.asarray(sides & (local.piece == np.array([[0], [2]])))
-
-
-def _reflected(x: Array, order: int) -> Array:
-    """Weights (n, 4) like `kernels.cubic_weights`, of points of which the first is a reflection.
-
-    That is ``2 p1 - p2``. Its weight is given to these, so that nothing is left of p2 at x = 0,
-    where p1 can be smaller by any factor.
-    """
-    weights = kernels.cubic_weights(x, order)
-    powers = kernels.monomials(x, 3)
-    inner, factor = np.zeros_like(x), 1
-    for k in range(order, 4):
-        start = kernels.cubic_weights(np.zeros(1), k)[0]
-        inner += (start[2] - start[0]) / factor * powers[:, k - order]
-        factor *= k - order + 1
-    weights[:, 2] = inner
-    weights[:, 1] = (order == 0) - inner - weights[:, 3]
-    weights[:, 0] = 0
-    return np.asarray(weights)
+        found = ring_grids.weights(self.masks, self.local, self.sharp, nu)
+        return np.asarray(np.matmul(found[:, None], self.points)[:, 0])
 
 
 @dataclass(frozen=True)
@@ -288,7 +173,7 @@ class RingValues:
     ----------
     masks : RingMasks
     rings : SharedRings
-    outer : (patches, 7) int
+    outer : (patches, n) int
         Outer control points.
     high, low : (n_points, d)
         Control points as unevaluated sums.
@@ -300,8 +185,8 @@ class RingValues:
         self._masks, self._rings, self._outer = masks, rings, outer
         self._high, self._low = high, low
         around = self._relative(rings.points, np.arange(len(rings.points)))
-        parts = (np.ascontiguousarray(around[:, k::2].swapaxes(1, 2)) for k in (1, 2))
-        self._first = Ring.of(*parts)
+        parts = (around[:, part] for part in tables.orbits(masks.sector.lattice))
+        self._first = Ring.of(*(np.ascontiguousarray(x.swapaxes(1, 2)) for x in parts))
         self._kept = _Kept(np.zeros(0, dtype=np.int64), {}, {})
 
     # ------------------------------------------------------------------ rings, step by step
@@ -366,12 +251,10 @@ class RingValues:
             new = np.flatnonzero(start == step)
             if len(new):
                 outer = self._outer_points(row[new], state, which[new], step)
-                more = _Patches.of(self._masks, state, which[new], position[new], outer)
-                active = np.concatenate([active, new])
-                grid = np.concatenate([grid, more.grid])
-            here = _Patches(which[active], position[active], grid)
+                more = self._grid(state, which[new], position[new], outer)
+                active, grid = np.concatenate([active, new]), np.concatenate([grid, more])
             following, after = next(walk)
-            points = here.refined(self._masks, after)
+            points = self._finer(after, which[active], position[active], grid)
             done = level[active] == step
             fine[active[done]] = points[done]
             exponent[active[done]] = after.exponent[which[active[done]]]
@@ -387,10 +270,19 @@ class RingValues:
                     walk = self._walk(kept, int(later.min()))
                     step, state = next(walk)
 
+    def _grid(self, state: Ring, ring: Array, position: Array, outer: Array) -> Array:
+        """Control points (A, 4, 4, d) of patches of rings, in their units."""
+        return ring_grids.first(self._masks, state.edges, state.faces, outer, ring, position)
+
+    def _finer(self, after: Ring, ring: Array, position: Array, grid: Array) -> Array:
+        """Refined points (A, 5, 5, d) of patches, in the units of their rings after this step."""
+        own = after.edges, ring, after.step[ring], after.shift[ring]
+        return ring_grids.refined(self._masks, position, grid, *own)
+
     def _outer_points(self, row: Array, state: Ring, which: Array, step: int) -> Array:
         """Outer points of patches relative to the vertex, in the units of their rings."""
         if step:
-            return np.zeros((len(row), len(OUTER), self._high.shape[1]))
+            return np.zeros((len(row), self._outer.shape[1], self._high.shape[1]))
         points = self._relative(self._outer[row], self._rings.ring[row])
         return kernels.scale_by_two(points, -state.exponent[which][:, None, None])
 
@@ -416,15 +308,15 @@ class RingValues:
         """
         ring, position, state = self._rings.ring, self._rings.position, self._first
         outer = self._outer_points(np.arange(len(ring)), state, ring, 0)
-        here = _Patches.of(self._masks, state, ring, position, outer)
+        grid = self._grid(state, ring, position, outer)
         while True:
             # the vertex moves by all of the ring
             size = np.abs(np.concatenate([state.edges, state.faces], 2)).max((1, 2), initial=0)
-            np.maximum.at(size, ring, np.abs(here.grid).max(axis=(1, 2, 3), initial=0))
+            np.maximum.at(size, ring, np.abs(grid).max(axis=(1, 2, 3), initial=0))
             size = kernels.scale_by_two(size, state.exponent)
             state = state.refined(self._masks)
-            fine = here.refined(self._masks, state)
-            here = _Patches(ring, position, fine[:, :4, :4])
+            fine = self._finer(state, ring, position, grid)
+            grid = fine[:, :4, :4]
             unit = np.ldexp(1.0, state.exponent)[:, None]
             yield fine * unit[ring, None, None], state.limit(self._masks) * unit, size
 
@@ -444,9 +336,9 @@ class RingValues:
         rings, which = np.unique(self._rings.ring[row], return_inverse=True)
         _, state = next(self._walk(self._kept_of(rings), level))
         grid = grid[:, :4, :4].reshape(len(row), 16, -1)
-        points = [x.swapaxes(1, 2) for x in (state.edges, state.faces)]
+        around = np.concatenate([state.edges, state.faces], axis=2)
         bounds = (
-            [find(x, axis=1)[which] for x in points] + [find(grid, axis=1), 0 * limit]
+            [find(around, axis=2)[which], find(grid, axis=1), 0 * limit]
             for find in (np.min, np.max)
         )
         least, most = (
@@ -472,11 +364,11 @@ class RingValues:
             if len(patch)
             else (np.zeros((0, 5, 5, self._high.shape[1])), level, np.zeros((0, 1)))
         )
-        i, j = (_PIECES[local.piece, k][:, None] for k in (0, 1))
-        number = np.arange(16)
-        points = fine[query[:, None], j + number // 4, i + number % 4]
-        sharp = _sharp_pieces(self._masks, self._rings.position[row[away]], local)
-        return Place(corner, away, local, points, exponent[query], limit[query], sharp)
+        j, i = (x[local.piece] for x in Layout.of(self._masks).pieces)
+        points = fine[query[:, None], j, i]
+        sharp = ring_grids.sharp_pieces(self._masks, self._rings.position[row[away]], local)
+        scale = exponent[query], limit[query]
+        return Place(corner, away, local, points, *scale, sharp, self._masks)
 
     def derivatives(
         self, row: Array, s: Array, t: Array, turn: Array, depth: Array, orders: Sequence[Order]
@@ -484,39 +376,52 @@ class RingValues:
         """Derivatives (q, d) in (u, v) of the limit face, which is `depth` halvings above."""
         place, position = self.place(row, s, t, turn), self._rings.position[row]
         vertex = self._rings.points[self._rings.ring[row], 0]
-        start = self.limits(row)
+        start, lattice = self.limits(row), self._masks.sector.lattice
+        inner = np.full(len(row), -1)
+        inner[place.away] = np.arange(len(place.away))
         result = []
         for nu in orders:
-            ((turned, sign),) = basis.turned(self._masks.sector.lattice, nu)
-            order = sum(nu)
-            # positions relative to the limit of the corner
-            found = np.zeros((len(row), self._high.shape[1]))
-            for choice in set(turned):
-                mine = np.array([x == choice for x in turned])[turn]
-                here = np.flatnonzero(mine[place.away])
-                value, exponent = place[here].derivatives(choice), place.exponent[here]
-                if order == 0:
-                    value -= place.limit[here]
-                exponent = exponent + order * (place.local.level[here] + 1)
-                found[place.away[here]] = kernels.scale_by_two(value, exponent[:, None])
-                if order:
-                    found[place.corner[mine[place.corner]]] = 0 if max(choice) > 3 else np.nan
-                    on = np.flatnonzero(mine & on_curve(self._masks, position, s, t, choice))
-                    found[on] = self._along_curve(row[on], s[on], t[on], choice)
-            if order == 0:
+
+            def rows(choice: Order, here: Array) -> Array:
+                given = row[here], position[here], s[here], t[here]
+                return self._derivative(place, inner[here], *given, choice)
+
+            found = basis.turned_rows(lattice, nu, turn, rows)
+            if not sum(nu):
                 found = found + (self._low[vertex] + start) + self._high[vertex]
             else:
-                found = kernels.scale_by_two(found, (depth * order)[:, None])
-                found *= sign[turn][:, None]
+                found = kernels.scale_by_two(found, (depth * sum(nu))[:, None])
             result.append(found)
         return result
+
+    def _derivative(
+        self, place: Place, inner: Array, row: Array, position: Array, s: Array, t: Array, nu: Order
+    ) -> Array:
+        """A derivative (n, d) in (s, t) of patches; positions are relative to limits of corners.
+
+        `inner` (n,) are numbers of these queries among those of the place that are away from
+        corners, -1 at these.
+        """
+        found, order, masks = np.zeros((len(row), self._high.shape[1])), sum(nu), self._masks
+        away = np.flatnonzero(inner >= 0)
+        own = place[inner[away]]
+        value, exponent = own.derivatives(nu), own.exponent
+        if order == 0:
+            value -= own.limit
+        exponent = exponent + order * (own.local.level + 1)
+        found[away] = kernels.scale_by_two(value, exponent[:, None])
+        if order:
+            found[inner < 0] = at_corners(masks, position[inner < 0], nu)[:, None]
+            on = np.flatnonzero(on_curve(masks, position, s, t, nu))
+            found[on] = self._along_curve(row[on], s[on], t[on], nu)
+        return found
 
     def _along_curve(self, row: Array, s: Array, t: Array, nu: Order) -> Array:
         """Derivatives of positive order along a sharp side of a sector, (n, d)."""
         axis, ring, first = int(nu[0] == 0), self._rings.ring[row], self._first
         near, far = _ENDS[axis]
         back, ahead = first.edges[ring, :, far], first.edges[ring, :, near]
-        outer = self._outer_points(row, first, ring, 0)[:, _AHEAD[axis]]
+        outer = self._outer_points(row, first, ring, 0)[:, _ahead(self._masks, axis)]
         weights = _curve_weights(self._masks, (s, t)[axis], sum(nu))[:, :, None]
         value = weights[:, 0] * back + weights[:, 2] * ahead + weights[:, 3] * outer
         return np.asarray(kernels.scale_by_two(value, first.exponent[ring][:, None]))
@@ -527,11 +432,11 @@ class RingValues:
         error = np.ones((2, len(row), 1))
         # points have the errors of the ring, whose size is 1, but those on sharp sides of their own
         sizes = np.maximum(np.abs(place.points).max(axis=2, initial=0), 1)
-        for side, on in zip(place.sharp, (slice(4, 8), slice(1, 16, 4)), strict=True):
-            own = np.abs(place.points[side, on]).max(axis=(1, 2), initial=0)
-            sizes[side, on] = own[:, None]
+        for side, on in zip(place.sharp, ring_grids.on_sides(self._masks), strict=True):
+            where = np.flatnonzero(side)[:, None], on
+            sizes[where] = np.abs(place.points[where]).max(axis=(1, 2), initial=0)[:, None]
         for axis, nu in enumerate(((1, 0), (0, 1))):
-            weights = _weights(place.local, place.sharp, nu)
+            weights = ring_grids.weights(self._masks, place.local, place.sharp, nu)
             found[axis, place.away] = np.matmul(weights[:, None], place.points)[:, 0]
             error[axis, place.away] = (np.abs(weights) * sizes).sum(axis=1, keepdims=True)
             at = row[place.corner]
@@ -596,12 +501,12 @@ class RingValues:
         ring = self._rings.ring[row]
         used, which = np.unique(ring, return_inverse=True)
         _, first = np.unique(which, return_index=True)
-        parts = (x[used] for x in (self._first.edges, self._first.faces))
+        around = np.concatenate([self._first.edges[used], self._first.faces[used]], axis=2)
         own = self._outer_points(row, self._first, ring, 0)
-        high = [np.abs(np.einsum("rd,rdk->rk", normal[first], x)).max(axis=1) for x in parts]
+        high = np.abs(np.einsum("rd,rdk->rk", normal[first], around)).max(axis=1)
         beyond = np.abs(np.einsum("qd,qkd->qk", normal, own)).max(axis=1)
         size = np.maximum(np.abs(own).max(axis=(1, 2)), 1)
-        return np.asarray(np.maximum(np.max(high, axis=0)[which], beyond) <= basis.NOISE * size)
+        return np.asarray(np.maximum(high[which], beyond) <= basis.NOISE * size)
 
 
 def is_convex(masks: RingMasks) -> bool:
@@ -624,11 +529,29 @@ def on_curve(masks: RingMasks, position: Array, s: Array, t: Array, nu: Order) -
     return np.asarray(sharp_sides(masks, position)[axis] & ((t, s)[axis] == 0))
 
 
+def at_corners(masks: RingMasks, position: Array, nu: Order) -> Array:
+    """Derivatives at corners (n,), where they are not `on_curve`: 0 if they vanish around, or NaN.
+
+    Along a sharp side pieces are those of a curve, whose degree may be less than theirs.
+    """
+    gone = np.full(len(position), masks.spline.vanishes(nu))
+    if min(nu) == 0 and max(nu) >= len(masks.spline.curve):
+        gone |= sharp_sides(masks, position)[int(nu[0] == 0)]
+    return np.where(gone, 0.0, np.nan)
+
+
 def _curve_weights(masks: RingMasks, x: Array, order: int) -> Array:
     """Weights (n, 4) of points of a sharp side; at a corner the first is a reflection."""
     return (
-        _reflected(x, order) if masks.sector.kind == "corner" else kernels.cubic_weights(x, order)
+        ring_grids.reflected(x, order)
+        if masks.sector.kind == "corner"
+        else kernels.cubic_weights(x, order)
     )
+
+
+def _ahead(masks: RingMasks, axis: int) -> int:
+    """Which outer point continues the edge along u, or along v."""
+    return masks.sector.lattice.outer.index(_AHEAD[axis])
 
 
 def columns(sector: tables.Sector, position: int) -> tuple[Array, tables.Sector]:
@@ -637,11 +560,11 @@ def columns(sector: tables.Sector, position: int) -> tuple[Array, tables.Sector]
     Also the sector of the face, in whose order they are.
     """
     turns = 0 if sector.open or sector.kind == "dart" else position
-    own = tables.Sector(sector.kind, sector.faces, position - turns)
-    ring = np.arange(sector.ring)
+    own = replace(sector, position=position - turns)
+    ring, lattice = np.arange(sector.ring), sector.lattice
     if turns:
-        ring[1:] = 1 + (ring[1:] - 1 + 2 * turns) % (sector.ring - 1)
-    outer = sector.ring + np.array([OUTER.index(place) for place in own.outer])
+        ring[1:] = 1 + (ring[1:] - 1 + len(lattice.orbits) * turns) % (sector.ring - 1)
+    outer = sector.ring + np.array([lattice.outer.index(place) for place in own.outer])
     return np.concatenate([ring, outer]), own
 
 
@@ -653,7 +576,7 @@ def weights(masks: RingMasks, position: Array, s: Array, t: Array, turn: Array, 
     """
     edges, faces = (len(x) for x in masks.limit)
     rows = _Rows(np.zeros((len(position), edges)), np.zeros((len(position), faces)))
-    outer = np.zeros((len(position), len(OUTER)))
+    outer = np.zeros((len(position), len(masks.sector.lattice.outer)))
     order, local = sum(nu), basis.CornerPlace.of(s, t, turn, masks.sector.lattice)
     curve = on_curve(masks, position, s, t, nu) & (order > 0)
     level = np.where(curve, -1, local.level)
@@ -662,17 +585,14 @@ def weights(masks: RingMasks, position: Array, s: Array, t: Array, turn: Array, 
         rows.edges[away] -= masks.limit[0]
         rows.faces[away] -= masks.limit[1]
     else:
-        rows.edges[~away] = 0 if max(nu) > 3 else np.nan
+        rows.edges[~away] = at_corners(masks, position[~away], nu)[:, None]
         rows.edges[curve] = 0
         _set_curves(masks, (s, t)[int(nu[0] == 0)], nu, np.flatnonzero(curve), rows, outer)
-    b = _weights(local, _sharp_pieces(masks, position, local), nu)
+    b = ring_grids.weights(masks, local, ring_grids.sharp_pieces(masks, position, local), nu)
     _descend(masks, position, level, local.piece, b, rows, outer)
     if not order:
         return _with_vertex(masks, rows, outer)
-    result = np.empty((len(position), 1 + edges + faces + len(OUTER)))
-    result[:, 1 : 1 + edges + faces : 2] = rows.edges
-    result[:, 2 : 1 + edges + faces : 2] = rows.faces
-    result[:, 1 + edges + faces :] = outer
+    result = _columns(masks, rows.edges, rows.faces, outer)
     exponent = np.where(away, order * (level + 1), 0)
     result[:, 1:] = kernels.scale_by_two(result[:, 1:], exponent[:, None])
     result[:, 0] = -result[:, 1:].sum(axis=1)
@@ -689,7 +609,7 @@ def piece_weights(
     edges, faces = masks.limit
     shape = len(position), 1
     rows = _Rows(np.tile(-edges, shape), np.tile(-faces, shape))
-    outer = np.zeros((len(position), len(OUTER)))
+    outer = np.zeros((len(position), len(masks.sector.lattice.outer)))
     _descend(masks, position, level, piece, combined, rows, outer)
     return _with_vertex(masks, rows, outer)
 
@@ -704,9 +624,8 @@ def _descend(
     outer: Array,
 ) -> None:
     """Add what the control points of pieces (q, 16) take from rings and outer points."""
-    fine, number = np.zeros((len(position), 5, 5)), np.arange(16)
-    i, j = (_PIECES[piece, k][:, None] for k in (0, 1))
-    fine[np.arange(len(b))[:, None], j + number // 4, i + number % 4] = b
+    fine, (j, i) = np.zeros((len(position), 5, 5)), Layout.of(masks).pieces
+    fine[np.arange(len(b))[:, None], j[piece], i[piece]] = b
     for step in range(int(level.max(initial=-1)), -1, -1):
         here = np.flatnonzero(level >= step)
         some = _Rows(rows.edges[here], rows.faces[here])
@@ -722,12 +641,18 @@ def _descend(
 def _with_vertex(masks: RingMasks, rows: _Rows, outer: Array) -> Array:
     """Weights (q, K) in positions from those of points relative to the limit of the vertex."""
     edges, faces = masks.limit
-    size = len(edges) + len(faces)
-    result = np.empty((len(outer), 1 + size + len(OUTER)))
-    result[:, 1 : 1 + size : 2] = rows.edges + edges
-    result[:, 2 : 1 + size : 2] = rows.faces + faces
-    result[:, 1 + size :] = outer
+    result = _columns(masks, rows.edges + edges, rows.faces + faces, outer)
     result[:, 0] = 1 - result[:, 1:].sum(axis=1)
+    return result
+
+
+def _columns(masks: RingMasks, edges: Array, faces: Array, outer: Array) -> Array:
+    """Weights (q, K) in the order of control points, but for the vertex."""
+    ring = masks.sector.ring
+    result = np.empty((len(outer), ring + outer.shape[1]))
+    for part, found in zip(tables.orbits(masks.sector.lattice), (edges, faces), strict=True):
+        result[:, :ring][:, part] = found
+    result[:, ring:] = outer
     return result
 
 
@@ -741,31 +666,31 @@ class _Rows:
     def coarser(self, masks: RingMasks, position: Array, fine: Array) -> tuple[_Rows, Array]:
         """Those one step before, and of 4 x 4 control points, (q, 4, 4).
 
-        `fine` (q, 5, 5) are weights of refined points of a patch: `_Patches.refined`, transposed.
+        `fine` (q, 5, 5) are weights of refined points of a patch: `Ring.refined`, transposed.
         """
-        w, kind, every = masks.weights, masks.sector.kind, np.arange(len(position))
-        edges, fine = self.edges.copy(), fine.copy()
-        along_u, along_v = sharp_sides(masks, position)
-        before, *_, beyond = _beside(masks, position)[0].T
-        for side, (j, i), edge in ((along_u, (0, 1), before), (along_v, (1, 0), beyond)):
-            fine[side, 2 - j, 2 - i] -= fine[side, j, i]
-            edges[every, edge] += np.where(side, 0, fine[:, j, i])
-            fine[:, j, i] = 0
-        fine[:, 0, 0] = fine[:, 1, 1] = 0
-        lines = _lines(masks)
-        grid = np.matmul(lines.T, np.matmul(fine, lines))
-        step = -(fine.sum(axis=(1, 2)) + edges.sum(axis=1) + self.faces.sum(axis=1))[:, None]
+        w, kind = masks.weights, masks.sector.kind
+        edges = self.edges.copy()
+        grid, total = ring_grids.coarser(masks, position, fine, edges)
+        step = -(total + edges.sum(axis=1) + self.faces.sum(axis=1))[:, None]
         smooth = edges.copy()
         sharp = {"dart": [0], "crease": [0, -1], "corner": [0, -1]}.get(kind, [])
         smooth[:, sharp] = 0
-        around = self.faces + w.face * (_before(smooth, masks) + _after(smooth, masks))
-        result = w.end * smooth
+        around, result = self.faces, w.end * smooth
+        if around.shape[1]:
+            around = around + w.face * (_before(smooth, masks) + _after(smooth, masks))
+        elif masks.sector.open:
+            result[:, :-1] += w.face * smooth[:, 1:]
+            result[:, 1:] += w.face * smooth[:, :-1]
+        else:
+            result += w.face * (np.roll(smooth, 1, axis=1) + np.roll(smooth, -1, axis=1))
         if kind in ("interior", "dart"):
-            around += w.around * step
+            around = around + w.around * step
             result += w.edge * step
         result[:, sharp] += w.half * edges[:, sharp]
         if kind == "crease":
             result[:, sharp] += w.beside * step
+        if not around.shape[1]:
+            return _Rows(result, around), grid
         if masks.sector.open:
             result[:, :-1] += w.corner * around
             result[:, 1:] += w.corner * around
@@ -774,19 +699,8 @@ class _Rows:
         return _Rows(result, w.corner * around), grid
 
     def gathered(self, masks: RingMasks, position: Array, grid: Array) -> Array:
-        """Add what 4 x 4 control points take from the ring; return that of outer ones, (q, 7)."""
-        along_u, along_v = sharp_sides(masks, position)
-        for side, across in ((along_v, grid.swapaxes(1, 2)), (along_u, grid)):
-            across[side, 1] += 2 * across[side, 0]
-            across[side, 2] -= across[side, 0]
-            across[side, 0] = 0
-        every = np.arange(len(position))
-        for part, beside, (j, i) in zip(
-            (self.edges, self.faces), _beside(masks, position), (_EDGES, _FACES), strict=True
-        ):
-            for k, place in enumerate(beside.T):
-                part[every, place] += grid[:, j[k], i[k]]
-        return np.asarray(grid[:, _OUTER_J, _OUTER_I])
+        """Add what 4 x 4 control points take from the ring; return that of outer ones, (q, n)."""
+        return ring_grids.gathered(masks, position, grid, self.edges, self.faces)
 
 
 def _set_curves(
@@ -797,4 +711,4 @@ def _set_curves(
     axis = int(nu[0] == 0)
     near, far = _ENDS[axis]
     rows.edges[here, near], rows.edges[here, far] = ahead, back
-    outer[here, _AHEAD[axis]] = beyond
+    outer[here, _ahead(masks, axis)] = beyond

@@ -22,7 +22,7 @@ from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.engine.protocol import JET, Order
 from limitsurf.numbers import NumberType
-from limitsurf.patches import OUTER, SharedRings
+from limitsurf.patches import SharedRings
 from limitsurf.values import Values
 
 if TYPE_CHECKING:
@@ -427,14 +427,13 @@ class Rings(Kind):
             if not self.number.exact:
                 own = position[here], g.s[here], g.t[here], g.orientation[here]
                 return rings.weights(self.masks, *own, order)
-            width = self.shared.points.shape[1] + len(OUTER)
-            result = self.number.full((len(here), width), self.number.zero)
+            result = self.number.full((len(here), self.widths[1]), self.number.zero)
             for p in np.unique(position[here]).tolist():
                 at = np.flatnonzero(position[here] == p)
                 columns, sector = rings.columns(self.masks.sector, p)
-                zero = np.zeros(1)
-                exists = rings.on_curve(self.masks, np.array([p]), zero, zero, order)[0]
-                at_corner = np.full(1, 1.0 if exists else np.nan if max(order) <= 3 else 0.0)
+                zero, only = np.zeros(1), np.array([p])
+                exists = rings.on_curve(self.masks, only, zero, zero, order)
+                at_corner = np.where(exists, 1.0, rings.at_corners(self.masks, only, order))
                 rational = tables.rational_table(self._scheme, sector)
                 given = rational, self._scheme.spline, place[here[at]], order, at_corner
                 result[at[:, None], columns] = basis.rational_weights(*given)

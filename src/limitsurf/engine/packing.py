@@ -235,7 +235,9 @@ class Packing:
             made.chains[k, : len(table.chains)] = table.chains - 1
             made.pairs[k, : len(table.pairs)] = table.pairs - 1
         fine = patches * (self.shape.REFINED + 2) * self.cover.splines
-        for k, rings in self._patches.rings.items() if self.cover.splines else ():
+        # kernels know control points of shared rings in squares alone
+        known = self.cover.splines and self.shape.BLOCK > 0
+        for k, rings in self._patches.rings.items() if known else ():
             sector = self._patches.sectors[k]
             assert sector is not None
             sharp = sector.open or sector.kind == "dart"

@@ -38,11 +38,12 @@ control points; those beyond a sharp edge are reflections at it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
+from limitsurf.caching import cached_property
 from limitsurf.scheme.dual import DualScheme, Waves, cosine
 from limitsurf.scheme.lattice import Place
 from limitsurf.scheme.scheme import Scheme
@@ -157,7 +158,7 @@ def _gathered(waves: Waves, n: int, number: Any) -> list[Row]:
 @lru_cache(maxsize=256)
 def _built(sector: Sector, number: Any, values: tuple[tuple[Any, ...], ...]) -> SubdivisionMatrix:
     lattice, cage = sector.lattice, _LocalCage(sector, number, *values)
-    rows = cage.ring_points()
+    rows = list(_ring_rows(replace(sector, position=0), number, values))
     rows += [cage.point(place) for place in sector.outer + sector.beyond]
     # beyond a sharp edge along u, and, with i and j exchanged, along v
     taken = [[piece.place(near) for near in lattice.template] for piece in lattice.pieces]
@@ -171,6 +172,12 @@ def _built(sector: Sector, number: Any, values: tuple[tuple[Any, ...], ...]) -> 
             rows.append(cage.combined(terms))
     pieces = tuple(tuple(at[place] for place in places) for places in taken)
     return SubdivisionMatrix(sector, tuple(rows), pieces)
+
+
+@lru_cache(maxsize=64)
+def _ring_rows(sector: Sector, number: Any, values: tuple[tuple[Any, ...], ...]) -> tuple[Row, ...]:
+    """Those of the ring, the same from whichever face they are looked at."""
+    return tuple(_LocalCage(sector, number, *values).ring_points())
 
 
 def _exchanged(place: Place, swap: int) -> Place:
@@ -190,7 +197,11 @@ class _LocalCage:
         self.face, self.edge, self.spoke, self.regular, self.own, self.curve = masks
         self.at = grid_index(sector)
         self.ring_faces = [self._ring_face(j) for j in range(sector.faces)]
-        self.ring_face_points = [self.sum_of(self.face, c) for c in self.ring_faces if self.face]
+
+    @cached_property
+    def ring_face_points(self) -> list[Row]:
+        """The points of the faces of the ring, if faces have any."""
+        return [self.sum_of(self.face, c) for c in self.ring_faces if self.face]
 
     def combined(self, terms: list[tuple[Any, Row]]) -> Row:
         """A sum of rows."""

@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from limitsurf.exact.eigenpairs import eigenpairs
 from limitsurf.exact.fixed import Fixed, Precision, UnsupportedSpectrum, reduced
 from limitsurf.exact.matrices import SubdivisionMatrix, subdivision_matrix
 from limitsurf.exact.ring import (
@@ -132,9 +133,10 @@ def dart_ring(scheme: Scheme, matrix: SubdivisionMatrix, at: Precision) -> Dense
     frequencies, waves, right, left = _sines(scheme, faces, size, at)
     alike = mirrored(matrix.sector)
     try:
-        values, even, dual = _certified_basis(folded(matrix, alike), at)
+        values, even, dual, pairs = eigenpairs(folded(matrix, alike), at)
     except (ZeroDivisionError, np.linalg.LinAlgError):
         raise _double(faces) from None
+    _normalise(even, dual, pairs, at)
     # the first right vector is constant
     dual[0] = dual[0] * even[0, 0] >> at.bits
     even[:, 0] = 1 << at.bits
@@ -285,55 +287,6 @@ def folded(matrix: SubdivisionMatrix, alike: list[list[int]]) -> list[list[Fract
     ]
 
 
-def _certified_basis(matrix: list[list[Fraction]], at: Precision) -> tuple[list[Any], Fixed, Fixed]:
-    """Eigenvalues, right and left eigenvectors of a rational matrix with simple eigenvalues.
-
-    The first is 1. With ``M = X^-1 A X``, ``X (I + F)`` where ``J F - F J`` cancels what ``M`` has
-    beside its (block) diagonal J is the next approximation: the error is squared every time.
-    ZeroDivisionError or LinAlgError where two eigenvalues are equal.
-    """
-    size = len(matrix)
-    floats = np.array([[float(x) for x in row] for row in matrix])
-    found, vectors = np.linalg.eig(floats)
-    # (a pair that is taken for real values, or the reverse, does not converge below)
-    real = np.abs(found.imag) < 1e-9
-    order = sorted(np.flatnonzero(real | (found.imag > 0)), key=lambda k: -abs(found[k]))
-    start: list[Any] = []
-    pairs: list[int] = []
-    for k in order:
-        if not real[k]:
-            pairs.append(len(start))
-            start.append(vectors[:, k].real)
-            start.append(vectors[:, k].imag)
-        else:
-            start.append(vectors[:, k].real)
-    if len(pairs) > 1:
-        raise UnsupportedSpectrum("a dart with more than one complex pair of eigenvalues")
-    approximate = np.array(start).T
-    X, inverse = at.to_fixed(approximate.tolist()), at.to_fixed(np.linalg.inv(approximate).tolist())
-    A, identity = at.to_fixed(matrix), at.to_fixed(np.eye(size).tolist())
-    for _ in range(12):
-        for _ in range(3):
-            inverse = inverse + at.product(inverse, identity - at.product(X, inverse))
-        J = at.product(inverse, at.product(A, X))
-        F = _correction(J, pairs, at.bits)
-        X = X + at.product(X, F)
-        if np.abs(F).max() < 1 << 40:
-            break
-    else:
-        raise ZeroDivisionError
-    inverse = inverse + at.product(inverse, identity - at.product(X, inverse))
-    _normalise(X, inverse, pairs, at)
-    # the last digits are rounding: 0, 1/4, 1/2 and 1 come out exactly
-    J = (J + (1 << 15) >> 16) << 16
-    values = [at.mp.ldexp(at.mp.mpf(int(J[k, k])), -at.bits) for k in range(size)]
-    for p in pairs:
-        turn = at.mp.ldexp(at.mp.mpf(int(J[p, p + 1] - J[p + 1, p])), -at.bits - 1)
-        centre = (values[p] + values[p + 1]) / 2
-        values[p], values[p + 1] = at.mp.mpc(centre, turn), at.mp.mpc(centre, -turn)
-    return values, X, inverse
-
-
 def _double(faces: int) -> UnsupportedSpectrum:
     """The error that says of which dart two eigenvalues are equal."""
     return UnsupportedSpectrum(
@@ -364,32 +317,6 @@ def _normalise(X: Fixed, inverse: Fixed, pairs: list[int], at: Precision) -> Non
             ((y * c - x * d) << at.bits) // norm,
         )
         inverse[k], inverse[k + 1] = (r * c + s * d) >> at.bits, (s * c - r * d) >> at.bits
-
-
-def _correction(M: Fixed, pairs: list[int], bits: int) -> Fixed:
-    """F with ``J F - F J + M - J = 0``, J being the diagonal of M but for 2 x 2 rotations."""
-    value = M.diagonal()
-    gap = value[None, :] - value[:, None]
-    for p in pairs:
-        gap[p, p + 1] = gap[p + 1, p] = 1  # filled in below
-    np.fill_diagonal(gap, 1)
-    F = (M << bits) // gap
-    np.fill_diagonal(F, 0)
-    for p in pairs:
-        centre, turn = (M[p, p] + M[p + 1, p + 1]) // 2, (M[p, p + 1] - M[p + 1, p]) // 2
-        for i in set(range(len(M))) - {p, p + 1}:
-            x = centre - M[i, i]
-            norm = x * x + turn * turn
-            e, g = M[i, p], M[i, p + 1]
-            F[i, p] = ((e * x + g * turn) << bits) // norm
-            F[i, p + 1] = ((g * x - e * turn) << bits) // norm
-            e, g = M[p, i], M[p + 1, i]
-            F[p, i] = ((g * turn - e * x) << bits) // norm
-            F[p + 1, i] = -((e * turn + g * x) << bits) // norm
-        stretch, shear = (M[p, p] - M[p + 1, p + 1]) // 2, (M[p, p + 1] + M[p + 1, p]) // 2
-        F[p, p], F[p + 1, p + 1] = (shear << bits) // (2 * turn), -(shear << bits) // (2 * turn)
-        F[p, p + 1] = F[p + 1, p] = -(stretch << bits) // (2 * turn)
-    return np.asarray(F)
 
 
 def _unit(i: int) -> list[Fraction]:

@@ -43,6 +43,7 @@ from limitsurf.exact.ring import FourierModes, fourier_ring
 from limitsurf.exact.sectors import DenseModes, carried_ring, dart_ring, open_ring
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
+from limitsurf.scheme.spline import Spline
 
 Ring: TypeAlias = FourierModes | DenseModes | DualModes
 
@@ -201,7 +202,8 @@ def _joined(
     R = ring.right_rows(sorted(touched))
     # numerators of G, (outer, ring): sparse rational rows times R, then the small W^-1
     coupling = np.stack([at.combine(row, R, modes) for row in matrix.rows[n:size]])
-    gaps = [[value - at.to_mpf(d) for value in ring_values] for d in values]
+    apart = {d: [value - at.to_mpf(d) for value in ring_values] for d in set(values)}
+    gaps = [apart[d] for d in values]
     W, Winv, outer_heads = _chained(
         at.to_fixed(outer), at.to_fixed(outer_inverse), coupling, gaps, at
     )
@@ -246,11 +248,18 @@ def _links(
     G = np.zeros_like(numerator)
     ends = {head: end for end, head in heads.items()}
     paired = {k for p in pairs for k in (p, p + 1)}
+    least = int(at.to_fixed([at.equal])[0])
+    single = [k for k in range(numerator.shape[1]) if k not in paired]
+    fixed: dict[int, Fixed] = {}  # rows are shared
     for m, row in enumerate(gaps):
-        for k in sorted(set(range(len(row))) - paired, key=lambda k: k in ends):
+        if id(row) not in fixed:
+            known = [1 if k in paired else x for k, x in enumerate(row)]
+            fixed[id(row)] = at.to_fixed(known)
+        gap = fixed[id(row)]
+        for k in sorted(single, key=lambda k: k in ends):
             over = numerator[m, k] - (G[m, ends[k]] if k in ends else 0)
-            if abs(row[k]) > at.equal:
-                G[m, k] = (int(over) << at.bits) // int(at.to_fixed([row[k]])[0])
+            if abs(gap[k]) > least:
+                G[m, k] = (int(over) << at.bits) // int(gap[k])
             elif k in ends:
                 raise UnsupportedSpectrum("a Jordan block of more than two eigenvectors")
         for p in pairs:
@@ -267,10 +276,16 @@ def _links(
 
 def _polynomials(scheme: Scheme, control: Fixed) -> Fixed:
     """Coefficients (pieces, monomials, K) of patches from control points (pieces, points, K)."""
-    weights = scheme.spline.pieces
-    scale = lcm(*(w.denominator for row in weights for w in row))
-    integers = np.array([[int(w * scale) for w in row] for row in weights], dtype=object)
+    integers, scale = _whole(scheme.spline)
     return np.stack([integers.dot(piece) // scale for piece in control])
+
+
+@lru_cache(maxsize=16)
+def _whole(spline: Spline) -> tuple[Fixed, int]:
+    """The weights of pieces as integers over one denominator."""
+    scale = lcm(*(w.denominator for row in spline.pieces for w in row))
+    integers = [[int(w * scale) for w in row] for row in spline.pieces]
+    return np.array(integers, dtype=object), scale
 
 
 @lru_cache(maxsize=256)

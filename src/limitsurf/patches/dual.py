@@ -19,9 +19,9 @@ from limitsurf.cage.connectivity import Fans
 from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
 from limitsurf.patches import neighbourhood
-from limitsurf.patches.dual_squares import Squares, circle, first_squares
+from limitsurf.patches.dual_squares import Squares, first_squares
 from limitsurf.patches.table import NO_LIMIT, REGULAR, STRIP, PatchTable
-from limitsurf.refine.dual import Rim, masks, rim_rows
+from limitsurf.refine.dual import Rim, circle, masks, rim_rows
 from limitsurf.rules import Rules
 from limitsurf.scheme import lattice
 from limitsurf.topology import MeshPart, corners_of

@@ -22,12 +22,6 @@ Array = NDArray[Any]
 _AFTER, _BEFORE = np.array([1, 1, 1, -3]), np.array([3, -1, -1, -1])
 
 
-def circle(n: int) -> Array:
-    """Cosines and sines of n steps once around, (2, n)."""
-    turn = np.arange(n) * (2 * np.pi / n)
-    return np.stack([np.cos(turn), np.sin(turn)])
-
-
 @dataclass(frozen=True, eq=False)
 class Squares:
     """Squares that are joined along edges.

@@ -153,7 +153,7 @@ class PatchTable:
         found, start = neighbourhood.smooth_faces(mesh, lattice, first, turn, valence)
         if callable(self._scheme.edge):
             found[neighbourhood.influenced(level.sharpness, lattice, first)] = 0
-        shared = (found > tables.MOST_FACES) & lattice.face_points
+        shared = (found > tables.MOST_FACES) & (not lattice.dual)
         found[shared] = 0
         plain = np.flatnonzero(found == regular)
         odd = np.flatnonzero((found != regular) & (found != 0))
@@ -499,7 +499,3 @@ def _appended(array: Array, more: Array) -> Array:
     array.resize((start + len(more), *array.shape[1:]), refcheck=False)
     array[start:] = more
     return array
-
-
-# outer control points of shared rings, as (i, j)
-OUTER = tables.Sector("interior", 4).outer

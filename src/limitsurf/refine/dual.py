@@ -27,10 +27,16 @@ from limitsurf.cage.mesh import Mesh, valid_mesh
 from limitsurf.numbers import NumberType
 from limitsurf.options import Rules
 from limitsurf.refine.operators import sparse_operator, stacked
+from limitsurf.scheme.dual import Waves
 from limitsurf.scheme.lattice import Lattice
 from limitsurf.topology import first_limit_face, vertex_numbers
 
 Array = NDArray[Any]
+
+# corners of polygons from which on points are made by sums over them, not by their masks, and masks
+# in float64 by its own cosines
+_MANY = 64
+
 # the number of entries of each row; columns and values of the entries of all rows, in turn
 Rows: TypeAlias = tuple[Array, Array, Array]
 
@@ -121,15 +127,22 @@ class Step:
         """The points that it makes, as rows over those of the vertices."""
         mesh, V, H = self.mesh, self.mesh.n_vertices, self.mesh.n_corners
         inner = _operator(corner_rows(mesh, rules, number), np.arange(H), (H, V), number)
-        if self.rim is None or not len(self.rim.vertex):
+        more = self.beyond(rules, number)
+        if more is None:
             return inner
-        found = rim_rows(mesh, self.rim, rules, V + np.arange(H), number)
-        place = np.concatenate([place for place, _ in found]) - H
-        rows: Any = tuple(np.concatenate(x) for x in zip(*(r for _, r in found), strict=True))
-        more = _operator(rows, place, (self.n_points - H, V + H), number)
         every = np.arange(V)
         own = sparse_operator(every, every, number.full(V, number.one), (V, V))
         return stacked([inner, more @ stacked([own, inner])])
+
+    def beyond(self, rules: Rules, number: NumberType) -> Any:
+        """The points beyond the boundary, as rows over the vertices, then the corners; or None."""
+        mesh, V, H = self.mesh, self.mesh.n_vertices, self.mesh.n_corners
+        if self.rim is None or not len(self.rim.vertex):
+            return None
+        found = rim_rows(mesh, self.rim, rules, V + np.arange(H), number)
+        place = np.concatenate([place for place, _ in found]) - H
+        rows: Any = tuple(np.concatenate(x) for x in zip(*(r for _, r in found), strict=True))
+        return _operator(rows, place, (self.n_points - H, V + H), number)
 
     @cached_property
     def faces(self) -> tuple[Array, Array, Array]:
@@ -197,8 +210,43 @@ def _operator(rows: Rows, place: Array, shape: tuple[int, int], number: NumberTy
 
 
 def refined_points(step: Step, rules: Rules, points: Array) -> Array:
-    """The points after a step from those before, (n_vertices, d)."""
-    return np.asarray(step.operator(rules, numbers.type_of(points)) @ points)
+    """The points after a step from those before, (n_vertices, d).
+
+    In float64 at a cost that is linear in the corners of polygons, where masks do the same to all
+    waves but the slowest; an operator has the square of their number.
+    """
+    number, scheme, mesh = numbers.type_of(points), rules.scheme, step.mesh
+    waves: Waves | None = getattr(scheme, "waves", None)
+    many = mesh.sizes > _MANY
+    if number.exact or waves is None or not many.any():
+        return np.asarray(step.operator(rules, number) @ points)
+    H, V = mesh.n_corners, mesh.n_vertices
+    rows = corner_rows(mesh, rules, number, _MANY)
+    inner = _operator(rows, np.arange(H), (H, V), number) @ points
+    for n in np.unique(mesh.sizes[many]).tolist():
+        corners = mesh.offsets[np.flatnonzero(mesh.sizes == n)][:, None] + np.arange(n)
+        inner[corners] = _by_waves(waves, points[mesh.indices[corners]])
+    more = step.beyond(rules, number)
+    return (
+        inner if more is None else np.concatenate([inner, more @ np.concatenate([points, inner])])
+    )
+
+
+def _by_waves(waves: Waves, points: Array) -> Array:
+    """The new points at the corners of n-gons, (m, n, d), from their points."""
+    n, first = points.shape[1], points[:, :1]
+    steps, once = points - first, circle(n)
+    slow = np.einsum("kn,mnd->mkd", 2 / n * once, steps)
+    turned = np.einsum("kn,mkd->mnd", once, slow)
+    mean = steps.mean(axis=1, keepdims=True)
+    own, share = float(waves.own), float(waves.once)
+    return np.asarray(first + own * steps + (1 - own) * mean + share * turned)
+
+
+def circle(n: int) -> Array:
+    """Cosines and sines of n steps once around, (2, n)."""
+    turn = np.arange(n) * (2 * np.pi / n)
+    return np.stack([np.cos(turn), np.sin(turn)])
 
 
 def parents(lineage: Sequence[Mesh], rules: Rules, lattice: Lattice) -> tuple[Array, Array, Array]:
@@ -325,7 +373,13 @@ def masks(scheme: Any, n: int, number: NumberType, where: str) -> Array:
 
 @lru_cache(maxsize=256)
 def _mask(scheme: Any, n: int, number: NumberType) -> Array:
-    return read_only(number.array(list(scheme.mask(n))))
+    waves: Waves | None = scheme.waves
+    if number.exact or waves is None or n <= _MANY:
+        return read_only(number.array(list(scheme.mask(n))))
+    own, once = float(waves.own), float(waves.once)
+    found = (1 - own + 2 * once * circle(n)[0]) / n
+    found[0] += own
+    return read_only(found)
 
 
 @lru_cache(maxsize=256)
@@ -337,15 +391,19 @@ def _mirrors(scheme: Any, k: int, number: NumberType) -> Array | None:
     return read_only(number.array(list(ratios)))
 
 
-def corner_rows(mesh: Mesh, rules: Rules, number: NumberType) -> Rows:
-    """The points at the corners of faces, as rows over those of the vertices."""
+def corner_rows(mesh: Mesh, rules: Rules, number: NumberType, most: int | None = None) -> Rows:
+    """The points at the corners of faces, as rows over those of the vertices.
+
+    Those of more than so many corners have empty ones.
+    """
     scheme: Any = rules.scheme
-    counts = mesh.sizes[mesh.corner_face]
+    sizes = mesh.sizes if most is None else np.where(mesh.sizes > most, 0, mesh.sizes)
+    counts = sizes[mesh.corner_face]
     starts = np.concatenate([[0], np.cumsum(counts)])
     columns = np.empty(starts[-1], dtype=np.int32)
     values = np.empty(starts[-1], dtype=number.dtype)
-    for n in np.unique(mesh.sizes).tolist():
-        faces = np.flatnonzero(mesh.sizes == n)
+    for n in np.unique(sizes[sizes > 0]).tolist():
+        faces = np.flatnonzero(sizes == n)
         mask = masks(scheme, n, number, f"face {faces[0]}")
         corners = mesh.offsets[faces][:, None] + np.arange(n)
         turns = (np.arange(n)[:, None] + np.arange(n)) % n  # of a corner, from it on

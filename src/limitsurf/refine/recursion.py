@@ -393,8 +393,11 @@ def _dual_refined(
     for _ in range(levels):
         step = dual.Step.of(coarse, own)
         face = face[step.parent]
-        matrix = step.operator(own, number)
-        points, total = matrix @ points, None if total is None else matrix @ total
+        if total is None:
+            points = dual.refined_points(step, own, points)
+        else:
+            matrix = step.operator(own, number)
+            points, total = matrix @ points, matrix @ total
         lineage.append(without_points(coarse))
         # what lies beyond a boundary has no limit of its own
         coarse, own = step.child(points), replace(own, boundary="none")

@@ -26,6 +26,7 @@ from limitsurf.tables.masks import is_infinite as is_infinite
 from limitsurf.tables.masks import is_shared as is_shared
 from limitsurf.tables.masks import limit_mask as limit_mask
 from limitsurf.tables.masks import normal_masks as normal_masks
+from limitsurf.tables.masks import orbits as orbits
 from limitsurf.tables.masks import ring_masks as ring_masks
 from limitsurf.tables.masks import rule_weights as rule_weights
 from limitsurf.tables.masks import strip_tables as strip_tables

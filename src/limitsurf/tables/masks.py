@@ -11,6 +11,7 @@ from limitsurf.exact.creases import CHAIKIN, INFINITE
 from limitsurf.exact.wide import MOST_FACES
 from limitsurf.numbers import FLOAT64, NumberType
 from limitsurf.scheme.dual import DualScheme
+from limitsurf.scheme.lattice import Lattice
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 from limitsurf.tables.cache import eigen_table, warn_once
@@ -109,17 +110,24 @@ def limit_mask(scheme: Scheme, kind: str, faces: int, number: NumberType) -> Arr
         edges, around = rounded_dart_limit(scheme, faces)
         mask = np.empty(scheme.sector(kind, faces).ring)
         mask[0] = 1 - edges.sum() - around.sum()
-        of_edges, of_corners = _orbits(scheme)
+        of_edges, of_corners = orbits(scheme.lattice)
         mask[of_edges], mask[of_corners] = edges, around
     else:
-        mask = number.array(limit_weights(scheme, scheme.sector(kind, faces)))
+        mask = _array(limit_weights(scheme, scheme.sector(kind, faces)), number)
     mask.flags.writeable = False
     return mask
 
 
-def _orbits(scheme: Scheme) -> tuple[slice, slice]:
+def _array(weights: list[Fraction], number: NumberType) -> Array:
+    """Numbers of a list; objects that are in it many times are converted once."""
+    distinct = {id(w): w for w in weights}
+    known = dict(zip(distinct, number.array([*distinct.values()]).tolist(), strict=True))
+    return number.array([known[id(w)] for w in weights])
+
+
+def orbits(lattice: Lattice) -> tuple[slice, slice]:
     """Where in a ring the edge neighbours are, and the corners beyond them, if any."""
-    stride = len(scheme.lattice.orbits)
+    stride = len(lattice.orbits)
     return slice(1, None, stride), slice(2, None, stride) if stride > 1 else slice(0)
 
 
@@ -134,7 +142,7 @@ def normal_masks(scheme: Scheme, kind: str, faces: int) -> Array:
         rings = ring_masks(scheme, kind, faces)
         both = np.zeros((2 * rings.has_normal, 2, sector.ring))
         if rings.has_normal:
-            of_edges, of_corners = _orbits(scheme)
+            of_edges, of_corners = orbits(scheme.lattice)
             both[:, :, of_edges], both[:, :, of_corners] = rings.waves
         both[:, :, 0] = -both.sum(axis=2)
     else:
@@ -177,9 +185,7 @@ def collapsed_masks(scheme: Scheme, kind: str, faces: int) -> Array:
 
 def is_shared(sector: Sector) -> bool:
     """Whether the patches around a special corner share its ring, for which there is no table."""
-    lattice = sector.lattice
-    many = sector.faces > MOST_FACES and not sector.carried
-    return many and lattice.face_points and not lattice.dual
+    return sector.faces > MOST_FACES and not sector.carried and not sector.lattice.dual
 
 
 @lru_cache(maxsize=16)
@@ -196,8 +202,9 @@ def ring_masks(scheme: Scheme, kind: str, faces: int) -> RingMasks:
     for array in waves:
         array.flags.writeable = False
     sector = scheme.sector(kind, faces)
-    of_edges, of_corners = _orbits(scheme)
-    made = RingMasks(sector, weights, (limit[of_edges], limit[of_corners]), waves)
+    of_edges, of_corners = orbits(scheme.lattice)
+    limits = limit[of_edges], limit[of_corners]
+    made = RingMasks(sector, scheme.spline, weights, limits, waves)
     if not made.has_normal:
         warn_once(scheme, sector)
     return made

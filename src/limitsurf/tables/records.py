@@ -20,6 +20,7 @@ from limitsurf.caching import cached_property
 from limitsurf.exact.matrices import SubdivisionMatrix, subdivision_matrix
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
+from limitsurf.scheme.spline import Spline
 
 if TYPE_CHECKING:
     from limitsurf.exact.wide import Weights
@@ -452,6 +453,8 @@ class RingMasks:
     Attributes
     ----------
     sector : Sector
+    spline : Spline
+        What regular pieces are.
     weights : Weights
         Those of face, edge and vertex points.
     limit : ((edges,), (corners,))
@@ -462,6 +465,7 @@ class RingMasks:
     """
 
     sector: Sector
+    spline: Spline
     weights: Weights
     limit: tuple[Array, Array]
     waves: tuple[Array, Array]

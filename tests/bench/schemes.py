@@ -1,0 +1,92 @@
+"""Compare schemes with each other, and Loop's refinement with trimesh; prints JSON.
+
+    python tests/bench/schemes.py 310 > schemes.json
+
+The cage is the N x N torus of ``bench.py`` with 5 % extraordinary vertices, for Loop cut into
+triangles. One thread, compiled kernels, processor time: the least of some rounds, in which all take
+turns. Nanoseconds a query, seconds a refinement.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from typing import Any
+
+import click
+import numpy as np
+from bench import Queries, bare, cut_up, draw, odd_vertices, torus
+
+import limitsurf as ls
+
+
+def least(jobs: dict[str, Callable[[], Any]], runs: int) -> dict[str, float]:
+    """The least processor time of each job, in rounds."""
+    found = dict.fromkeys(jobs, float("inf"))
+    for job in jobs.values():
+        job()
+    for _ in range(runs):
+        for name, job in jobs.items():
+            start = time.process_time()
+            job()
+            found[name] = min(found[name], time.process_time() - start)
+    return found
+
+
+def jet(surface: ls.LimitSurface, queries: Queries) -> Callable[[], Any]:
+    """Positions and first derivatives."""
+    return lambda: surface.jet(*queries, order=1)
+
+
+def of_scheme(scheme: str, mesh: ls.Mesh, count: int) -> dict[str, Callable[[], Any]]:
+    """Queries of one surface."""
+    surface = ls.LimitSurface(mesh, scheme=scheme, engine="compiled")
+    odd = np.logical_or.reduceat(odd_vertices(mesh)[mesh.indices], mesh.offsets[:-1])
+    chosen = {"random": np.arange(mesh.n_faces), "irregular": np.flatnonzero(odd)}
+    chosen["regular"] = np.flatnonzero(~odd)
+    jobs = {
+        f"{scheme}: {name}": jet(surface, draw(mesh, faces, count, 1))
+        for name, faces in chosen.items()
+    }
+    # corners of faces, all at one of its extraordinary vertices
+    corner = odd_vertices(mesh)[mesh.indices].reshape(mesh.n_faces, -1)
+    face = np.resize(np.flatnonzero(corner[:, 0]), count)
+    for u in (0.3, 1e-300):
+        u, v = np.full((2, count), u)
+        jobs[f"{scheme}: u = {u[0]:g}"] = jet(surface, (face, u, v))
+    return jobs
+
+
+@click.command()
+@click.argument("size", type=int, default=310)
+@click.option("--runs", default=5)
+@click.option("--queries", default=200_000)
+def main(size: int, runs: int, queries: int) -> None:
+    """Print figures of a cage of SIZE x SIZE quads."""
+    quads = torus(size)
+    triangles = cut_up(quads)
+    jobs = of_scheme("catmull-clark", quads, queries)
+    jobs |= of_scheme("loop", triangles, queries)
+    jobs |= of_scheme("doo-sabin", quads, queries)
+    found = {name: 1e9 * x / queries for name, x in least(jobs, runs).items()}
+
+    def refined() -> Any:
+        fine = ls.refined(bare(triangles), 1, scheme="loop")
+        return fine.points, fine.indices
+
+    refining: dict[str, Callable[[], Any]] = {"loop: refined once": refined}
+    try:
+        from trimesh.remesh import subdivide_loop
+    except ImportError:
+        pass
+    else:
+        points, faces = triangles.points, np.asarray(triangles.uniform)
+        refining["trimesh: refined once"] = lambda: subdivide_loop(points, faces, iterations=1)
+    found |= least(refining, runs)
+    sizes = {"quads": quads.n_faces, "triangles": triangles.n_faces}
+    print(json.dumps(sizes | {"times": found}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
