@@ -13,7 +13,8 @@ from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.integrals.checks import refuse_open
 from limitsurf.query.index import Cells, checked_surface
-from limitsurf.query.nearest import POINT, SAME, Feet, Search, in_plane
+from limitsurf.query.nearby import search
+from limitsurf.query.nearest import POINT, SAME, Feet, in_plane
 from limitsurf.query.sides import (
     Shared,
     around_vertex,
@@ -22,6 +23,7 @@ from limitsurf.query.sides import (
     shared,
     sides,
 )
+from limitsurf.query.traversal import kernels_for
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -151,6 +153,7 @@ def closest_point(
     most = _distance("max_distance", max_distance)
     flat = asked.reshape(-1, 3)
     scaled = _scaled(cells, flat)
+    kernels = kernels_for(surface.engine, cells, len(flat))
     shape = asked.shape[:-1]
     face = np.full(len(flat), -1, dtype=np.int64)
     u, v = np.full((2, len(flat)), np.nan)
@@ -158,7 +161,7 @@ def closest_point(
     def work(part: slice) -> None:
         here = part.start + np.flatnonzero(np.isfinite(scaled[part]).all(axis=1))
         within = np.full(len(here), _ldexp(most, cells.power))
-        found = Search(cells, scaled[here], within, False).run()
+        found = search(kernels, cells, scaled[here], within, False)
         chosen = _chosen(surface, cells, found, scaled[here])
         at = here[found.query[chosen]]
         face[at], u[at], v[at] = found.face[chosen], found.u[chosen], found.v[chosen]
@@ -275,11 +278,12 @@ def feet(
     if asked.ndim != 2:
         raise ValueError(f"points must be of shape (n, 3), got {asked.shape}")
     scaled = _scaled(cells, asked)
+    kernels = kernels_for(surface.engine, cells, len(asked))
 
     def work(part: slice) -> Feet:
         here = part.start + np.flatnonzero(np.isfinite(scaled[part]).all(axis=1))
         reach = np.full(len(here), _ldexp(most, cells.power))
-        found = Search(cells, scaled[here], reach, True).run()
+        found = search(kernels, cells, scaled[here], reach, True)
         found = _local(surface, cells, found, scaled[here])
         found.query = here[found.query]
         return found
