@@ -564,18 +564,18 @@ def test_kernels_and_numpy_agree(scheme, numpy_alone):
     (Both are held against hulls and roots above; this is that one is as good as the other.)
     """
     known = KINDS[scheme]
-    cages = [x for x in ("grid_3x3", "fan_7", "octahedron", "cube") if x in known.cages]
+    cages = [x for x in ("grid_3x3", "grid_4x4", "fan_7") if x in known.cages]
     asked = []
-    for name in cages[:2] + cages[-1:]:
+    for name in cages[: 1 if known.scheme.lattice.sloped else 2]:
         points, faces, *_ = known.cages[name]()
         surface = made((points, faces), scheme=known.scheme)
         u, v = np.array([0, 1, 0, 0.5, 0.25, 0.3]), np.array([0, 0, 0.5, 0.5, 0.25, 1e-9])
-        on = surface.evaluate(np.arange(4)[:, None] % len(surface.limit_faces), u, v).reshape(-1, 3)
+        on = surface.evaluate(np.arange(2)[:, None], u, v).reshape(-1, 3)
         rng, size = np.random.default_rng(2), np.ptp(surface.points, axis=0).max()
-        near = on + 0.05 * size * rng.normal(size=on.shape)
+        near = on[::2] + 0.05 * size * rng.normal(size=(6, 3))
         middle = surface.points.mean(axis=0)
-        asked.append((surface, np.concatenate([on, near, middle + size * rng.normal(size=(9, 3))])))
-    found = [(ls.closest_point(*x), ls.feet(*x, within=0.5)) for x in asked]
+        asked.append((surface, np.concatenate([on, near, middle + size * rng.normal(size=(3, 3))])))
+    found = [(ls.closest_point(*x), ls.feet(*x, within=0.3)) for x in asked]
     numpy_alone()
     for (surface, points), (one, feet) in zip(asked, found, strict=True):
         other, size = ls.closest_point(surface, points), np.abs(surface.points).max()
@@ -583,7 +583,7 @@ def test_kernels_and_numpy_agree(scheme, numpy_alone):
         assert (one.face == other.face).all()
         assert np.abs(one.u - other.u).max() <= 1e-9
         assert np.abs(one.v - other.v).max() <= 1e-9
-        others = ls.feet(surface, points, within=0.5)
+        others = ls.feet(surface, points, within=0.3)
         assert (feet.offsets == others.offsets).all()
         assert (feet.face == others.face).all()
         assert np.abs(feet.distance - others.distance).max(initial=0) <= 1e-14 * size

@@ -83,7 +83,7 @@ class Room(NamedTuple):
     squares: Array  # (m,)
     own: Array  # (128,): of Newton's method
     state: Array  # (4,): best distance, rest of the budget, the least and what is lost
-    count: Array  # (1,) int64: feet
+    total: Array  # (1,) int64: feet
 
     @classmethod
     def of(cls, size: int, squares: int) -> Room:
@@ -110,7 +110,7 @@ def _add(
     same: float,
 ) -> None:  # fmt: skip
     """A foot at ``place[0:2]`` of a leaf's domain, ``gap[0:3]`` away."""
-    k = room.count[0]
+    k = room.total[0]
     distance = np.sqrt(gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2])
     if not distance <= _reach(room.state[0], same):
         return
@@ -119,7 +119,7 @@ def _add(
     if k < len(out):
         out[k, 0], out[k, 1] = place[0], place[1]
         out[k, 2], out[k, 3], out[k, 4], out[k, 5] = distance, off, q, leaf
-    room.count[0] = k + 1
+    room.total[0] = k + 1
 
 
 @outlined
@@ -325,9 +325,7 @@ def _hull(x: Array, base: Array, nearest: float, w0: float, w1: float, w2: float
 
 
 @outlined
-def _near(
-    x: Array, base: Array, corners: Array, room: Room, every: bool, limits: Limits
-) -> bool:
+def _near(x: Array, base: Array, corners: Array, room: Room, every: bool, limits: Limits) -> bool:
     """Whether a hull may be near enough; a corner of it may be nearer than what is known."""
     nearest = np.inf
     w0 = w1 = w2 = 0.0
@@ -562,9 +560,9 @@ def approach(
     foot would move if it could leave its cell, NaN where nobody knows, the point, and the leaf.
     """
     levels, size = len(tree.starts) - 1, len(tree.points)
-    room.count[0] = 0
+    room.total[0] = 0
     for q in range(len(points)):
-        begin, p0, p1, p2 = room.count[0], points[q, 0], points[q, 1], points[q, 2]
+        begin, p0, p1, p2 = room.total[0], points[q, 0], points[q, 1], points[q, 2]
         room.state[0], room.state[1] = within[q], _BUDGET
         doubt, waits, known = np.inf, 0, True
         level, first, last = -1, tree.starts[0], tree.starts[1]
@@ -603,15 +601,15 @@ def approach(
             doubt, known = min(doubt, least), least >= 0
         reach = _reach(room.state[0], limits.same)
         if not known or doubt <= reach:
-            left[q], room.count[0] = DOUBT, begin
-        elif room.count[0] > len(out):
-            left[q], room.count[0] = FULL, begin
+            left[q], room.total[0] = DOUBT, begin
+        elif room.total[0] > len(out):
+            left[q], room.total[0] = FULL, begin
         else:
-            end, total = room.count[0], begin
+            end, total = room.total[0], begin
             for k in range(begin, end):
                 if out[k, 2] <= reach:
                     for j in range(6):
                         out[total, j] = out[k, j]
                     total += 1
-            room.count[0] = total
-    return int(room.count[0])
+            room.total[0] = total
+    return int(room.total[0])

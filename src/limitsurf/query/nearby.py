@@ -25,7 +25,7 @@ _FEET, _SPARE = (4, 12), 256  # of a point that there is room for, or of all wit
 _RINGS = 5  # of cells beyond those of an index: places that NumPy is left with are rare
 _SPANS = 8  # vectors that bound what remains at a special corner, but for short ones
 
-_ROUNDING = 2.0**-50  # of places in limit faces
+_ROUNDING, _CLOSE = 2.0**-50, 2.0**-20  # of places in limit faces; and what is beside a corner
 
 _corners: WeakKeyDictionary[Cells, Any] = WeakKeyDictionary()
 
@@ -45,12 +45,15 @@ def search(
         own = Search(cells, points[rest], within[rest], every).run()
         own.query = rest[own.query]
         found.append(own)
-    return Feet.joined(found)
+    feet = Feet.joined(found)
+    if cells.lattice.sloped:  # (so that 1 - u - v is 0 on the third side)
+        on = np.abs(feet.u + feet.v - 1) <= _ROUNDING
+        on &= np.minimum(feet.u, feet.v) > _CLOSE
+        feet.v = np.where(on, 1 - feet.u, feet.v)
+    return feet
 
 
-def approached(
-    kernels: Kernels, points: Array, within: Array, every: bool
-) -> tuple[Feet, Array]:
+def approached(kernels: Kernels, points: Array, within: Array, every: bool) -> tuple[Feet, Array]:
     """Feet of points, and which points NumPy has to do, (n,)."""
     cells = kernels.cells
     with _kernels.preparing:
@@ -72,7 +75,7 @@ def approached(
         s, t, distance, off, query, leaf = out[:n].T
         leaf = leaf.astype(np.int64)
         places = cells.origin[leaf] + cells.size[leaf] * np.stack([s, t], axis=1)
-        u, v = _on_sides(cells.lattice, *places.T)
+        u, v = _on_sides(places.T)
         query = asked[query.astype(np.int64)]
         found.append(Feet(query, cells.face[leaf], u, v, distance.copy(), off.copy()))
         again = asked[left == module.FULL] if n else np.zeros(0, dtype=np.int64)
@@ -81,15 +84,10 @@ def approached(
     return Feet.joined(found), np.sort(np.concatenate(doubt))
 
 
-def _on_sides(lattice: Lattice, u: Array, v: Array) -> tuple[Array, Array]:
-    """Places that are on sides of limit faces but for rounding put there."""
-    if lattice.sloped:
-        u = np.where(np.abs(u + v - 1) <= _ROUNDING, 1 - v, u)
-    places = []
-    for x in (u, v):
-        x = np.where(np.abs(x - 1) <= _ROUNDING, 1.0, x)
-        places.append(np.where(np.abs(x) <= _ROUNDING, 0.0, x))
-    return places[0], places[1]
+def _on_sides(u: Array) -> Array:
+    """Parameters of places in cells, those on sides of limit faces put there but for rounding."""
+    u = np.where(np.abs(u - 1) <= _ROUNDING, 1.0, u)
+    return np.where(np.abs(u) <= _ROUNDING, 0.0, u)
 
 
 def _beyond(module: Any, cells: Cells) -> nearest.Corners:
