@@ -587,3 +587,17 @@ def test_kernels_and_numpy_agree(scheme, numpy_alone):
         assert (feet.offsets == others.offsets).all()
         assert (feet.face == others.face).all()
         assert np.abs(feet.distance - others.distance).max(initial=0) <= 1e-14 * size
+
+
+def test_places_in_slivers_are_on_the_surface():
+    """Beside some corners derivatives are parallel but for 1e-6: valleys of squared distances."""
+    known = KINDS["doo-sabin"]
+    points, faces, *tags = known.cages["grid_edge_only"]()
+    tags = {**(tags[0] if tags else {})}
+    rules = {key: tags.pop(key) for key in ("boundary",) if key in tags}
+    surface = made((points, faces, tags), scheme=known.scheme, **rules)
+    u = [1e-13, 1 - 1e-6, 1e-13, 1e-6, 1e-6, 1 - 1e-5]
+    v = [1 - 1e-6, 1e-13, 1e-6, 1e-13, 1.0, 1e-13]
+    on = surface.evaluate([2, 6, 0, 0, 2, 6], u, v)
+    found = ls.closest_point(surface, on)
+    assert found.distance.max() <= 1e-13 * np.abs(surface.points).max()
