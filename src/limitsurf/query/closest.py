@@ -134,6 +134,9 @@ def closest_point(
     rounding are left to Newton's method as well, and for every 2000 more by twice that. So a
     search ends, and what it found is nearest up to that, 2e-12 after 20 000 cells.
 
+    Compiled kernels search, if the surface has them (`LimitSurface.engine`), and NumPy for points
+    whose feet they do not settle: next to special corners, or about as far from very many places.
+
     A sign is that of the side of the foot: of its normal, of the sum of both normals on an edge, of
     the normals around a vertex by their angles (Baerentzen and Aanaes 2005); points on the surface,
     up to rounding, are outside. All this is derived in
