@@ -25,7 +25,8 @@ Run this file: it says nothing unless an assertion fails.
 #
 # 1. its Bernstein coefficients, and that the least of them bounds it from below;
 # 2. when a cell has its foot on a side, or one foot at all;
-# 3. on which side of a closed surface a point is, by its foot.
+# 3. on which side of a closed surface a point is, by its foot;
+# 4. what compiled kernels decide, and 5. why feet in slivers are moved once more.
 #
 # - G. Farin, "Curves and Surfaces for CAGD", 5th edition, 2002: Bernstein polynomials, hulls.
 # - J. A. Baerentzen, H. Aanaes, "Signed distance computation using the angle weighted
@@ -144,3 +145,57 @@ for _ in range(300):
             assert way[2] > 0
             assert total @ way > 0
 assert tried > 50
+
+# %% [markdown]
+# ## 4. What kernels decide
+#
+# Kernels take derivatives of their own lower degrees: of degree $n$, those of $D_s$ are $n$ times
+# first differences of coefficients, those of $D_{ss}$ $n (n - 1)$ times second ones, and those of
+# $D_{st}$ $n^2$ times mixed ones on squares, $n (n - 1)$ times on triangles: more by $n / (n - 1)$.
+# Elevated to degree $n$ they are means of these, so bounds hold all the more.
+#
+# A convex $D$ is least at a corner of a convex polygon if it does not fall along either side there,
+# as every way into the polygon is between both. Where it does, one of these sides, or the inside,
+# is the way on.
+
+# %%
+rng = np.random.default_rng(1)
+for lattice, degree in ((QUADS, 4), (TRIANGLES, 4)):
+    form = Form.of(lattice, degree)
+    d = rng.normal(size=form.size)
+    number = {tuple(place): k for k, place in enumerate(form.exponents.tolist())}
+    twice = degree**2 if lattice is QUADS else degree * (degree - 1)
+    for row, times, steps in (
+        (1, degree, {(1, 0): 1, (0, 0): -1}),
+        (3, degree * (degree - 1), {(2, 0): 1, (1, 0): -2, (0, 0): 1}),
+        (4, twice, {(1, 1): 1, (1, 0): -1, (0, 1): -1, (0, 0): 1}),
+    ):
+        own = [
+            times * sum(c * d[number[i + x, j + y]] for (x, y), c in steps.items())
+            for i, j in number
+            if all((i + x, j + y) in number for x, y in steps)
+        ]
+        elevated = form.derivatives[row] @ d
+        assert elevated.min() >= min(own) - 1e-9
+        assert elevated.max() <= max(own) + 1e-9
+
+# %% [markdown]
+# ## 5. Slivers
+#
+# Let $x_t = x_s + \epsilon b$ with $b$ across $x_s$. Second derivatives of $D$ are near a matrix of
+# determinant $\epsilon^2$, of which rounding leaves nothing where $\epsilon$ is 1e-8; and a foot
+# that is held on a side moves by $r$ along $x_s$ where the other parameter is held $r$ off. So feet
+# are moved along one parameter at a time at last: that is least squares with one unknown each, and
+# needs no determinant. Residuals $x - q$ are known to rounding of points, not of squares.
+
+# %%
+a, b = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])
+epsilon, u, v = 1e-6, 0.0, 1e-13
+point = u * a + v * (a + epsilon * b)
+s_, t_ = 1e-11, 0.0  # where Newton's method may end
+for _ in range(4):
+    for way, axis in ((a, 0), (a + epsilon * b, 1)):
+        gap = s_ * a + t_ * (a + epsilon * b) - point
+        step = -(gap @ way) / (way @ way)
+        s_, t_ = (max(s_ + step, 0.0), t_) if axis == 0 else (s_, max(t_ + step, 0.0))
+assert np.linalg.norm(s_ * a + t_ * (a + epsilon * b) - point) < 1e-18

@@ -131,3 +131,13 @@ def test_latency_is_measured() -> None:
         for name in ("evaluate", "jet", "normal"):
             assert rows[name, "1, special"] > 0
             assert rows[name, "10, out="] > 0
+
+
+def test_queries_are_measured() -> None:
+    cage = Path(__file__).parents[1] / "notebooks" / "site" / "cage.obj"
+    rows = json.loads(run("queries.py", f"{cage} --queries 40 --peer libigl"))
+    own = {row["job"]: row["us"] for row in rows if row["by"] == "limitsurf"}
+    assert own.keys() == {"on", "near", "box", "first hit"}
+    assert min(own.values()) > 0
+    for row in rows:
+        assert row.get("off", 0) < 0.02

@@ -128,6 +128,30 @@ def test_workers_are_a_number_or_all(workers):
         ls.LimitSurface(CAGES["cube"]).evaluate([0], 0.1, 0.2, workers=workers)
 
 
+@pytest.mark.parametrize("workers", ["a", None, [1], 0])
+def test_every_query_says_what_workers_are(workers):
+    surface, at, way = ls.LimitSurface(CAGES["cube"]), [[0.1, 0.2, 0.3]], [[0.0, 0, 1]]
+    calls = [
+        lambda: ls.closest_point(surface, at, workers=workers),
+        lambda: ls.feet(surface, at, within=1, workers=workers),
+        lambda: ls.intersect(surface, at, way, workers=workers),
+        lambda: ls.intersect_all(surface, at, way, workers=workers),
+        lambda: ls.occluded(surface, at, way, workers=workers),
+        lambda: ls.contains(surface, at, workers=workers),
+        lambda: ls.bounds(surface, workers=workers),
+        lambda: ls.sample(surface, 4, workers=workers),
+        lambda: ls.section(surface, at[0], way[0], workers=workers),
+        lambda: ls.tessellate(surface, 2, workers=workers),
+        lambda: ls.tessellate(surface, chord=0.1, workers=workers),
+        lambda: ls.levels_of_detail(surface, [0.1], workers=workers),
+        lambda: ls.approximate(surface, "acc", workers=workers),
+        lambda: ls.SurfaceIndex(surface, workers=workers),
+    ]
+    for call in calls:
+        with pytest.raises(ValueError, match="positive integer, or -1 for all"):
+            call()
+
+
 def test_the_module_lists_public_names_alone():
     assert dir(ls) == sorted([*ls.__all__, "__version__"])
 

@@ -9,15 +9,29 @@ import numpy as np
 import pytest
 import zoo
 import zoo_triangles
+from test_every_scheme import KINDS
 
 import limitsurf as ls
 from limitsurf.query import closest, nearest, sides
 from limitsurf.query.index import Cells
+from limitsurf.query.traversal import kernels_for
 
 CUBE = zoo.cube()
 CUBE[0].setflags(write=False)
 SIDES = [[f[k], f[(k + 1) % 4]] for f in CUBE[1] for k in range(4)]
 SHARP = {tuple(sorted(edge)): np.inf for edge in SIDES}
+
+
+@pytest.fixture(autouse=True)
+def by_kernels(monkeypatch):
+    """Surfaces that NumPy evaluates are searched by kernels all the same."""
+    monkeypatch.setattr(closest, "kernels_for", lambda _, *known: kernels_for("compiled", *known))
+
+
+@pytest.fixture
+def numpy_alone(monkeypatch):
+    """Search by NumPy."""
+    return lambda: monkeypatch.setattr(closest, "kernels_for", lambda *_: None)
 
 
 def made(points_and_faces, **options):
@@ -447,7 +461,8 @@ def test_a_thin_surface_ends():
     assert (found.distance >= brute - 1e-3).all()
 
 
-def test_memory_does_not_grow_with_pairs(monkeypatch):
+def test_memory_does_not_grow_with_pairs(monkeypatch, numpy_alone):
+    numpy_alone()
     surface = ls.LimitSurface(ls.refined(ls.Mesh(*CUBE), levels=2), engine="reference")
     monkeypatch.setattr(nearest, "_BATCH", 256)
     seen = []
@@ -540,3 +555,49 @@ def test_feet_on_boundaries(scheme):
     first = found.offsets[:-1]
     assert np.allclose(found.distance[first], near.distance, rtol=0, atol=1e-14)
     assert (found.face[first] == near.face).all()
+
+
+@pytest.mark.parametrize("scheme", ls.schemes)
+def test_kernels_and_numpy_agree(scheme, numpy_alone):
+    """The reference decides each place on its own way: also at vertices, on sides, in the middle.
+
+    (Both are held against hulls and roots above; this is that one is as good as the other.)
+    """
+    known = KINDS[scheme]
+    cages = [x for x in ("grid_3x3", "grid_4x4", "fan_7") if x in known.cages]
+    asked = []
+    for name in cages[: 1 if known.scheme.lattice.sloped else 2]:
+        points, faces, *_ = known.cages[name]()
+        surface = made((points, faces), scheme=known.scheme)
+        u, v = np.array([0, 1, 0, 0.5, 0.25, 0.3]), np.array([0, 0, 0.5, 0.5, 0.25, 1e-9])
+        on = surface.evaluate(np.arange(2)[:, None], u, v).reshape(-1, 3)
+        rng, size = np.random.default_rng(2), np.ptp(surface.points, axis=0).max()
+        near = on[::2] + 0.05 * size * rng.normal(size=(6, 3))
+        middle = surface.points.mean(axis=0)
+        asked.append((surface, np.concatenate([on, near, middle + size * rng.normal(size=(3, 3))])))
+    found = [(ls.closest_point(*x), ls.feet(*x, within=0.3)) for x in asked]
+    numpy_alone()
+    for (surface, points), (one, feet) in zip(asked, found, strict=True):
+        other, size = ls.closest_point(surface, points), np.abs(surface.points).max()
+        assert np.abs(one.distance - other.distance).max() <= 1e-14 * size
+        assert (one.face == other.face).all()
+        assert np.abs(one.u - other.u).max() <= 1e-9
+        assert np.abs(one.v - other.v).max() <= 1e-9
+        others = ls.feet(surface, points, within=0.3)
+        assert (feet.offsets == others.offsets).all()
+        assert (feet.face == others.face).all()
+        assert np.abs(feet.distance - others.distance).max(initial=0) <= 1e-14 * size
+
+
+def test_places_in_slivers_are_on_the_surface():
+    """Beside some corners derivatives are parallel but for 1e-6: valleys of squared distances."""
+    known = KINDS["doo-sabin"]
+    points, faces, *tags = known.cages["grid_edge_only"]()
+    tags = {**(tags[0] if tags else {})}
+    rules = {key: tags.pop(key) for key in ("boundary",) if key in tags}
+    surface = made((points, faces, tags), scheme=known.scheme, **rules)
+    u = [1e-13, 1 - 1e-6, 1e-13, 1e-6, 1e-6, 1 - 1e-5]
+    v = [1 - 1e-6, 1e-13, 1e-6, 1e-13, 1.0, 1e-13]
+    on = surface.evaluate([2, 6, 0, 0, 2, 6], u, v)
+    found = ls.closest_point(surface, on)
+    assert found.distance.max() <= 1e-13 * np.abs(surface.points).max()

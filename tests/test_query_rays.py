@@ -288,8 +288,9 @@ def test_sides_of_slivers_are_hit(by_numpy):
     """Where derivatives are parallel, rounding moves zeros along sides, and so over others."""
     surface = of_scheme("doo-sabin", "grid_edge_only")
     on = surface.evaluate(6, 0.99999 - np.array([0, 1e-13, 1e-12]), 0.0)
-    found = by_numpy(ls.intersect, surface, on + np.array([9, 15, 21]), [-9.0, -15, -21])
-    assert np.abs(found.t - 1).max() < 1e-13
+    start, way = on + np.array([9, 15, 21]), [-9.0, -15, -21]
+    for found in (ls.intersect(surface, start, way), by_numpy(ls.intersect, surface, start, way)):
+        assert np.abs(found.t - 1).max() < 1e-13
 
 
 def test_rays_on_a_box():
@@ -536,3 +537,43 @@ def test_command_line(tmp_path):
     np.save(tmp_path / "rays.npy", rows[:, :5])
     assert "(n, 6)" in fail("intersect", path, "--rays", tmp_path / "rays.npy")
     assert "direction 0 is zero" in fail("intersect", path, "--ray", 0, 0, 0, 0, 0, 0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_hits_are_one_as_their_pairs_say(seed):
+    """What is sorted by place and depth, against all pairs."""
+    surface, rng, n = made(CUBE), np.random.default_rng(seed), 60
+    flag, depth = rng.random((2, n)) < 0.7, rng.integers(0, 12, n) / 8
+    places = rng.integers(0, 3, (2, n)) / 2
+    blur = rng.choice([1e-13, 0.02, 0.07], n)
+    hits = crossings.Hits(
+        rng.integers(0, 2, n), rng.integers(0, 6, n), *places, depth, depth, blur,
+        rng.integers(-1, 2, n), flag[0], flag[1] & False,
+    )  # fmt: skip
+    faces = [set(face) for face in CUBE[1]]
+    group = np.arange(n)
+    for a in range(n):
+        for b in range(n):
+            same = hits.ray[a] == hits.ray[b] and abs(depth[a] - depth[b]) <= blur[a] + blur[b]
+            rims = flag[0][a] and flag[0][b] and faces[hits.face[a]] & faces[hits.face[b]]
+            at = hits.face[a] == hits.face[b] and np.array_equal(places[:, a], places[:, b])
+            if same and (rims or at):
+                group[group == group[b]] = group[a]
+    found = rays._once(surface, hits)
+    assert len(found) == len(np.unique(group))
+    for name, of in (("blur", np.max), ("face", np.min)):
+        expected = sorted((hits.ray[k].min(), of(getattr(hits, name)[k]))
+                          for k in (group == g for g in np.unique(group)))  # fmt: skip
+        assert sorted(zip(found.ray, getattr(found, name), strict=True)) == expected
+
+
+def test_many_rays_through_a_pole():
+    """Of hundreds of hits at a place each is compared with a few, not with all."""
+    surface = made(fan(66))
+    on, way = surface.evaluate(0, 0.0, 0.0), np.array([[0, 0, -1.0], [0.01, 0, -1], [0, 0.01, -1]])
+    found = ls.intersect_all(surface, on - 2 * way, way)
+    assert found.offsets.tolist() == [0, 1, 2, 3]
+    n, one = 100_000, np.ones(100_000)
+    whole, no = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=bool)
+    many = crossings.Hits(whole, whole, 0 * one, 0 * one, one, one, one, whole, ~no, no)
+    assert len(rays._once(surface, many)) == 1

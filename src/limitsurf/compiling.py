@@ -16,6 +16,7 @@ from limitsurf.engine.topology import Topology
 from limitsurf.options import Rules
 from limitsurf.query.crossings import Rays
 from limitsurf.query.index import Cells
+from limitsurf.query.nearby import approached
 from limitsurf.query.traversal import followed, kernels_for
 from limitsurf.refine import refined
 from limitsurf.scheme.scheme import Scheme
@@ -122,6 +123,7 @@ def _search() -> None:
     if kernels is not None:
         origin, way, bounds = np.full((1, 3), -1.0), np.ones((1, 3)), np.array([[0.0], [np.inf]])
         followed(kernels, Rays.of(cells.power, origin, way, *bounds), "first")
+        approached(kernels, origin, np.ones(1), False)
 
 
 def _samples(scheme: Scheme) -> list[Mesh]:

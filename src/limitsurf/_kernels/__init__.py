@@ -132,9 +132,9 @@ def evaluating(shape: str) -> Any:
     return import_module(f"{__name__}.{shape}")
 
 
-def searching() -> Any:
-    """The kernels that search surfaces; ask while `preparing`."""
-    return import_module(f"{__name__}.traversal")
+def searching(name: str) -> Any:
+    """The kernels that search surfaces, a module for each question; ask while `preparing`."""
+    return import_module(f"{__name__}.{name}")
 
 
 def _pays(kind: str, seconds: float) -> bool:

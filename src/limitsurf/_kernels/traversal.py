@@ -23,6 +23,7 @@ _STEPS = 24  # of Newton's method, at most
 _HALVINGS = 44  # of a cell, one after the other, at most
 _BUDGET = 600  # cells of a ray, and as many more as boxes of cells that it meets times this
 _MORE = 24
+_PARALLEL = 8  # times slack, and how near derivatives are to parallel, that a side may hide
 _STACK = 128  # boxes that wait: no more than 3 for each level, and cells
 FIRST, ANY, EVERY = 0, 1, 2  # what is asked for
 
@@ -91,8 +92,11 @@ class Room(NamedTuple):
 
 
 @outlined
-def _newton(x: Array, shape: Shape, sloped: bool, room: Room, slack: float) -> bool:
+def _newton(x: Array, shape: Shape, sloped: bool, room: Room, slack: float) -> int:
     """The zero of a cell that has one at most: s, t, value and derivatives in `room.own`.
+
+    0 if there is none, 1 if there is one, 2 if nobody knows: where derivatives are about parallel,
+    a zero that rounding moved across a side is far from where the search is held there.
 
     ``own[0:2]`` are s and t, ``own[2:11]`` value, d/ds and d/dt, of three coordinates each;
     own[16:48] has powers.
@@ -163,8 +167,14 @@ def _newton(x: Array, shape: Shape, sloped: bool, room: Room, slack: float) -> b
     own[2], own[3], own[4] = f0, f1, f2
     own[5], own[6], own[7] = u0, u1, u2
     own[8], own[9], own[10] = v0, v1, v2
-    found: bool = abs(f0) <= 2 * slack and abs(f1) <= 2 * slack
-    return found
+    off, side = max(abs(f0), abs(f1)), min(s, t)
+    if off <= 2 * slack:
+        return 1
+    side = min(side, 1 - s - t) if sloped else min(side, min(1 - s, 1 - t))
+    det = abs(u0 * v1 - u1 * v0)
+    longest = np.sqrt((u0 * u0 + u1 * u1) * (v0 * v0 + v1 * v1))
+    # (not if nothing is a number either)
+    return 0 if side > 2.0**-50 or off * det > _PARALLEL * slack * (det + longest) else 2
 
 
 @outlined
@@ -401,7 +411,10 @@ def traverse(
                 if simple == 0:
                     continue
                 if simple == 1 and room.own[14] <= limits.near * limits.near:
-                    if not _newton(x, shape, sloped, room, limits.slack):
+                    zero = _newton(x, shape, sloped, room, limits.slack)
+                    if zero == 2:
+                        doubt = min(doubt, low2 if sign > 0 else -high2)
+                    if zero != 1:
                         continue
                     if total == len(ray):
                         over = True

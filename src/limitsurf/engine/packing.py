@@ -18,6 +18,7 @@ from limitsurf import _kernels, basis, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.engine.monomials import Cover, Monomials, holding
+from limitsurf.engine.protocol import threads
 from limitsurf.engine.results import Results
 from limitsurf.numbers import FLOAT64
 from limitsurf.patches import REGULAR, STRIP, PatchTable
@@ -59,7 +60,7 @@ def over_chunks(
     Chunks are the same for any number of workers, and so are results.
     """
     parts = [slice(start, min(start + chunk, total)) for start in range(0, total, chunk)]
-    count = min(workers, len(parts))
+    count = min(threads(workers), len(parts))
     if count <= 1:
         yield from map(work, parts)
         return

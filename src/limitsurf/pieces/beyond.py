@@ -151,6 +151,31 @@ class Beyond:
             along[here] = np.abs(np.matmul(modes, w[:, :, None])[:, :, 0]) @ most
         return far * (1 + 1e-9), along * (1 + 1e-9)
 
+    def spans(self, ring: int, count: int) -> tuple[Array, Array]:
+        """Vectors (R, count, d), and lengths (R,), that bound all corners from a ring on.
+
+        No more than the sizes of inner products of a vector with these, and its length times the
+        last, is how far the limit goes along it; longer ones are kept, the others summed.
+        """
+        found = np.zeros((len(self), count, self.limits.shape[1]))
+        rest, every = np.zeros(len(self)), np.arange(len(self))
+        for here, kind, level in self._alike(every, np.full(len(every), ring)):
+            if kind not in self._patches.rings:
+                _, most = self._known(kind, level)
+                own = self._modes[kind][self._place[here]] * most[:, None]
+            elif rings.is_convex(self._source.local.masks(kind)):
+                both = self._source.shared(kind).extent(self._row[here], max(level, 1))
+                own = np.maximum(*map(np.abs, both))[:, None] * np.eye(self.limits.shape[1])
+            else:
+                rest[here] = np.inf
+                continue
+            size = np.sqrt((own**2).sum(axis=2))
+            order = np.argsort(-size, axis=1)
+            longer = order[:, :count]
+            found[here, : longer.shape[1]] = np.take_along_axis(own, longer[:, :, None], axis=1)
+            rest[here] = np.take_along_axis(size, order[:, count:], axis=1).sum(axis=1)
+        return found * (1 + 1e-9), rest * (1 + 1e-9)
+
     def tangents(self, which: Array) -> tuple[Array, Array]:
         """Two vectors that span the tangent plane at corners, (M, d) each; 0 without one."""
         found = np.zeros((2, len(which), self.limits.shape[1]))

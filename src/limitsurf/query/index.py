@@ -60,7 +60,8 @@ class SurfaceIndex:
 
     Notes
     -----
-    A regular face takes about 0.6 kB where faces are quads; a special corner 6 kB for each face.
+    A regular face takes about 0.6 kB where faces are quads; a special corner 6 kB for each face,
+    and as much again once kernels search for closest points.
 
     Examples
     --------

@@ -22,7 +22,7 @@ Array = NDArray[Any]
 
 _EPS = 2.0**-52
 # what sums of products of coefficients lose, of the largest: some 40 terms
-_LOST = 64 * _EPS
+LOST = 64 * _EPS
 # distances that are told apart, of the largest coordinate
 SAME = 2.0**-49
 # parts of the surface that are places: a foot there is known to this
@@ -309,7 +309,7 @@ class Search:
         gram = np.matmul(x, (x + 2 * w[:, None]).swapaxes(1, 2)).reshape(len(x), n * n)
         found = gram @ means
         size = np.sqrt((x**2).sum(axis=2).max(axis=1))
-        lost = _LOST * size * (size + 2 * np.sqrt((w**2).sum(axis=1)))
+        lost = LOST * size * (size + 2 * np.sqrt((w**2).sum(axis=1)))
         return found.min(axis=1), found, lost
 
     def _alive(self, pairs: _Pairs, low: Array, lost: Array) -> Array:
@@ -332,7 +332,7 @@ class Search:
             np.minimum.at(self.best, pairs.query, nearest)
         along = np.matmul(pairs.points, way[:, :, None])[:, :, 0].min(axis=1)
         along += (pairs.base * way).sum(axis=1)
-        lost = _LOST * nearest * (1 + nearest)
+        lost = LOST * nearest * (1 + nearest)
         return pairs[np.flatnonzero(along - lost <= nearest * self._reach(self.best[pairs.query]))]
 
     def _cells(self, pairs: _Pairs) -> None:

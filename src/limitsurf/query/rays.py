@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from limitsurf import html, numbers
@@ -537,27 +537,14 @@ def _followed(surface: LimitSurface, cells: Cells, asked: _Asked, workers: int, 
 def _once(surface: LimitSurface, hits: Hits) -> Hits:
     """Each of hits that cells share once; `touch` are those of which it is not known otherwise."""
     hits = hits[np.lexsort((hits.u, hits.v, hits.face, hits.depth, hits.ray))]
-    n, step = len(hits.ray), 1
-    one, pairs = np.arange(n - 1), [np.zeros((2, 0), dtype=np.int64)]
-    while len(one):
-        other = one + step
-        close = hits.ray[one] == hits.ray[other]
-        gap = hits.depth[other] - hits.depth[one]
-        close &= gap <= hits.blur[one] + hits.blur[other]
-        one, other = one[close], other[close]
-        pairs.append(np.stack([one, other]))
-        step += 1
-        one = one[one + step < n]
-    a, b = np.concatenate(pairs, axis=1)
-    same = _alike(surface, hits[a], hits[b])
-    a, b = a[same], b[same]
+    n = len(hits.ray)
+    one, other = np.concatenate([_on_rims(surface, hits), _in_faces(hits)], axis=1)
+    known = coo_array((np.ones(len(one)), (one, other)), shape=(n, n))
+    count, group = connected_components(known) if len(one) else (n, np.arange(n))
     # on a rim that no neighbour has: at a boundary, or where the ray touches
-    alone = hits.rim.copy()
-    alone[a] = alone[b] = False
-    hits.touch = hits.touch | alone
-    if not len(a):
+    hits.touch = hits.touch | (hits.rim & (np.bincount(group, minlength=count) == 1)[group])
+    if not len(one):
         return hits
-    count, group = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)))
     front, back, rim, touch = (
         np.bincount(group, x, minlength=count) > 0
         for x in (hits.sign > 0, hits.sign < 0, hits.rim, hits.touch)
@@ -620,17 +607,53 @@ def _beside(
     return np.where(doubt, -1, count)
 
 
-def _alike(surface: LimitSurface, one: Hits, other: Hits) -> Array:
-    """Whether hits at one depth of a ray, (n,) each, are at one place of the surface."""
-    most = np.where(one.touch | other.touch, _TOUCHES, _ALIKE)
-    near = np.maximum(np.abs(one.u - other.u), np.abs(one.v - other.v)) <= most
-    same = one.face == other.face
-    found = same & near
-    maybe = np.flatnonzero(one.rim & other.rim & ~found)
-    # those on limit faces of the cage's faces that have a vertex in common
-    mesh, faces = surface.mesh, surface.limit_faces.face
-    shape = mesh.n_faces, mesh.n_vertices
-    corners = csr_array((np.ones(len(mesh.indices)), mesh.indices, mesh.offsets), shape=shape)
-    both = corners[faces[one.face[maybe]]].multiply(corners[faces[other.face[maybe]]])
-    found[maybe] = np.asarray(both.sum(axis=1)).ravel() > 0
-    return np.asarray(found)
+def _on_rims(surface: LimitSurface, hits: Hits) -> Array:
+    """Hits (2, m) that are one if others are: on rims, at a depth, of faces that share a vertex.
+
+    (Depths that are the same, within what is known of each, are intervals that overlap: of those
+    of a vertex each is joined to the one before, not to all.)
+    """
+    mesh, rim = surface.mesh, np.flatnonzero(hits.rim)
+    face = surface.limit_faces.face[hits.face[rim]]
+    each = mesh.sizes[face]
+    step = np.arange(int(each.sum())) - np.repeat(np.cumsum(each) - each, each)
+    vertex = mesh.indices[np.repeat(mesh.offsets[face], each) + step]
+    owner = np.repeat(rim, each)
+    begin = hits.depth[owner] - hits.blur[owner]
+    order = np.lexsort((begin, vertex, hits.ray[owner]))
+    owner, vertex, begin = owner[order], vertex[order], begin[order]
+    end, ray = hits.depth[owner] + hits.blur[owner], hits.ray[owner]
+    new = np.ones(len(owner), dtype=bool)
+    new[1:] = (ray[1:] != ray[:-1]) | (vertex[1:] != vertex[:-1])
+    # the farthest end so far, of this ray and vertex
+    rank = np.empty(len(end), dtype=np.int64)
+    rank[by_end := np.argsort(end, kind="stable")] = np.arange(len(end))
+    last = np.maximum.accumulate(np.cumsum(new) * len(end) + rank) % max(len(end), 1)
+    joined = 1 + np.flatnonzero(~new[1:] & (begin[1:] <= end[by_end][last[:-1]]))
+    return np.stack([owner[joined - 1], owner[joined]])
+
+
+def _in_faces(hits: Hits) -> Array:
+    """Hits (2, m) that are one: at a depth, in a limit face, at about one place of that.
+
+    Those that are on rims, both, are known as such.
+    """
+    order = np.lexsort((hits.depth, hits.face, hits.ray))
+    ray, face = hits.ray[order], hits.face[order]
+    new = np.ones(len(order), dtype=bool)
+    new[1:] = (ray[1:] != ray[:-1]) | (face[1:] != face[:-1])
+    number = np.cumsum(new) - 1
+    order = order[(np.bincount(number, ~hits.rim[order]) > 0)[number]]
+    n, step = len(order), 1
+    at, pairs = np.arange(n - 1), [np.zeros((2, 0), dtype=np.int64)]
+    while len(at):
+        one, other = order[at], order[at + step]
+        close = (hits.ray[one] == hits.ray[other]) & (hits.face[one] == hits.face[other])
+        close &= hits.depth[other] - hits.depth[one] <= hits.blur[one] + hits.blur[other]
+        at, one, other = at[close], one[close], other[close]
+        most = np.where(hits.touch[one] | hits.touch[other], _TOUCHES, _ALIKE)
+        gap = np.maximum(np.abs(hits.u[one] - hits.u[other]), np.abs(hits.v[one] - hits.v[other]))
+        pairs.append(np.stack([one, other])[:, gap <= most])
+        step += 1
+        at = at[at + step < n]
+    return np.concatenate(pairs, axis=1)

@@ -16,6 +16,7 @@ from limitsurf.caching import cached_property
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.faces import Faces
 from limitsurf.cage.mesh import Mesh, Up
+from limitsurf.engine.protocol import threads
 from limitsurf.query.stitching import Stitches, Wanted, levels, stitched
 from limitsurf.query.welding import sides
 from limitsurf.scheme.net import Net
@@ -289,6 +290,7 @@ def tessellate(
         raise TypeError(f"tessellate needs a LimitSurface, got {type(surface).__name__}")
     if surface.points.shape[1:] != (3,):
         raise ValueError(f"got points of shape {surface.points.shape}, need (n_vertices, 3)")
+    workers = threads(workers)
     parts = _parts(surface, n, wanted, workers)
     return _assembled(surface, parts, normals, channels, workers)
 
@@ -341,6 +343,7 @@ def levels_of_detail(
     asked = list(chords)
     every = [_wanted(None, chord, None, None) for chord in asked]
     _check(surface)
+    workers = threads(workers)
     order = np.argsort([-wanted.chord for wanted in every], kind="stable")
     made = levels(surface, [every[k] for k in order.tolist()], workers)
     names = [channels] if isinstance(channels, str) else list(channels)

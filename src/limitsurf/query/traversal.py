@@ -48,7 +48,7 @@ def kernels_for(choice: str, cells: Cells, rays: int) -> Kernels | None:
     elif not _kernels.answer(_kernels.SEARCHES, rays * _RAY):
         return None
     with _kernels.preparing:
-        module = _kernels.searching()
+        module = _kernels.searching("traversal")
     if cells not in _trees:
         _trees[cells] = _hierarchy(module, cells)
     return Kernels(module, cells, _trees[cells], _shape(module, cells.lattice, cells.form.degree))
