@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     )
     from limitsurf.query.bounds import Bounds as Bounds
     from limitsurf.query.bounds import bounds as bounds
+    from limitsurf.query.camera import View as View
     from limitsurf.query.closest import (
         ClosestPoints as ClosestPoints,
     )
@@ -167,6 +168,7 @@ _HOME = {
     "Scheme": "scheme.scheme",
     "SurfaceIndex": "query.index",
     "Tessellation": "query",
+    "View": "query.camera",
     "agrees": "query",
     "area": "integrals.body",
     "approximate": "query.approximate",
