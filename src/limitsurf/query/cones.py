@@ -42,7 +42,7 @@ class Turning:
 
     def __init__(self, lattice: Lattice, form: Form) -> None:
         self._form = form
-        self._normal_form, self._crossed = _products(lattice, form.degree)
+        self._normal_form, self._crossed = normal_form(lattice, form.degree)
 
     def normals(self, points: Array) -> tuple[Array, Array]:
         """Coefficients (L, m, 3) of normals of polynomials (L, n, 3), and their errors (L,)."""
@@ -109,14 +109,18 @@ def crossed(form: Form, pairs: Array, points: Array) -> tuple[Array, Array]:
     """Coefficients (L, m, 3) of cross products of derivatives, and what rounding takes, (L,)."""
     n = form.size
     both = np.matmul(form.derivatives[1:3].reshape(2 * n, n), points)
-    du, dv = both[:, :n], both[:, n:]
-    found = np.empty((len(points), pairs.shape[1], 3))
+    return cross_products(pairs, both[:, :n], both[:, n:])
+
+
+def cross_products(pairs: Array, du: Array, dv: Array) -> tuple[Array, Array]:
+    """The same of polynomials (L, n, 3), of one degree."""
+    found = np.empty((len(du), pairs.shape[1], 3))
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
         one = np.matmul(du[:, :, None, i], dv[:, None, :, j])
         one -= np.matmul(du[:, :, None, j], dv[:, None, :, i])
-        found[:, :, k] = one.reshape(len(points), -1) @ pairs
-    size = sum(length(x).max(axis=1) for x in (du, dv))
+        found[:, :, k] = one.reshape(len(du), -1) @ pairs
+    size = length(du).max(axis=1) + length(dv).max(axis=1)
     return found, 8 * LOST * size
 
 
@@ -147,7 +151,7 @@ def _arcsin(far: Array, size: Array) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _products(lattice: Lattice, degree: int) -> tuple[Form, Array]:
+def normal_form(lattice: Lattice, degree: int) -> tuple[Form, Array]:
     """The form of products of polynomials of a degree, and `products`."""
     return Form.of(lattice, 2 * degree), products(lattice, degree)
 
@@ -248,7 +252,7 @@ def _leading(table: EigenTable, lattice: Lattice, form: Form) -> _Leading | None
     both = np.matmul(form.derivatives[1:3, None], pieces)  # (2, c, n, K - 1)
     (A, B), (C, D) = (np.moveaxis(x[:, :, pair], 2, 0) for x in both)
     cross = A[:, :, None] * D[:, None] - C[:, :, None] * B[:, None]
-    jacobian = cross.reshape(len(cross), -1) @ _products(lattice, form.degree)[1]
+    jacobian = cross.reshape(len(cross), -1) @ normal_form(lattice, form.degree)[1]
     turn = float(np.sign(jacobian.sum()))
     least = float((turn * jacobian).min())
     if not least > 0:
