@@ -36,9 +36,9 @@ from sympy import Matrix, Rational, expand, simplify, symbols
 
 from limitsurf import LimitSurface, Mesh, View
 from limitsurf.pieces import bernstein
-from limitsurf.query.adaptive import _triangle
 from limitsurf.query.chords import distance, triangles_error
 from limitsurf.query.cones import Poles, Turning
+from limitsurf.query.hulls import Hulls, on_triangle
 from limitsurf.query.index import Cells
 from limitsurf.query.polynomials import Form
 from limitsurf.scheme.lattice import QUADS
@@ -194,7 +194,7 @@ for bump in (0.02, 0.2):
 
 # %%
 points = rng.normal(size=(16, 3))
-_, whole = _triangle(form_, form_.ends[[0, 1, 2]])
+_, whole = on_triangle(form_, form_.ends[[0, 1, 2]])
 places = np.array([(i, j) for j in range(7) for i in range(7 - j)])
 s, t = rng.dirichlet((1, 1, 1), 50)[:, 1:].T
 triangular = bernstein.polynomials(places, s, t) @ (whole @ points)
@@ -323,3 +323,37 @@ for seed in range(4):
     lifted = [np.column_stack([sight.focal * x[:, :2] / x[:, 2:], 0 * x[:, 0]]) for x in picture]
     far = distance((lifted[0] - lifted[1][0])[None], (lifted[1] - lifted[1][0])[None])
     assert far.max() <= bound
+
+# %% [markdown]
+# ## 9. Hulls on parts with one polynomial
+#
+# What is loose in section 2 is that second derivatives may differ from their mean in any direction,
+# though most of that moves points along the triangle only. Where the bound of section 3 is up to 6
+# times too large, the hulls of section 5 are asked as well: of the polynomial on the four quarters
+# of the triangle. Those of a parabola touch it at its top. Places amid sides and of the middle come
+# first: where one of these is too far, hulls are not needed.
+
+# %%
+hulls = Hulls(form_)
+for bump in (0.01, 0.05):
+    points = np.column_stack([form_.exponents / 3, np.zeros(16)]) + bump * rng.normal(size=(16, 3))
+    at = np.array([[0.1, 0.0], [1.0, 0.2], [0.4, 0.9]])
+    own = form_.values(*at.T, 0)[:, 0] @ points
+    (bound,) = hulls.cut(points[None], at[None], own[None], np.inf)
+    w = rng.dirichlet((1, 1, 1), 4000)
+    there = form_.values(*(w @ at).T, 0)[:, 0] @ points
+    far = distance((there - own[0])[None], (own - own[0])[None])[0].max()
+    assert far <= bound < 1.6 * far
+    assert hulls.whole(points[None], 0.5 * far)[0] == np.inf
+    corners = points[form_.corners]
+    (bound,) = hulls.whole(points[None], np.inf)
+    for way in ((0, 1, 2), (0, 2, 3), (0, 1, 3), (1, 2, 3)):
+        there = form_.values(*(w @ form_.ends[list(way)]).T, 0)[:, 0] @ points
+        triangle = corners[list(way)]
+        assert distance((there - triangle[0])[None], (triangle - triangle[0])[None]).max() <= bound
+parabola = np.column_stack(
+    [form_.exponents / 3, form_.exponents[:, 0] * (form_.exponents[:, 0] - 3)]
+)
+(bound,) = hulls.whole(parabola[None], np.inf)
+top = np.abs(form_.values(np.array([0.5]), np.zeros(1), 0)[0, 0] @ parabola)[2]
+assert abs(bound - top) < 0.1 * top

@@ -21,6 +21,7 @@ from limitsurf.caching import cached_property
 from limitsurf.pieces import bernstein
 from limitsurf.query.chords import distance, length, polygon_error, slide
 from limitsurf.query.cones import WELDED, Poles, Turning, cone, facing
+from limitsurf.query.hulls import Hulls, on_triangle
 from limitsurf.query.index import Cells
 from limitsurf.query.polynomials import Form
 from limitsurf.query.records import Rows
@@ -42,6 +43,7 @@ _RINGS = 5  # of cells that bound what is at a special corner, before what remai
 _DEEPEST, _DEEPEST_RING, _NO_LIMIT = 10, 16, 8
 _PORTION = 4096  # parts that are handled at once
 _PORTION_OF_CORNERS = 256
+_MIGHT = 6  # so many times too large bounds by second derivatives may be larger than by hulls
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -100,13 +102,14 @@ class Division:
         In the unit of the cells. Parts with too long edges are halved across their longer sides,
         others where they bend most.
     turning : Turning
+    hulls : Hulls
     """
 
     wanted: Wanted
 
     def __init__(self, cells: Cells, kept: Array) -> None:
         self.cells, self.form = cells, cells.form
-        self.turning = Turning(cells.lattice, cells.form)
+        self.turning, self.hulls = Turning(cells.lattice, cells.form), Hulls(cells.form)
         self._kept = kept[cells.face]
         self._points = [cells.points]  # of all polynomials
         n = len(cells.points)
@@ -158,6 +161,12 @@ class Division:
         """The errors (L,) as they are seen; arguments as for `Sight.seen`."""
         sight = self.wanted.sight
         return error if sight is None else sight.seen(corners, error, beside)
+
+    def might_do(self, error: Array) -> Array:
+        """Which errors (L,) are so little too large that another bound may do."""
+        if self.wanted.view is not None:
+            return np.zeros(len(error), dtype=bool)
+        return np.asarray((error > self.wanted.chord) & (error < _MIGHT * self.wanted.chord))
 
     def too_deep(self, parts: Parts) -> Array:
         """Which parts, not at special corners, are too small to ask for angles, (L,)."""
@@ -219,6 +228,8 @@ class Division:
         """Parts with all that bounds them."""
         form, corners = self.form, points[:, self.form.corners]
         error, none = polygon_error(form.ends, *second, corners), np.full(len(face), -1)
+        near = np.flatnonzero(self.might_do(error))
+        error[near] = np.minimum(error[near], self.hulls.whole(points[near], self.wanted.chord))
         seen = self.judged(corners, error, lambda x: polygon_error(form.ends, *second, corners, x))
         turn = np.zeros(len(face))
         if self.wanted.turning:
@@ -437,27 +448,8 @@ def _corner_splits(lattice: Lattice, form: Form) -> tuple[Any, tuple[Array, Arra
         return (), (np.concatenate(_ways(form, lattice)[0][1]), np.eye(form.size))
     quarters = [second @ first for first in form.halves[0] for second in form.halves[1]]
     ways = ((0, 1, 2), (0, 2, 3)), ((1, 2, 3), (1, 3, 0))
-    halves = tuple(tuple(_triangle(form, form.ends[list(x)]) for x in both) for both in ways)
+    halves = tuple(tuple(on_triangle(form, form.ends[list(x)]) for x in both) for both in ways)
     return halves, (np.concatenate(quarters), np.eye(form.size))
-
-
-def _triangle(form: Form, ends: Array) -> tuple[Array, Array]:
-    """Onto coefficients of a polynomial on squares in a triangle of corners (3, 2).
-
-    They are of twice the degree: in four triangles like it, and in it.
-    """
-    degree = 2 * form.degree
-    steps = range(degree + 1)
-    exponents = np.array([(i, j) for j in steps for i in steps if i + j <= degree])
-    shares = np.column_stack([degree - exponents.sum(axis=1), exponents]) / degree
-    own = bernstein.polynomials(exponents, *(exponents.T / degree))
-    p, q, r = ends
-    a, b, c = (q + r) / 2, (r + p) / 2, (p + q) / 2
-    found = []
-    for corners in ((p, c, b), (c, q, a), (b, a, r), (a, b, c), (p, q, r)):
-        there = bernstein.polynomials(form.exponents, *(shares @ np.array(corners)).T)
-        found.append(np.linalg.solve(own, there))
-    return np.concatenate(found[:4]), found[4]
 
 
 @lru_cache(maxsize=32)

@@ -122,6 +122,12 @@ def _cut(
     at = (stitches.at[corners] - parts.place[own, None]) / parts.step[own, None]
     known = parts.bent[own], parts.loose[own], at, points
     found = triangles_error(*known)
+    near = np.flatnonzero(division.might_do(found))
+    if len(near):
+        which, mine = np.unique(own[near], return_inverse=True)
+        cells_ = division.points(parts[which])[mine]
+        by_hulls = division.hulls.cut(cells_, at[near], points[near], wanted.chord)
+        found[near] = np.minimum(found[near], by_hulls)
     found = division.judged(points, found, lambda x: triangles_error(*known, x))
     np.maximum.at(seen, own, found)
     np.maximum.at(excess, own, wanted.excess(points, found))

@@ -288,9 +288,11 @@ def tessellate(
     On a part of a limit face with one polynomial, second derivatives are a mean and what differs
     from it, bounded by Bernstein coefficients. The mean gives the distance from a triangle but for
     what moves points along its edges, which leaves them in the triangle; the rest is bounded after
-    Filip, Magedson and Markot, "Surface algorithms using bounds on derivatives", CAGD 3 (1986). At
-    special corners, where second derivatives may have no bound, the hulls of rings around them are
-    compared with triangles. All is derived in ``derivations/tessellation.py``.
+    Filip, Magedson and Markot, "Surface algorithms using bounds on derivatives", CAGD 3 (1986).
+    Where that is a little too large, hulls of polynomials on quarters of triangles are asked, too.
+    At special corners, where second derivatives may have no bound, the hulls of rings around them
+    are compared with triangles, and for `angle` limits of normals by eigenvalues. All is derived in
+    ``derivations/tessellation.py``.
 
     Examples
     --------
