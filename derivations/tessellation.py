@@ -28,13 +28,18 @@ Run this file: it says nothing unless an assertion fails.
 #   Aided Geometric Design 3 (1986).
 
 # %%
+from functools import partial
 from itertools import combinations, permutations, product
 
 import numpy as np
 from sympy import Matrix, Rational, expand, simplify, symbols
 
+from limitsurf import LimitSurface, Mesh, View
 from limitsurf.pieces import bernstein
-from limitsurf.query.adaptive import _distance, _triangle, triangles_error
+from limitsurf.query.chords import distance, triangles_error
+from limitsurf.query.cones import Poles, Turning
+from limitsurf.query.hulls import Hulls, on_triangle
+from limitsurf.query.index import Cells
 from limitsurf.query.polynomials import Form
 from limitsurf.scheme.lattice import QUADS
 
@@ -173,7 +178,7 @@ for bump in (0.02, 0.2):
         bound = triangles_error(middle, loose, at, own)
         w = rng.dirichlet((1, 1, 1), 2000)
         there = form_.values(*(w @ at).T, 0)[:, 0] @ points
-        far = _distance((there - own[0])[None], (own - own[0])[None])[0]
+        far = distance((there - own[0])[None], (own - own[0])[None])[0]
         assert far.max() <= bound
 
 # %% [markdown]
@@ -189,10 +194,166 @@ for bump in (0.02, 0.2):
 
 # %%
 points = rng.normal(size=(16, 3))
-_, whole = _triangle(form_, form_.ends[[0, 1, 2]])
+_, whole = on_triangle(form_, form_.ends[[0, 1, 2]])
 places = np.array([(i, j) for j in range(7) for i in range(7 - j)])
 s, t = rng.dirichlet((1, 1, 1), 50)[:, 1:].T
 triangular = bernstein.polynomials(places, s, t) @ (whole @ points)
 # (s, t) from corner 0: to corner 1 = (1, 0) and to corner 2 = (1, 1)
 square = form_.values(s + t, t, 0)[:, 0] @ points
 assert abs(triangular - square).max() < 1e-10
+
+# %% [markdown]
+# ## 6. Normals
+#
+# On a part with one polynomial the cross product $C = f_s \times f_t$ is a polynomial too, of
+# twice the degree, and a mean of its Bernstein coefficients with weights that are not negative.
+# Vectors within an angle $\omega < 90°$ of a unit vector $m$ are a convex cone. So if all
+# coefficients are within $\omega$ of the normal $m$ of a triangle, so are all normals over it.
+#
+# Between its corners $x_i$ a renderer takes the direction of $\sum \lambda_i n_i$ with
+# $n_i = C_i / |C_i|$. It is in the same cone, hence at most $2 \omega$ off; and for small triangles
+# much less. The direction of $\sum \lambda_i C_i$ is off by $\arcsin (E / \min |C|)$ at most, if
+# $E$ is the bound of sections 1 and 2 for $C$ instead of $f$, without sliding, and $\min |C|$ at
+# least the least coefficient along $m$. It is $\sum \lambda'_i n_i$ with weights in the
+# proportion of $\lambda_i |C_i|$. Weights that are multiplied by numbers within a ratio $r$ shift
+# at most $(\sqrt r - 1) / (\sqrt r + 1)$ of themselves, so the direction turns by
+# $\arcsin$ of that times the largest $|n_i - n_j|$, over $\cos \omega$, by which both are long.
+
+# %%
+share, r = symbols("share r", positive=True)
+moved_share = share * r / (share * r + 1 - share) - share
+best_share = 1 / (1 + r ** Rational(1, 2))
+assert simplify(moved_share.diff(share).subs(share, best_share)) == 0
+most_moved = (r ** Rational(1, 2) - 1) / (r ** Rational(1, 2) + 1)
+for value in (1, 2, 9, 100):
+    gap = (moved_share.subs(share, best_share) - most_moved).subs(r, value)
+    assert abs(float(gap)) < 1e-12
+
+turning = Turning(QUADS, form_)
+for bump in (0.01, 0.1):
+    points = np.column_stack([form_.exponents / 3, np.zeros(16)]) + bump * rng.normal(size=(16, 3))
+    at = np.array([[0.1, 0.0], [1.0, 0.2], [0.4, 0.9]])
+    corner = form_.values(*at.T, 0)[:, 0] @ points
+    (bound,) = turning.cut(points[None], np.zeros(1, dtype=int), at[None], corner[None])
+    w = rng.dirichlet((1, 1, 1), 2000)
+    both = np.vstack([w @ at, at])
+    _, du, dv = np.moveaxis(form_.values(*both.T, 1) @ points, 1, 0)
+    normal = np.cross(du, dv)
+    normal /= np.sqrt((normal**2).sum(axis=1))[:, None]
+    flat = np.cross(corner[1] - corner[0], corner[2] - corner[0])
+    for other in (np.tile(flat, (2000, 1)), w @ normal[-3:]):
+        sine = np.sqrt((np.cross(other, normal[:-3]) ** 2).sum(axis=1))
+        assert np.arctan2(sine, (other * normal[:-3]).sum(axis=1)).max() <= bound
+
+# %% [markdown]
+# ## 7. Normals around special corners
+#
+# On ring $n$ the surface is $\sum_j \lambda_j^n q_j \varphi_j$ with eigenfunctions $\varphi_j$ on
+# the first ring. Let $a$ and $b$ lead, and $J = \partial_s \varphi_a \partial_t \varphi_b -
+# \partial_t \varphi_a \partial_s \varphi_b$ be of one sign with $|J| \ge J_0$ (its coefficients
+# say so). Divided by $(\lambda_a \lambda_b)^n$ the cross product of derivatives is
+# $(q_a \times q_b) J$ and what is made of others,
+#
+# $$|q_a| |\partial_s \varphi_a| R^b_t + R^b_s |q_a| |\partial_t \varphi_a| +
+# |q_b| |\partial_s \varphi_b| R^a_t + R^a_s |q_b| |\partial_t \varphi_b| + R^a_s R^b_t, \quad
+# R^x_y = \sum_{j \ne a, b} |q_j| |\partial_y \varphi_j| (|\lambda_j| / \lambda_x)^n$$
+#
+# at most. If all other $|\lambda_j|$ are smaller, that falls with $n$. So from ring $n$ on all
+# normals are within $\arcsin$ of it over $|q_a \times q_b| J_0$ of the limit, that of
+# $\pm q_a \times q_b$. It falls like $(|\lambda_3| / \lambda_2)^n$: curvature may be unbounded,
+# normals still have a limit. Where the corner has none, or others fall as slowly, rings do not
+# help, and where valence is high they help slowly. `tessellate` gives up there.
+
+# %%
+for valence in (3, 5, 8):
+    spokes = np.arange(valence) * 2 * np.pi / valence
+    ring = np.exp(1j * spokes)
+    outer = (ring + np.roll(ring, -1)) * (1.0 if valence > 3 else 1.5)
+    z = np.concatenate([[0], ring, outer])
+    tip = np.column_stack([z.real, z.imag, 0.3 * (z.real**2 - 0.5 * z.imag * z.real)])
+    k = np.arange(valence)
+    quads = np.column_stack([0 * k, 1 + k, 1 + valence + k, 1 + (k + 1) % valence])
+    surface = LimitSurface(Mesh(tip, quads, boundary="edge_and_corner"), engine="reference")
+    cells = Cells(surface, 1, 0)
+    which = np.flatnonzero(cells.beyond.is_smooth)[:1]
+    leaf = len(cells.points) + which[0]
+    for level in (3, 6):
+        axis, wide = Poles(cells.beyond, cells.lattice, cells.form).cones(which, np.array([level]))
+        near = cells.origin[leaf] + cells.size[leaf] * 0.5**level * rng.random((500, 2))
+        normal = surface.normal(cells.face[leaf], *near.T)
+        sine = np.sqrt((np.cross(normal, axis) ** 2).sum(axis=1))
+        found = np.arctan2(sine, normal @ axis[0]).max()
+        assert found <= wide[0] < 40 * found
+
+# %% [markdown]
+# ## 8. Pictures
+#
+# A camera at the origin looks along $z$; $p = (X, Y) / Z$ is where a point $P$ is in the picture.
+# For $Q$ beside it, $E = P - Q$,
+#
+# $$p - q = \frac{1}{Z_Q} \left( E_{xy} - p\, E_z \right),$$
+#
+# the vector $E$ moved along the ray of $P$ into the plane of the picture, which makes it longer by
+# $\sqrt{1 + |p|^2}$ at most. Let $w$ be the ray of the middle of a part, at $p_w$. Of $E$, what is
+# across $w$ has a bound like that of section 3, with $h'$ across $w$; what is along it, $|E|$ at
+# most, becomes $w_z (p_w - p)$. So $p - q$ is at most $1 / Z_Q$ times the smaller of
+# $|E| \sqrt{1 + |p|^2}$ and $|E_\perp| \sqrt{1 + |p|^2} + |E| |p_w - p|$. Only $P$ need be seen:
+# $|p|$ is at most that of a corner of the picture, and $Z_Q$ at least the least of the triangle's
+# corners, or that of what is near less $|E|$.
+
+# %%
+X, Y, Z, U, V, W = symbols("X Y Z U V W")
+for one, other in ((X, U), (Y, V)):
+    gap = one / Z - other / W - ((one - other) - one / Z * (Z - W)) / W
+    assert simplify(gap) == 0
+
+sight = View((0, -4, 1), (0, 0, 0), field_of_view=50).scaled(0)
+flat = np.column_stack([form_.exponents / 3 - 0.5, np.zeros(16)])
+for seed in range(4):
+    points = flat + 0.1 * np.random.default_rng(seed).normal(size=flat.shape)
+    second = (form_.derivatives[3:] @ points).reshape(3, 16, 3)
+    middle = (second.min(axis=1) + second.max(axis=1)) / 2
+    loose = np.sqrt(((second - middle[:, None]) ** 2).sum(axis=2)).max(axis=1)
+    at = form_.ends[[0, 1, 2]]
+    own = form_.values(*at.T, 0)[:, 0] @ points
+    known = middle[None], loose[None], at[None], own[None]
+    (bound,) = sight.seen(own[None], triangles_error(*known), partial(triangles_error, *known))
+    there = form_.values(*(rng.dirichlet((1, 1, 1), 2000) @ at).T, 0)[:, 0] @ points
+    picture = [(x - sight.position) @ sight.axes.T for x in (there, own)]
+    lifted = [np.column_stack([sight.focal * x[:, :2] / x[:, 2:], 0 * x[:, 0]]) for x in picture]
+    far = distance((lifted[0] - lifted[1][0])[None], (lifted[1] - lifted[1][0])[None])
+    assert far.max() <= bound
+
+# %% [markdown]
+# ## 9. Hulls on parts with one polynomial
+#
+# What is loose in section 2 is that second derivatives may differ from their mean in any direction,
+# though most of that moves points along the triangle only. Where the bound of section 3 is up to 6
+# times too large, the hulls of section 5 are asked as well: of the polynomial on the four quarters
+# of the triangle. Those of a parabola touch it at its top. Places amid sides and of the middle come
+# first: where one of these is too far, hulls are not needed.
+
+# %%
+hulls = Hulls(form_)
+for bump in (0.01, 0.05):
+    points = np.column_stack([form_.exponents / 3, np.zeros(16)]) + bump * rng.normal(size=(16, 3))
+    at = np.array([[0.1, 0.0], [1.0, 0.2], [0.4, 0.9]])
+    own = form_.values(*at.T, 0)[:, 0] @ points
+    (bound,) = hulls.cut(points[None], at[None], own[None], np.inf)
+    w = rng.dirichlet((1, 1, 1), 4000)
+    there = form_.values(*(w @ at).T, 0)[:, 0] @ points
+    far = distance((there - own[0])[None], (own - own[0])[None])[0].max()
+    assert far <= bound < 1.6 * far
+    assert hulls.whole(points[None], 0.5 * far)[0] == np.inf
+    corners = points[form_.corners]
+    (bound,) = hulls.whole(points[None], np.inf)
+    for way in ((0, 1, 2), (0, 2, 3), (0, 1, 3), (1, 2, 3)):
+        there = form_.values(*(w @ form_.ends[list(way)]).T, 0)[:, 0] @ points
+        triangle = corners[list(way)]
+        assert distance((there - triangle[0])[None], (triangle - triangle[0])[None]).max() <= bound
+parabola = np.column_stack(
+    [form_.exponents / 3, form_.exponents[:, 0] * (form_.exponents[:, 0] - 3)]
+)
+(bound,) = hulls.whole(parabola[None], np.inf)
+top = np.abs(form_.values(np.array([0.5]), np.zeros(1), 0)[0, 0] @ parabola)[2]
+assert abs(bound - top) < 0.1 * top

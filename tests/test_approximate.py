@@ -6,6 +6,7 @@ import zoo
 from test_query_closest import fan, made
 
 import limitsurf as ls
+from limitsurf.query.angles import _slope
 
 KINDS = ["acc", "gregory"]
 CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)], dtype=float)
@@ -69,6 +70,7 @@ def test_regular_faces_are_exact(kind):
         assert found.parametric.max() < 1e-11
         assert found.angle_found.max() < 1e-12
         assert found.geometric_angle_found.max() < 1e-12
+        assert max(found.angle.max(), found.geometric_angle.max()) < 1e-8
 
 
 def test_deviations_of_the_cube_are_those_that_are_known():
@@ -77,6 +79,44 @@ def test_deviations_of_the_cube_are_those_that_are_known():
     assert found.parametric.max() == pytest.approx(1.4e-2, abs=1e-3)
     assert np.degrees(found.geometric_angle_found.max()) == pytest.approx(6.2, abs=0.05)
     assert found.parametric.max() < 1.1 * found.parametric_found.max()
+    assert found.geometric_angle.max() < 1.2 * found.geometric_angle_found.max()
+    assert found.angle.max() < 1.2 * found.angle_found.max()
+
+
+def test_the_largest_angle_is_at_corners():
+    """A grid that starts a little inside misses some of it."""
+    points, faces = fan(5)
+    points = np.asarray(points, dtype=float)
+    points = points + 0.3 * np.random.default_rng(2).normal(size=points.shape)
+    surface, levels = made((points, faces)), 2
+    patches = ls.approximate(surface, "acc", levels=levels)
+    fine = made((patches.mesh.points, patches.mesh.faces))
+    face, most = np.arange(len(patches))[:, None, None], []
+    for inset in (0, 0.01):
+        x = np.linspace(inset, 1 - inset, 15)
+        places = face, x[:, None], x
+        one, other = patches.normal(*places, geometric=True), fine.normal(*places)
+        most.append(degrees(one, other).max())
+    assert most[0] > 1.1 * most[1]
+    assert most[0] <= np.degrees(patches.error(surface).geometric_angle.max())
+
+
+def degrees(one, other):
+    across = np.linalg.norm(np.cross(one, other), axis=-1)
+    return np.degrees(np.arctan2(across, (one * other).sum(axis=-1)))
+
+
+def test_slopes_of_weights_inside_gregory_patches():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        a, b, c, d = np.concatenate([np.sort(rng.random(2)) for _ in range(2)])
+        x, y = np.meshgrid(np.linspace(a, b, 60), np.linspace(c, d, 60))
+        truth = 2 * y / (x + y) ** 2
+        least, most = _slope(*(np.array([value]) for value in (a, b, c, d)))
+        assert least <= truth.min() * (1 + 1e-12)
+        assert truth.max() <= most * (1 + 1e-12)
+        assert least > 0.999 * truth.min()
+        assert most < 1.05 * truth.max()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -91,6 +131,13 @@ def test_bounds_hold(kind, levels):
     assert (np.sqrt((step**2).sum(axis=1)) <= found.parametric[face]).all()
     assert (found.parametric_found <= found.parametric).all()
     assert (found.along_normal_found <= found.parametric_found * (1 + 1e-12)).all()
+    for geometric, bound in ((False, found.angle), (True, found.geometric_angle)):
+        normal = patches.normal(face, u, v, geometric=geometric)
+        turned = degrees(normal, fine.normal(face, u, v))
+        assert (turned <= np.degrees(bound[face])).all()
+        assert bound.max() < np.radians(12)
+    assert (found.angle_found <= found.angle).all()
+    assert (found.geometric_angle_found <= found.geometric_angle).all()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -151,6 +198,7 @@ def test_units_do_not_matter(kind, power):
     off, scaled_off = one.error(surface), two.error(scaled)
     assert np.ldexp(off.parametric, power) == pytest.approx(scaled_off.parametric, rel=1e-12)
     assert off.angle_found == pytest.approx(scaled_off.angle_found, abs=1e-12)
+    assert off.angle == pytest.approx(scaled_off.angle, abs=1e-12)
 
 
 @pytest.mark.parametrize("kind", KINDS)

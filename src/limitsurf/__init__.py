@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     )
     from limitsurf.query.bounds import Bounds as Bounds
     from limitsurf.query.bounds import bounds as bounds
+    from limitsurf.query.camera import View as View
     from limitsurf.query.closest import (
         ClosestPoints as ClosestPoints,
     )
@@ -179,6 +180,7 @@ _HOME = {
     "ThinShell": "fem.thin",
     "SurfaceIndex": "query.index",
     "Tessellation": "query",
+    "View": "query.camera",
     "agrees": "query",
     "area": "integrals.body",
     "approximate": "query.approximate",

@@ -143,6 +143,42 @@ def checked_integer(name: str, value: Any, least: int | None = None) -> int:
     return int(value)
 
 
+def checked_number(
+    name: str,
+    value: Any,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+) -> float:
+    """The value of an argument, which must be a number, not NaN, and within bounds.
+
+    A `below` of infinity asks for finite ones.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise TypeError(f"{name} must be a number, got {type(value).__name__}")
+    try:
+        number = float(value)
+    except OverflowError:
+        digits = 1 + int(int(value).bit_length() * math.log10(2))
+        raise ValueError(
+            f"{name} must be a number that float64 holds, got an integer of some {digits} digits"
+        ) from None
+    need = []
+    if above is not None:
+        need.append((number > above, f"above {above:g}"))
+    if least is not None:
+        need.append((number >= least, f"{least:g} or more"))
+    if below is not None:
+        finite = math.isinf(below)
+        within = math.isfinite(number) if finite else number < below
+        need.append((within, "finite" if finite else f"below {below:g}"))
+    if math.isnan(number) or not all(right for right, _ in need):
+        wanted = " and ".join(text for _, text in need) or "no NaN"
+        raise ValueError(f"{name} must be {wanted}, got {value}")
+    return number
+
+
 def integers(values: Any, what: str) -> IntArray:
     """A copy of ``values`` as int64; an empty list, whose type numpy cannot know, passes."""
     values = complete(values, what)

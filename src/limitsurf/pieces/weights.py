@@ -198,18 +198,19 @@ def most_beyond(table: EigenTable, count: int) -> Array:
     return np.asarray(np.abs(pieces).max(axis=(0, 1)) @ growth(table, count))
 
 
-def growth(table: EigenTable, count: int) -> Array:
+def growth(table: EigenTable, count: int, base: float = 1.0) -> Array:
     """Bounds (K - 1, K - 1) of the powers J^n, n >= `count`, of eigenfunctions after the first.
 
-    If those of row k are bounded on ring 0 by ``m[k]``, then on ring n by ``m @ growth``.
+    If those of row k are bounded on ring 0 by ``m[k]``, then on ring n by ``m @ growth``. All are
+    relative to powers of a `base`: rows of rates from there on mean nothing.
     """
-    rate = np.abs(table.rates[0, 1:])
+    rate = np.abs(table.rates[0, 1:]) / base
     heads, first = table.chains - 1, table.pairs - 1
     found = np.diag(rate**count)
     found[first + 1, first] = found[first, first + 1] = rate[first] ** count
     # the entries n rate^(n - 1) of Jordan blocks are largest at n = -1 / log(rate), or later
     n = np.maximum(count, -1 / np.log(rate[heads]))
-    found[heads - 1, heads] = n * rate[heads] ** (n - 1)
+    found[heads - 1, heads] = n * rate[heads] ** (n - 1) / base
     return np.asarray(found)
 
 

@@ -17,12 +17,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.caching import cached_property
 from limitsurf.pieces import bernstein
+from limitsurf.query.chords import distance, length, polygon_error, slide
+from limitsurf.query.cones import WELDED, Poles, Turning, cone, facing
+from limitsurf.query.hulls import Hulls, on_triangle
 from limitsurf.query.index import Cells
 from limitsurf.query.polynomials import Form
 from limitsurf.query.records import Rows
+from limitsurf.query.wanted import Wanted, longest
 
 if TYPE_CHECKING:
+    from limitsurf.pieces.beyond import RingCells
     from limitsurf.scheme.lattice import Lattice
 
 Array = NDArray[Any]
@@ -30,15 +36,14 @@ Array = NDArray[Any]
 BITS = 50  # u and v are multiples of 2^-50
 WHOLE = 1 << BITS
 FINEST = 1 << 6  # the smallest size of a part: there is a dyadic point inside
-LOST = 2.0**-46  # what rounding takes, of the largest coordinate
 
 _RINGS = 5  # of cells that bound what is at a special corner, before what remains is bounded whole
+# halvings, and rings around special corners, after which angles are no longer asked for: of these
+# fewer if normals have no limit
+_DEEPEST, _DEEPEST_RING, _NO_LIMIT = 10, 16, 8
 _PORTION = 4096  # parts that are handled at once
 _PORTION_OF_CORNERS = 256
-
-# tells how far from what is wanted parts are, 1 or less where it is reached: of their corners
-# (L, c, 3), control points (L, m, 3) and distances (L,) of the surface from triangles
-Excess = Callable[[Array, Array, Array], Array]
+_MIGHT = 6  # so many times too large bounds by second derivatives may be larger than by hulls
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -58,6 +63,10 @@ class Parts(Rows):
         Means of second derivatives (ss, st, tt) in the parts' own parameters.
     loose : (L, 3) float64
         By how much these differ from that anywhere in the part.
+    seen : (L,) float64
+        These bounds as a view has them, in pixels; -1 out of its sight.
+    turn : (L,) float64
+        Bounds of angles between normals, in radians; 0 if not asked for, NaN where there is none.
     root : (L,) int64
         The polynomial on it; -1 at special corners.
     corner, ring : (L,) int64
@@ -70,6 +79,8 @@ class Parts(Rows):
     error: Array
     bent: Array
     loose: Array
+    seen: Array
+    turn: Array
     root: Array
     corner: Array
     ring: Array
@@ -87,20 +98,18 @@ class Division:
 
     Attributes
     ----------
-    excess : callable
-    edge : float
-        Longest side or diagonal of parts that is wanted: those with longer ones are halved across
-        their longer sides, others where they bend most.
-    most : callable
-        Is told how many parts there are at least, and about how many there will be; may raise.
+    wanted : Wanted
+        In the unit of the cells. Parts with too long edges are halved across their longer sides,
+        others where they bend most.
+    turning : Turning
+    hulls : Hulls
     """
 
-    excess: Excess
-    edge: float
-    most: Callable[[int, float], None]
+    wanted: Wanted
 
     def __init__(self, cells: Cells, kept: Array) -> None:
         self.cells, self.form = cells, cells.form
+        self.turning, self.hulls = Turning(cells.lattice, cells.form), Hulls(cells.form)
         self._kept = kept[cells.face]
         self._points = [cells.points]  # of all polynomials
         n = len(cells.points)
@@ -140,17 +149,40 @@ class Division:
 
     def points(self, parts: Parts) -> Array:
         """Bernstein coefficients (L, n, 3) of parts that are not at special corners."""
-        if len(self._points) > 1:
-            self._points = [np.concatenate(self._points)]
-            frames = [np.concatenate(x) for x in zip(*self._frames, strict=True)]
-            self._frames = [(frames[0], frames[1])]
-        place, step = (x[parts.root] for x in self._frames[0])
+        place, step = (x[parts.root] for x in self._roots_frames())
         frame = np.zeros((len(parts), 3, 2))
         frame[:, 0] = (parts.place - place) / step
         frame[:, 1, 0], frame[:, 2, 1] = (parts.step / step).T
         return np.asarray(np.matmul(self.form.part(frame), self._points[0][parts.root]))
 
+    def judged(
+        self, corners: Array, error: Array, beside: Callable[[Array], Array] | None
+    ) -> Array:
+        """The errors (L,) as they are seen; arguments as for `Sight.seen`."""
+        sight = self.wanted.sight
+        return error if sight is None else sight.seen(corners, error, beside)
+
+    def might_do(self, error: Array) -> Array:
+        """Which errors (L,) are so little too large that another bound may do."""
+        if self.wanted.view is not None:
+            return np.zeros(len(error), dtype=bool)
+        return np.asarray((error > self.wanted.chord) & (error < _MIGHT * self.wanted.chord))
+
+    def too_deep(self, parts: Parts) -> Array:
+        """Which parts, not at special corners, are too small to ask for angles, (L,)."""
+        whole = np.abs(self._roots_frames()[1][parts.root])
+        whole = np.maximum(whole, WHOLE >> 2 * _DEEPEST)
+        return np.asarray((np.abs(parts.step) << _DEEPEST <= whole).any(axis=1))
+
     # ------------------------------------------------------------------ one polynomial
+
+    def _roots_frames(self) -> tuple[Array, Array]:
+        """Places and steps of all polynomials."""
+        if len(self._frames) > 1:
+            self._points = [np.concatenate(self._points)]
+            frames = [np.concatenate(x) for x in zip(*self._frames, strict=True)]
+            self._frames = [(frames[0], frames[1])]
+        return self._frames[0]
 
     def _add(self, face: Array, place: Array, step: Array, points: Array) -> Array:
         """Polynomials that are new: their numbers."""
@@ -173,17 +205,15 @@ class Division:
             face, place, step, root, points = pending.pop()
             waiting -= len(face)
             second = self._second(points)
-            corners = points[:, self.form.corners]
-            error = _polygon(self.form.ends, *second, corners)
-            none = np.full(len(face), -1)
-            parts = Parts(face, place, step, error, *second, root, none, 0 * none)
-            excess = self.excess(corners, points, error)
+            parts = self._bounded(face, place, step, root, points, second)
+            far = self.wanted.excess(points[:, self.form.corners], parts.seen)
+            excess = np.maximum(far, self.wanted.turned(parts.turn))
             done = excess <= 1
             found.append(parts[done])
             self._known += int(done.sum())
             rest = np.flatnonzero(~done)
             least = self._known + waiting + len(rest)
-            self.most(least, self._known + waiting + float(excess[rest].sum()))
+            self.wanted.check(least, self._known + waiting + float(excess[rest].sum()))
             for start in range(0, len(rest), _PORTION):
                 some = rest[start : start + _PORTION]
                 known = second[0][some], second[1][some]
@@ -191,13 +221,36 @@ class Division:
                 waiting += len(pending[-1][0])
         return Parts.joined(found)
 
+    def _bounded(
+        self, face: Array, place: Array, step: Array, root: Array, points: Array,
+        second: tuple[Array, Array],
+    ) -> Parts:  # fmt: skip
+        """Parts with all that bounds them."""
+        form, corners = self.form, points[:, self.form.corners]
+        error, none = polygon_error(form.ends, *second, corners), np.full(len(face), -1)
+        near = np.flatnonzero(self.might_do(error))
+        error[near] = np.minimum(error[near], self.hulls.whole(points[near], self.wanted.chord))
+        seen = self.judged(corners, error, lambda x: polygon_error(form.ends, *second, corners, x))
+        turn = np.zeros(len(face))
+        if self.wanted.turning:
+            here = np.flatnonzero(seen >= 0)
+            for start in range(0, len(here), _PORTION // 4):
+                some = here[start : start + _PORTION // 4]
+                turn[some] = self.turning.whole(points[some])
+        known = error, *second, seen, turn, root, none, 0 * none
+        parts = Parts(face, place, step, *known)
+        wide = np.flatnonzero(self.wanted.turned(turn) > 1)
+        if len(wide):
+            turn[wide[self.too_deep(parts[wide])]] = np.nan
+        return parts
+
     def _second(self, points: Array) -> tuple[Array, Array]:
         """Means (L, 3, 3) of second derivatives, and how far others are from them (L, 3)."""
         n = self.form.size
         found = np.matmul(self.form.derivatives[3:].reshape(3 * n, n), points)
         found = found.reshape(len(points), 3, n, 3)
         middle = (found.min(axis=2) + found.max(axis=2)) / 2
-        return middle, _norm(found - middle[:, :, None]).max(axis=2)
+        return middle, length(found - middle[:, :, None]).max(axis=2)
 
     def _halves(self, parts: Parts, points: Array, second: tuple[Array, Array]) -> Any:
         """Parts of parts, as `_divided` takes them."""
@@ -205,13 +258,17 @@ class Division:
         corners = points[:, self.form.corners]
         if len(self._ways) > 1:
             along = corners[:, [1, 3]] - corners[:, :1]
-            slid = bent[:, [0, 2]] - _slide(bent[:, [0, 2]], along)
-            size = _norm(slid) + loose[:, [0, 2]]
-            sides = _norm(corners - np.roll(corners, -1, axis=1))
+            slid = bent[:, [0, 2]] - slide(bent[:, [0, 2]], along)
+            size = length(slid) + loose[:, [0, 2]]
+            sides = length(corners - np.roll(corners, -1, axis=1))
             wide = np.maximum(sides[:, :2], sides[:, 2:]).argmax(axis=1)
-            twist = _norm(bent[:, 1]) > size.max(axis=1)
-            long = longest(corners) > self.edge
+            twist = length(bent[:, 1]) > size.max(axis=1)
+            long = longest(corners) > self.wanted.edge
             way = np.where(twist | long, wide, size.argmax(axis=1))
+            turned = self.wanted.turned(parts.turn)
+            steep = ~long & (turned > np.maximum(self.wanted.excess(corners, parts.seen), 1))
+            if steep.any():
+                way[steep] = _turns_most(bent[steep], loose[steep], corners[steep])
         else:
             way = np.zeros(len(parts), dtype=np.int64)
         found = []
@@ -234,20 +291,36 @@ class Division:
         """The parts of what is at special corners from some rings on."""
         found = []
         while len(which):
-            error, points = self._corners(which, ring)
-            done = self.excess(points, points, error) <= 1
+            error, turn, points = self._corners(which, ring)
+            seen = self.judged(points, error, None)
+            turn = np.where(seen < 0, 0, self._where_asked(turn, which, ring))
+            far = self.wanted.excess(points, seen)
+            done = np.maximum(far, self.wanted.turned(turn)) <= 1
             which_, ring_ = which[done], ring[done]
             place, step = self._frame(which_, ring_)
             zero, none = np.zeros((len(which_), 3, 3)), np.full(len(which_), -1)
             face = self.cells.face[len(self.cells.points) + which_]
-            known = face, place, step, error[done], zero, zero[:, 0], none, which_, ring_
-            found.append(Parts(*known))
+            known = face, place, step, error[done], zero, zero[:, 0], seen[done], turn[done]
+            found.append(Parts(*known, none, which_, ring_))
             self._known += len(which_)
             which, ring = which[~done], ring[~done]
-            self.most(self._known + len(which), 0.0)
+            self.wanted.check(self._known + len(which))
             found += self._rings(which, ring)
             ring = ring + 1
         return found
+
+    def _where_asked(self, turn: Array, which: Array, ring: Array) -> Array:
+        """Angles (M,) at special corners, NaN from where on they are no longer asked for."""
+        if not self.wanted.turning:
+            return turn
+        limit = self.poles.cones(which, ring + _RINGS)[1] < np.pi
+        last = ring >= np.where(limit, _DEEPEST_RING, _NO_LIMIT)
+        return np.where((self.wanted.turned(turn) > 1) & last, np.nan, turn)
+
+    @cached_property
+    def poles(self) -> Poles:
+        """Cones of normals at special corners."""
+        return Poles(self.cells.beyond, self.cells.lattice, self.form)
 
     def _frame(self, which: Array, ring: Array) -> tuple[Array, Array]:
         """Where what is at special corners from some rings on lies."""
@@ -281,19 +354,20 @@ class Division:
             found.append(self._divided(*known, root, flat))
         return found
 
-    def _corners(self, which: Array, ring: Array) -> tuple[Array, Array]:
-        """Distances (M,) to triangles at special corners, and corners of these (M, c, 3)."""
+    def _corners(self, which: Array, ring: Array) -> tuple[Array, Array, Array]:
+        """Distances and angles (M,) to triangles at special corners; of these corners (M, c, 3)."""
         beyond, size = self.cells.beyond, len(self.form.ends)
-        error, points = np.empty(len(which)), np.empty((len(which), size, 3))
+        (error, turn), points = np.empty((2, len(which))), np.empty((len(which), size, 3))
         turn = beyond.corner(which)
         for k in np.unique(turn).tolist():
             alike = np.flatnonzero(turn == k)
             for start in range(0, len(alike), _PORTION_OF_CORNERS):
                 here = alike[start : start + _PORTION_OF_CORNERS]
-                error[here], points[here] = self._corner(k, which[here], ring[here])
-        return error, points + beyond.limits[which][:, None]
+                found = self._corner(k, which[here], ring[here])
+                error[here], turn[here], points[here] = found
+        return error, turn, points + beyond.limits[which][:, None]
 
-    def _corner(self, k: int, which: Array, ring: Array) -> tuple[Array, Array]:
+    def _corner(self, k: int, which: Array, ring: Array) -> tuple[Array, Array, Array]:
         """The same at corner k of parts, relative to the limit there."""
         beyond, form = self.cells.beyond, self.form
         size = len(form.ends)
@@ -311,6 +385,8 @@ class Division:
         after = [(k + 1 + n) % size for n in range(size - 1)]
         split, quarters = _corner_splits(self.cells.lattice, form)
         error = beyond.reach(which, ring + _RINGS, np.zeros((len(which), 3)))[0]
+        triangles = points[:, [[k, *pair] for pair in pairwise(after)]]
+        turn = self._corner_turn(which, ring, triangles, rings)
         for n, pair in enumerate(pairwise(after)):
             triangle = points[:, [k, *pair]]
             if size == 3:
@@ -323,83 +399,43 @@ class Division:
                 for (fine, plain), cells in hulls:
                     found = ring_cells.points[:, cells]
                     found = np.matmul(plain if level else fine, found).reshape(len(which), -1, 3)
-                    error = np.maximum(error, _distance(found, triangle).max(axis=1))
-        return error, points
+                    error = np.maximum(error, distance(found, triangle).max(axis=1))
+        return error, turn, points
+
+    def _corner_turn(
+        self, which: Array, ring: Array, triangles: Array, rings: list[RingCells]
+    ) -> Array:
+        """The largest angles (M,) of triangles (M, k, 3, 3) at special corners."""
+        turn = np.zeros(len(which))
+        if not self.wanted.turning:
+            return turn
+        limit, beyond = self.poles.cones(which, ring + _RINGS)
+        axes = facing(triangles)
+        for axis in axes.swapaxes(0, 1):
+            far = np.arctan2(length(np.cross(axis, limit)), (axis * limit).sum(axis=1)) + beyond
+            turn = np.maximum(turn, np.where(np.isnan(far), np.pi, far))
+        for ring_cells in rings:
+            for cell in ring_cells.points.swapaxes(0, 1):
+                normals, noise = self.turning.normals(cell)
+                for axis in axes.swapaxes(0, 1):
+                    turn = np.maximum(turn, cone(normals, noise, axis))
+        # those between corners are off by as much on the other side
+        return np.where(turn < np.pi / 2, np.minimum(2 * turn + WELDED, np.pi), np.pi)
 
 
-def longest(corners: Array) -> Array:
-    """Longest side or diagonal of polygons (L, c, 3)."""
-    a, b = np.triu_indices(corners.shape[1], 1)
-    return np.asarray(np.sqrt(((corners[:, a] - corners[:, b]) ** 2).sum(axis=2)).max(axis=1))
+def _turns_most(bent: Array, loose: Array, corners: Array) -> Array:
+    """Along which parameter the normals of parts turn most, 0 or 1: (L,)."""
+    one, other = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
+    axis, sides = np.cross(one, other), np.stack([one - other, one + other], axis=1) / 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        axis = axis / length(axis)[:, None]
+        by = (np.abs(np.matmul(bent, axis[:, :, None])[:, :, 0]) + loose)[:, :, None]
+        found = by / length(sides)[:, None]
+    along = np.maximum(found[:, 0, 0], found[:, 1, 1]), np.maximum(found[:, 2, 1], found[:, 1, 0])
+    return np.asarray(np.nan_to_num(np.stack(along, axis=1)).argmax(axis=1))
 
 
 _TOO_FINE = "float64 cannot tell the parts apart that this tolerance needs: allow for more"
-
-
-def triangles_error(bent: Array, loose: Array, at: Array, points: Array) -> Array:
-    """How far a surface is from triangles, at most: (...,).
-
-    Parameters
-    ----------
-    bent, loose : (..., 3, 3), (..., 3)
-        Second derivatives, as in `Parts`.
-    at : (..., 3, 2)
-        Corners of the triangles in the parameters of these.
-    points : (..., 3, 3)
-        The surface there.
-    """
-    turned = [1, 2, 0]
-    steps, along = at[..., turned, :] - at, points[..., turned, :] - points
-    s, t = steps[..., None, 0], steps[..., None, 1]
-    curve = s * s * bent[..., None, 0, :] + 2 * s * t * bent[..., None, 1, :]
-    curve = curve + t * t * bent[..., None, 2, :]
-    curve = curve - _slide(curve, along)
-    alone = _norm(curve).max(axis=-1)
-    mixed = _norm(curve + curve.sum(axis=-2, keepdims=True)).max(axis=-1) / 3
-    width = np.ptp(at, axis=-2)
-    s, t = width[..., 0], width[..., 1]
-    rest = s * s * loose[..., 0] + 2 * s * t * loose[..., 1] + t * t * loose[..., 2]
-    return np.asarray((np.maximum(alone, mixed) + rest) / 8)
-
-
-def _slide(curve: Array, along: Array) -> Array:
-    """The part of second differences along edges that moves no point out of a triangle."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = (curve * along).sum(axis=-1) / (along * along).sum(axis=-1)
-    return np.asarray(np.clip(np.nan_to_num(share), -2, 2)[..., None] * along)
-
-
-def _polygon(ends: Array, bent: Array, loose: Array, corners: Array) -> Array:
-    """How far a surface is from parts cut by whichever diagonal, (L,)."""
-    which = [[0, 1, 2]] if len(ends) == 3 else [[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]]
-    at, points = ends[which], corners[:, which]
-    found = triangles_error(bent[:, None], loose[:, None], at, points)
-    return np.asarray(found.max(axis=1))
-
-
-def _distance(points: Array, triangle: Array) -> Array:
-    """Distances (M, k) of points (M, k, 3) from triangles (M, 3, 3), the first corner at 0."""
-    a, b = triangle[:, 1], triangle[:, 2]
-    aa, ab, bb = ((x * y).sum(axis=1) for x, y in ((a, a), (a, b), (b, b)))
-    pa, pb = np.matmul(points, a[:, :, None])[..., 0], np.matmul(points, b[:, :, None])[..., 0]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        scale = (1 / (aa * bb - ab * ab))[:, None]
-        s = (bb[:, None] * pa - ab[:, None] * pb) * scale
-        t = (aa[:, None] * pb - ab[:, None] * pa) * scale
-        inside = (s >= 0) & (t >= 0) & (s + t <= 1)
-        c = b - a
-        shares = [
-            (pa / aa[:, None], a, 0 * a),
-            (pb / bb[:, None], b, 0 * a),
-            ((pb - pa - (ab - aa)[:, None]) / (c * c).sum(axis=1)[:, None], c, a),
-        ]
-    s, t = np.where(inside, s, 0)[..., None], np.where(inside, t, 0)[..., None]
-    best = ((points - s * a[:, None] - t * b[:, None]) ** 2).sum(axis=2)
-    for share, side, start in shares:
-        share = np.clip(np.nan_to_num(share), 0, 1)[..., None]
-        away = points - start[:, None] - share * side[:, None]
-        best = np.minimum(best, (away**2).sum(axis=2))
-    return np.asarray(np.sqrt(best))
 
 
 @lru_cache(maxsize=32)
@@ -412,27 +448,8 @@ def _corner_splits(lattice: Lattice, form: Form) -> tuple[Any, tuple[Array, Arra
         return (), (np.concatenate(_ways(form, lattice)[0][1]), np.eye(form.size))
     quarters = [second @ first for first in form.halves[0] for second in form.halves[1]]
     ways = ((0, 1, 2), (0, 2, 3)), ((1, 2, 3), (1, 3, 0))
-    halves = tuple(tuple(_triangle(form, form.ends[list(x)]) for x in both) for both in ways)
+    halves = tuple(tuple(on_triangle(form, form.ends[list(x)]) for x in both) for both in ways)
     return halves, (np.concatenate(quarters), np.eye(form.size))
-
-
-def _triangle(form: Form, ends: Array) -> tuple[Array, Array]:
-    """Onto coefficients of a polynomial on squares in a triangle of corners (3, 2).
-
-    They are of twice the degree: in four triangles like it, and in it.
-    """
-    degree = 2 * form.degree
-    steps = range(degree + 1)
-    exponents = np.array([(i, j) for j in steps for i in steps if i + j <= degree])
-    shares = np.column_stack([degree - exponents.sum(axis=1), exponents]) / degree
-    own = bernstein.polynomials(exponents, *(exponents.T / degree))
-    p, q, r = ends
-    a, b, c = (q + r) / 2, (r + p) / 2, (p + q) / 2
-    found = []
-    for corners in ((p, c, b), (c, q, a), (b, a, r), (a, b, c), (p, q, r)):
-        there = bernstein.polynomials(form.exponents, *(shares @ np.array(corners)).T)
-        found.append(np.linalg.solve(own, there))
-    return np.concatenate(found[:4]), found[4]
 
 
 @lru_cache(maxsize=32)
@@ -448,7 +465,3 @@ def _ways(form: Form, lattice: Lattice) -> list[tuple[Array, Array]]:
 def _integers(origin: Array, size: Array) -> tuple[Array, Array]:
     """Places and steps in units of 2^-BITS."""
     return (origin * WHOLE).astype(np.int64), (size * WHOLE).astype(np.int64)
-
-
-def _norm(x: Array) -> Array:
-    return np.asarray(np.sqrt((x * x).sum(axis=-1)))

@@ -189,9 +189,13 @@ class ApproximatePatches:
             raise ValueError("the surface has other faces than that of which the patches were made")
         half = None
         if self.inside is not None:
-            half = np.zeros(self.points.shape[:3])
-            half[:, 1:3, 1:3] = length(self.inside[..., 0, :] - self.inside[..., 1, :]) / 2
-        return deviation(fine, self.points, half, (self.evaluate, self.normal), workers)
+            half = np.zeros(self.points.shape)
+            half[:, 1:3, 1:3] = (self.inside[..., 0, :] - self.inside[..., 1, :]) / 2
+        tangents = None
+        if self.along is not None and self.across is not None:
+            tangents = self.along, self.across
+        asked = self.evaluate, self.normal
+        return deviation(fine, self.points, half, asked, tangents, workers)
 
     def _places(
         self, face: ArrayLike, u: ArrayLike, v: ArrayLike

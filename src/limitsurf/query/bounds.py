@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import html
+from limitsurf.cage.checks import checked_number
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.orders import checked_order
 from limitsurf.engine.protocol import Request, threads
@@ -113,11 +114,8 @@ def bounds(
     surface = checked_surface(surface, channel)
     index = Cells.of(surface, threads(workers))
     order = checked_order(nu)
-    real = isinstance(tolerance, (int, float, np.integer, np.floating))
-    if tolerance is not None and (isinstance(tolerance, bool) or not real):
-        raise TypeError(f"tolerance must be a number, got {type(tolerance).__name__}")
-    if tolerance is not None and not tolerance > 0:
-        raise ValueError(f"tolerance must be above 0, got {tolerance}")
+    if tolerance is not None:
+        tolerance = checked_number("tolerance", tolerance, above=0)
     ranges = [_range(name, x) for name, x in (("u", u), ("v", v))]
     asked = np.arange(len(surface.limit_faces)) if face is None else np.asarray(face)
     shape = np.broadcast_shapes(asked.shape, *(x.shape[:-1] for x in ranges))

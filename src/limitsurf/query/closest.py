@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import html, numbers
+from limitsurf.cage.checks import checked_number
 from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.integrals.checks import refuse_open
@@ -155,7 +156,7 @@ def closest_point(
     if signed:
         refuse_open(surface, "inside and outside need")
     asked = _asked(points)
-    most = _distance("max_distance", max_distance)
+    most = checked_number("max_distance", max_distance, least=0)
     flat = asked.reshape(-1, 3)
     scaled = _scaled(cells, flat)
     kernels = kernels_for(surface.engine, cells, len(flat))
@@ -284,7 +285,7 @@ def feet(
     """
     surface = checked_surface(surface, channel)
     cells = Cells.of(surface, threads(workers))
-    asked, most = _asked(points), _distance("within", within)
+    asked, most = _asked(points), checked_number("within", within, least=0)
     if asked.ndim != 2:
         raise ValueError(f"points must be of shape (n, 3), got {asked.shape}")
     scaled = _scaled(cells, asked)
@@ -502,15 +503,6 @@ def _asked(points: ArrayLike) -> Array:
     if given.ndim == 0 or given.shape[-1] != 3:
         raise ValueError(f"points must be of shape (..., 3), got {given.shape}")
     return given.astype(float, copy=False)
-
-
-def _distance(name: str, value: Any) -> float:
-    """A distance that was given to a call."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise TypeError(f"{name} must be a number, got {type(value).__name__}")
-    if not value >= 0:
-        raise ValueError(f"{name} must be a distance, 0 or more, got {value}")
-    return float(value)
 
 
 def _scaled(cells: Cells, points: Array) -> Array:

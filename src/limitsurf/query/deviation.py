@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import html
+from limitsurf.query.angles import Tangents, angle_bounds
 from limitsurf.query.bezier import BezierPatches, bezier_patches
 from limitsurf.query.polynomials import Form
 from limitsurf.surface import LimitSurface
@@ -44,7 +45,9 @@ class Deviation:
         is one of it.
     angle_found, geometric_angle_found : (n,)
         The largest angles between the normal of the surface and that of the patch, by `normal` and
-        with its ``geometric=True``, in radians. For angles there is no bound.
+        with its ``geometric=True``, in radians.
+    angle, geometric_angle : (n,)
+        Bounds of these angles, in radians; pi where there is none, as on faces that fold.
 
     Examples
     --------
@@ -60,6 +63,8 @@ class Deviation:
     along_normal_found: Array
     angle_found: Array
     geometric_angle_found: Array
+    angle: Array
+    geometric_angle: Array
 
     def _repr_html_(self) -> str:
         columns = {field.name: getattr(self, field.name) for field in fields(self)}
@@ -76,6 +81,7 @@ def deviation(
     points: Array,
     half: Array | None,
     patches: tuple[Callable[..., Array], Callable[..., Array]],
+    tangents: tuple[Array, Array] | None,
     workers: int,
 ) -> Deviation:
     """The deviation of bicubic patches, one to each limit face.
@@ -86,22 +92,30 @@ def deviation(
         Of points (n_vertices, 3).
     points : (n, 4, 4, 3)
         Bezier points by i, along u, and j; NaN where a face has none.
-    half : (n, 4, 4), optional
-        By how much Bezier points may be off, whatever else is.
+    half : (n, 4, 4, 3), optional
+        Up to plus or minus how much Bezier points are off, as in Gregory patches.
     patches : (callable, callable)
         Points and unit normals of patches at (face, u, v); the latter take `geometric`.
+    tangents : ((n, 3, 4, 3), (n, 4, 3, 3)), optional
+        Fields of tangents whose cross products are the normals, if they are not derivatives.
     workers : int
     """
     n = len(points)
     bound = np.full(n, np.nan)
-    found = np.full((4, n), np.nan)
+    sizes = None if half is None else length(half)
+    found, angles = np.full((4, n), np.nan), np.full((2, n), np.nan)
+    geometric = Tangents.derivatives(points, half)
+    fields = geometric if tangents is None else Tangents.of(*tangents)
     faces = np.flatnonzero(np.isfinite(points).all(axis=(1, 2, 3)))
     for start in range(0, len(faces), _FACES):
         some = faces[start : start + _FACES]
         cells = bezier_patches(surface, face=some, depth=_DEPTH, workers=workers)
-        bound[some] = _bounds(surface, cells, some, points, half)
+        bound[some] = _bounds(surface, cells, some, points, sizes)
         found[:, some] = _found(surface, some, patches, workers)
-    return Deviation(bound, *found)
+        angles[:, some] = angle_bounds(surface, cells, some, geometric, _DEPTH)
+        if tangents is not None:
+            angles[0, some] = angle_bounds(surface, cells, some, fields, _DEPTH)
+    return Deviation(bound, *found, *angles)
 
 
 def _bounds(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import html, numbers
+from limitsurf.cage.checks import checked_number
 from limitsurf.engine.protocol import threads
 from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.leaves import Parting
@@ -350,17 +351,13 @@ def traced(
 
 def _scaled_tolerance(cells: Cells, tolerance: float | None) -> float:
     """In the unit of the index."""
-    real = isinstance(tolerance, (int, float, np.integer, np.floating))
     if tolerance is None:
         points = cells.points.reshape(-1, 3)
         span = points.max(axis=0, initial=-1) - points.min(axis=0, initial=1)
         return max(_RELATIVE * float(span.max()), 2.0**-60)
-    if isinstance(tolerance, bool) or not real:
-        raise TypeError(f"tolerance must be a number, got {type(tolerance).__name__}")
-    if not tolerance > 0:
-        raise ValueError(f"tolerance must be above 0, got {tolerance}")
+    asked = checked_number("tolerance", tolerance, above=0)
     with np.errstate(over="ignore", under="ignore"):
-        return float(np.clip(np.ldexp(float(tolerance), cells.power), 2.0**-60, _FAR))
+        return float(np.clip(np.ldexp(asked, cells.power), 2.0**-60, _FAR))
 
 
 def _in_order(

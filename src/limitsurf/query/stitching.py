@@ -6,85 +6,50 @@ the cage, or the ways from the middles of edges to that of an n-gon.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import memory
 from limitsurf.cage.mesh import Mesh
-from limitsurf.query.adaptive import BITS, LOST, WHOLE, Division, Parts, longest, triangles_error
+from limitsurf.query.adaptive import BITS, WHOLE, Division, Parts
+from limitsurf.query.chords import triangles_error
 from limitsurf.query.index import Cells
 from limitsurf.query.records import numbered
+from limitsurf.query.wanted import LOST, Wanted
 from limitsurf.query.welding import sides
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
 
 _LINE = 2 * WHOLE  # steps along an edge of the cage; a side of a part of an n-gon has half of them
-
-
-_PART = 1000  # bytes that a part takes, at least, while it is made
+_PORTION = 2048  # triangles that are handled at once
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """What is asked of polygons, in the units of the points; inf if nothing.
+class Stated:
+    """What is stated of polygons.
 
     Attributes
     ----------
     chord : float
-        Largest distance from the surface.
-    edge : float
-        Longest edge.
-    most : float
-        Number of triangles.
+        A bound of the distance of the surface from them, in pixels if there is a view.
+    angle : float or None
+        One of the angles between normals, in radians, if it was asked for.
+    without : (k,) int64
+        Polygons that it is not of.
     """
 
-    chord: float = math.inf
-    edge: float = math.inf
-    most: float = math.inf
-
-    def scaled(self, power: int) -> Wanted:
-        """The same where points are multiplied by a power of 2, less what rounding takes."""
-        scaled = {}
-        for name in ("chord", "edge"):
-            asked = float(np.ldexp(getattr(self, name), power))
-            if not asked > 4 * LOST:
-                least = float(np.ldexp(8 * LOST, -power))
-                raise ValueError(
-                    f"{name} must be at least {least:.3g} where coordinates are so large, as "
-                    f"float64 is rounded, got {getattr(self, name):.3g}"
-                )
-            scaled[name] = asked - LOST
-        return replace(self, **scaled)
-
-    def excess(self, corners: Array, points: Array, error: Array) -> Array:
-        """How far parts are from it, as for `Division`."""
-        found = error / self.chord
-        if self.edge < math.inf:
-            found = np.maximum(found, (longest(corners) / self.edge) ** 2)
-        return np.asarray(found)
-
-    def check(self, n: int, about: float = 0.0, triangles: int | None = None) -> None:
-        """Refuse n parts, of which there will be about so many, if they are too many."""
-        found = n if triangles is None else triangles
-        if found > self.most or about > 64 * self.most:
-            some = triangles if triangles is not None else f"some {max(2 * n, about):.3g}"
-            raise ValueError(
-                f"that takes {some} triangles, more than max_triangles={self.most:.0f}: "
-                "allow for more of them, or for a larger error"
-            )
-        needed = max(n, int(min(about / 64, 1e15)))
-        memory.refuse_beyond(needed, _PART, "polygons", "allow for a larger error")
+    chord: float
+    angle: float | None
+    without: Array
 
 
 def stitched(
     surface: LimitSurface, wanted: Wanted, workers: int
-) -> tuple[Stitches, Array, Array, Array, float]:
+) -> tuple[Stitches, Array, Array, Array, Stated]:
     """Polygons as wanted.
 
     Returns
@@ -94,15 +59,14 @@ def stitched(
         Places of all corners of polygons, and sizes of these.
     owner : (F,)
         The limit face of each polygon.
-    error : float
-        A bound of the distance of the surface from them.
+    stated : Stated
     """
     return next(levels(surface, [wanted], workers))
 
 
 def levels(
     surface: LimitSurface, all_wanted: Sequence[Wanted], workers: int
-) -> Iterator[tuple[Stitches, Array, Array, Array, float]]:
+) -> Iterator[tuple[Stitches, Array, Array, Array, Stated]]:
     """Polygons as wanted, coarse ones first, each by dividing the parts of those before."""
     cells = Cells(surface, workers, 0)
     turn = cells.beyond.corner(np.arange(len(cells.beyond)))
@@ -110,7 +74,7 @@ def levels(
     division = Division(cells, surface.patches.with_limit)
     parts = None
     for scaled in every:
-        division.excess, division.edge, division.most = scaled.excess, scaled.edge, scaled.check
+        division.wanted = scaled
         if parts is None:
             parts = division.first()
         else:
@@ -124,27 +88,31 @@ def levels(
             which, times = stitches.crowded()
             crowded = np.zeros(len(parts), dtype=np.int64)
             crowded[which] = times
-            error, excess = _cut(surface, cells, stitches, sites, sizes, part, scaled, workers)
+            seen, tilt, excess = _cut(surface, division, stitches, sites, sizes, part, workers)
             bad = np.flatnonzero((crowded > 0) | (excess > 1))
             if not len(bad):
                 break
             parts = division.finer(parts, bad, np.maximum(crowded[bad], 1))
-        largest = float(np.ldexp(error.max(initial=0) + LOST, -cells.power))
-        yield stitches, sites, sizes, parts.face[part], largest
+        chord = float(seen.max(initial=0))
+        if scaled.view is None:
+            chord = float(np.ldexp(chord + LOST, -cells.power))
+        angle = float(np.fmax.reduce(tilt, initial=0)) if scaled.turning else None
+        stated = Stated(chord, angle, np.flatnonzero(np.isnan(tilt[part])))
+        yield stitches, sites, sizes, parts.face[part], stated
 
 
 def _cut(
-    surface: LimitSurface, cells: Cells, stitches: Stitches, sites: Array, sizes: Array,
-    part: Array, wanted: Wanted, workers: int,
-) -> tuple[Array, Array]:  # fmt: skip
-    """Bounds of the distance of all parts (L,), and excess of those cut into triangles.
+    surface: LimitSurface, division: Division, stitches: Stitches, sites: Array, sizes: Array,
+    part: Array, workers: int,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """Bounds of the distances and angles of all parts, as in `Parts`, and excess of those cut.
 
     A bound of a triangle holds for it alone, and may be larger than that of the whole part.
     """
-    parts = stitches.parts
-    error, excess = parts.error.copy(), np.zeros(len(parts))
+    parts, cells, wanted = stitches.parts, division.cells, division.wanted
+    seen, turn, excess = parts.seen.copy(), parts.turn.copy(), np.zeros(len(parts))
     cut = (stitches.hanging.sum(axis=1) > 0) & (parts.corner < 0)
-    error[cut] = 0
+    seen[cut] = np.minimum(seen[cut], 0)
     own = part[np.flatnonzero(cut[part])]
     first = (np.cumsum(sizes) - sizes)[cut[part]]
     corners = sites[first[:, None] + np.arange(3)]  # (T, 3)
@@ -152,10 +120,40 @@ def _cut(
     points = np.ldexp(surface.evaluate(*stitches.places(used), workers=workers), cells.power)
     points = points[inverse.reshape(corners.shape)]
     at = (stitches.at[corners] - parts.place[own, None]) / parts.step[own, None]
-    found = triangles_error(parts.bent[own], parts.loose[own], at, points)
-    np.maximum.at(error, own, found)
-    np.maximum.at(excess, own, wanted.excess(points, points, found))
-    return error, excess
+    known = parts.bent[own], parts.loose[own], at, points
+    found = triangles_error(*known)
+    near = np.flatnonzero(division.might_do(found))
+    if len(near):
+        which, mine = np.unique(own[near], return_inverse=True)
+        cells_ = division.points(parts[which])[mine]
+        by_hulls = division.hulls.cut(cells_, at[near], points[near], wanted.chord)
+        found[near] = np.minimum(found[near], by_hulls)
+    found = division.judged(points, found, lambda x: triangles_error(*known, x))
+    np.maximum.at(seen, own, found)
+    np.maximum.at(excess, own, wanted.excess(points, found))
+    if wanted.turning:
+        _turned(division, parts, own, at, points, found >= 0, turn, excess)
+    return seen, turn, excess
+
+
+def _turned(
+    division: Division, parts: Parts, own: Array, at: Array, points: Array, visible: Array,
+    turn: Array, excess: Array,
+) -> None:  # fmt: skip
+    """Set bounds of angles of parts that are cut, and add to the excess of these."""
+    known = ~np.isnan(turn[own])
+    turn[own[known]] = 0
+    here = np.flatnonzero(known & visible)
+    for start in range(0, len(here), _PORTION):
+        some = here[start : start + _PORTION]
+        which, mine = np.unique(own[some], return_inverse=True)
+        cells = division.points(parts[which])
+        found = division.turning.cut(cells, mine, at[some], points[some])
+        off = division.wanted.turned(found)
+        stuck = (off > 1) & division.too_deep(parts[own[some]])
+        with np.errstate(invalid="ignore"):
+            np.maximum.at(turn, own[some], np.where(stuck, np.nan, found))
+        np.maximum.at(excess, own[some], np.where(stuck, 0, off))
 
 
 class Stitches:

@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from limitsurf import html, memory, numbers
 from limitsurf.caching import cached_property
-from limitsurf.cage.checks import checked_integer
+from limitsurf.cage.checks import checked_integer, checked_number
 from limitsurf.cage.faces import Faces
 from limitsurf.cage.mesh import Mesh, Up
 from limitsurf.engine.protocol import threads
-from limitsurf.query.stitching import Stitches, Wanted, levels, stitched
+from limitsurf.query.camera import View
+from limitsurf.query.stitching import Stated, Stitches, levels, stitched
+from limitsurf.query.wanted import Wanted
 from limitsurf.query.welding import sides
 from limitsurf.scheme.net import Net
 from limitsurf.surface import LimitSurface
@@ -25,6 +27,8 @@ from limitsurf.surface import LimitSurface
 Array: TypeAlias = NDArray[Any]
 
 POLYGON = 200  # bytes that one of a tessellation takes, at least
+
+_LEAST_ANGLE = 1e-3  # degrees: beyond what welded normals, and files, tell apart
 
 _DIAGONALS = 1 << 22  # of polygons that are in memory at once
 
@@ -175,8 +179,12 @@ class Tessellation(Polygons):
     units, up
         Those of the cage, for files: see ``Mesh``.
     chord_error : float or None
-        A bound of the distance of the surface from the polygons, in the units of the points, if
-        they were made to a tolerance: see `tessellate`.
+        A bound of the distance of the surface from the polygons, in the units of the points, or in
+        pixels with a view, if they were made to a tolerance: see `tessellate`.
+    angle_error : float or None
+        A bound of the angle between normals, in degrees, if `angle` was asked for.
+    without_angle : (k,) int64
+        Polygons that it is not of.
 
     Examples
     --------
@@ -192,6 +200,8 @@ class Tessellation(Polygons):
     units: float | None = None
     up: Up | None = None
     chord_error: float | None = None
+    angle_error: float | None = None
+    without_angle: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     _by_point: ClassVar[tuple[str, ...]] = ("points", "face", "u", "v")
 
@@ -201,7 +211,9 @@ def tessellate(
     n: int | None = None,
     *,
     chord: float | None = None,
+    angle: float | None = None,
     edge: float | None = None,
+    view: View | None = None,
     max_triangles: int | None = None,
     normals: bool = True,
     channels: Iterable[str] = (),
@@ -217,9 +229,9 @@ def tessellate(
     an n-gon has 2 n segments, n from each of the two limit faces there; a whole face beside one
     takes them over, so that some of its polygons have 5 to 8 corners.
 
-    With `chord` or `edge`, limit faces are halved, and the halves again, where it takes that: along
-    u or v or both, finer towards special corners, so that few polygons are where the surface is
-    nearly flat. Polygons with finer ones beside them are cut into triangles.
+    With `chord`, `angle` or `edge`, limit faces are halved, and the halves again, where it takes
+    that: along u or v or both, finer towards special corners, so that few polygons are where the
+    surface is nearly flat. Polygons with finer ones beside them are cut into triangles.
 
     Parameters
     ----------
@@ -231,8 +243,20 @@ def tessellate(
         How far the surface may be from the polygons, in the units of the points, however these are
         cut into triangles: at every (face, u, v) from the triangle whose corners have parameters
         around it. That is proved, not sampled: ``chord_error`` of the result has the bound.
+        With a `view`, in pixels.
+    angle : float, optional
+        Largest angle, in degrees, between the normal of the surface at any (face, u, v) and both
+        the normal of the triangle there and the one between the normals of its corners, however
+        polygons are cut into triangles; at most 90. That is proved, too: ``angle_error`` has the
+        bound. Where there is none, at corners without a normal and where derivatives vanish, it
+        is given up after some halvings: ``without_angle`` has these polygons, which lie within
+        1/256 of a limit face around corners and 1/1024 elsewhere.
     edge : float, optional
         Longest edge of a triangle, in the units of the points.
+    view : View, optional
+        A camera. `chord` is then how far, in pixels, what it sees of the surface may be from the
+        polygons in the picture, so that they are fine where surfaces are near, and at silhouettes,
+        and coarse out of its sight, where nothing is asked for. What hides what is left out.
     max_triangles : int, optional
         Make no more than so many.
     normals : bool
@@ -251,10 +275,10 @@ def tessellate(
     Raises
     ------
     ValueError
-        For an n that is not an integer >= 1, or one beside a tolerance; a tolerance that is not
-        above 0, or too small for float64; more than `max_triangles`, before any is made, with the
-        number; points that are of another shape, or with a tolerance not finite; a channel that
-        the mesh does not have.
+        For an n that is not an integer >= 1, or one beside a tolerance; a view without a chord; a
+        tolerance that is not above 0, or too small for float64; more than `max_triangles`, before
+        any is made, with the number; points that are of another shape, or with a tolerance not
+        finite; a channel that the mesh does not have.
     TypeError
         For a surface of exact numbers, and tolerances that are no numbers.
     MemoryError
@@ -265,9 +289,11 @@ def tessellate(
     On a part of a limit face with one polynomial, second derivatives are a mean and what differs
     from it, bounded by Bernstein coefficients. The mean gives the distance from a triangle but for
     what moves points along its edges, which leaves them in the triangle; the rest is bounded after
-    Filip, Magedson and Markot, "Surface algorithms using bounds on derivatives", CAGD 3 (1986). At
-    special corners, where second derivatives may have no bound, the hulls of rings around them are
-    compared with triangles. All is derived in ``derivations/tessellation.py``.
+    Filip, Magedson and Markot, "Surface algorithms using bounds on derivatives", CAGD 3 (1986).
+    Where that is a little too large, hulls of polynomials on quarters of triangles are asked, too.
+    At special corners, where second derivatives may have no bound, the hulls of rings around them
+    are compared with triangles, and for `angle` limits of normals by eigenvalues. All is derived in
+    ``derivations/tessellation.py``.
 
     Examples
     --------
@@ -285,7 +311,7 @@ def tessellate(
     >>> ls.tessellate(surface, chord=0.01).chord_error <= 0.01
     True
     """
-    wanted = _wanted(n, chord, edge, max_triangles)
+    wanted = _wanted(n, chord, angle, edge, view, max_triangles)
     if not isinstance(surface, LimitSurface):
         raise TypeError(f"tessellate needs a LimitSurface, got {type(surface).__name__}")
     if surface.points.shape[1:] != (3,):
@@ -341,7 +367,7 @@ def levels_of_detail(
     if not isinstance(chords, Iterable):
         raise TypeError(f"chords must be several numbers, got {type(chords).__name__}")
     asked = list(chords)
-    every = [_wanted(None, chord, None, None) for chord in asked]
+    every = [_wanted(None, chord, None, None, None, None) for chord in asked]
     _check(surface)
     workers = threads(workers)
     order = np.argsort([-wanted.chord for wanted in every], kind="stable")
@@ -363,13 +389,13 @@ def _check(surface: LimitSurface) -> None:
 
 def _assembled(
     surface: LimitSurface,
-    parts: tuple[_Sites | Stitches, Array, Array, Array, float | None],
+    parts: tuple[_Sites | Stitches, Array, Array, Array, Stated | None],
     normals: bool,
     channels: Iterable[str],
     workers: int,
 ) -> Tessellation:
     """Polygons with all that their corners have."""
-    sites, corners, sizes, owner, error = parts
+    sites, corners, sizes, owner, stated = parts
     number, place = sites.welded(surface.mesh)
     at = sites.places(place)
     rows, directions = np.zeros(0, np.int64), np.zeros((0, 3))
@@ -386,34 +412,45 @@ def _assembled(
     shape = points, sizes, number[corners], directions, rows, of_channels
     owner = surface.limit_faces.face[owner]
     data = {name: values[owner] for name, values in surface.mesh.face_data.items()}
-    known = surface.mesh.units, surface.mesh.up, error
+    known: tuple[Any, ...] = surface.mesh.units, surface.mesh.up
+    if stated is not None:
+        turn = None if stated.angle is None else math.degrees(stated.angle)
+        known += stated.chord, turn, stated.without
     return Tessellation(*shape, *at, *known, face_data=data)
 
 
-def _wanted(n: int | None, chord: Any, edge: Any, max_triangles: int | None) -> Wanted:
+def _wanted(
+    n: int | None, chord: Any, angle: Any, edge: Any, view: Any, max_triangles: int | None
+) -> Wanted:
     """What polygons are wanted, checked."""
     if n is not None:
         checked_integer("n", n, 1)
-    found = {}
-    for name, value in (("chord", chord), ("edge", edge)):
+    found: dict[str, Any] = {}
+    for name, value in (("chord", chord), ("angle", angle), ("edge", edge)):
         if value is None:
             continue
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-            raise TypeError(f"{name} must be a number, got {type(value).__name__}")
-        if not 0 < value < math.inf:
-            raise ValueError(f"{name} must be above 0 and finite, got {value}")
+        found[name] = checked_number(name, value, above=0, below=math.inf)
         if n is not None:
             raise ValueError(f"got n={n} and {name}={value}: give one of them")
-        found[name] = float(value)
+    if angle is not None:
+        if not _LEAST_ANGLE <= angle <= 90:
+            raise ValueError(f"angle must be from {_LEAST_ANGLE} to 90 degrees, got {angle}")
+        found["angle"] = math.radians(found["angle"])
+    if view is not None:
+        if not isinstance(view, View):
+            raise TypeError(f"view must be a View, got {type(view).__name__}")
+        if chord is None:
+            raise ValueError("a view needs chord, in pixels" + ("" if n is None else ", and no n"))
+        found["view"] = view
     most = math.inf if max_triangles is None else checked_integer("max_triangles", max_triangles, 1)
     return Wanted(**found, most=most)
 
 
 def _parts(
     surface: LimitSurface, n: int | None, wanted: Wanted, workers: int
-) -> tuple[_Sites | Stitches, Array, Array, Array, float | None]:
-    """Places, corners of polygons and sizes, limit faces of these, and a bound of the error."""
-    if min(wanted.chord, wanted.edge) < math.inf:
+) -> tuple[_Sites | Stitches, Array, Array, Array, Stated | None]:
+    """Places, corners of polygons and sizes, limit faces of these, and what is stated of them."""
+    if min(wanted.chord, wanted.edge, wanted.angle) < math.inf:
         _check(surface)
         return stitched(surface, wanted, workers)
     n = 8 if n is None else int(n)

@@ -236,6 +236,13 @@ main.add_command(intersect)
     metavar="LENGTH",
     help="How far the surface may be from the polygons, in the units of the cage: a proved bound.",
 )
+@click.option(
+    "--angle",
+    type=float,
+    metavar="DEGREES",
+    help="How far normals of triangles, and between those of their corners, may be from the "
+    "surface's: a proved bound.",
+)
 @click.option("--edge", type=float, metavar="LENGTH", help="Longest edge of a triangle.")
 @click.option(
     "--max-triangles",
@@ -264,6 +271,7 @@ def tessellate(
     cage: Cage,
     n: int | None,
     chord: float | None,
+    angle: float | None,
     edge: float | None,
     max_triangles: int | None,
     output: str,
@@ -285,8 +293,8 @@ def tessellate(
     channels; other formats texture coordinates at most: the channel uv, or else st, or else the
     only one of two numbers. Others are left out with a warning.
 
-    Keys of --json: output, vertices, faces, triangles, limit_faces, n and chord_error (null where
-    they are not known), normals, channels.
+    Keys of --json: output, vertices, faces, triangles, limit_faces, n, chord_error and angle_error
+    (null where they are not known), normals, channels.
     """
     from limitsurf.shell.io.formats import WITH_NORMALS
 
@@ -298,7 +306,7 @@ def tessellate(
     channels = _with_others(surface, channels, suffix)
     with terminal.working("tessellating"):
         made = ls.tessellate(
-            surface, n, chord=chord, edge=edge, max_triangles=max_triangles,
+            surface, n, chord=chord, angle=angle, edge=edge, max_triangles=max_triangles,
             normals=normals, channels=channels, workers=workers,
         )  # fmt: skip
     write_mesh(
@@ -312,6 +320,7 @@ def tessellate(
         limit_faces=len(surface.limit_faces),
         n=8 if n is None and made.chord_error is None else n,
         chord_error=made.chord_error,
+        angle_error=made.angle_error,
         normals=normals,
         channels=channels,
     )
