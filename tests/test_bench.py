@@ -58,7 +58,7 @@ def test_every_job_runs_and_is_reported(tmp_path: Path) -> None:
 
 
 def test_schemes_are_compared() -> None:
-    times = json.loads(run("schemes.py", "16 --runs 1 --queries 100"))["times"]
+    times = json.loads(run("beside.py", "16 --runs 1 --queries 100"))["times"]
     kinds = ("random", "irregular", "regular", "u = 0.3", "u = 1e-300")
     schemes = ("catmull-clark", "loop", "doo-sabin")
     assert {f"{scheme}: {kind}" for scheme in schemes for kind in kinds} < times.keys()

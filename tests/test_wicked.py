@@ -21,6 +21,7 @@ import test_every_scheme
 
 import limitsurf as ls
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
+from limitsurf.scheme.doo_sabin import DOO_SABIN
 
 TESTS = Path(__file__).parent
 
@@ -192,7 +193,6 @@ CURVE = (F(2, 3), F(1, 6))  # as in the limit
 QUAD = test_every_scheme.KINDS["catmull-clark"].scheme
 WARREN = test_every_scheme.KINDS["loop-warren"].scheme
 LOOP = test_every_scheme.KINDS["loop"].scheme
-DUAL = test_every_scheme.KINDS["doo-sabin"].scheme
 # what is wrong, and a cage that shows it
 WRONG = [
     ("catmull-clark", "vertex", stolen(QUAD.vertex, {3}), "cube"),
@@ -202,10 +202,10 @@ WRONG = [
       for valences, cage in ((None, "octahedron"), ({5}, "icosahedron"), ({6}, "crowded"))),
     *((name, "edge", (F(1, 4), F(1, 4)), "octahedron") for name in ("loop", "loop-warren")),
     *((name, "boundary_vertex", CURVE, "fan_7") for name in ("loop", "loop-warren")),
-    ("doo-sabin", "corner", crowded(DUAL.corner), "cube"),
-    ("doo-sabin", "corner", crowded(DUAL.corner, {3}), "cube"),
-    ("doo-sabin", "corner", crowded(DUAL.corner, {4}), "cube"),
-    ("doo-sabin", "corner", crowded(DUAL.corner, {7}), "prism_7"),
+    ("doo-sabin", "corner", crowded(DOO_SABIN.corner), "cube"),
+    ("doo-sabin", "corner", crowded(DOO_SABIN.corner, {3}), "cube"),
+    ("doo-sabin", "corner", crowded(DOO_SABIN.corner, {4}), "cube"),
+    ("doo-sabin", "corner", crowded(DOO_SABIN.corner, {7}), "prism_7"),
     ("doo-sabin", "rim", straight_rim, "half_disk_5"),
     ("bilinear", "face", crowded(lambda n: (F(1, n),) * n, {7}), "prism_7"),
     ("bilinear", "edge", (F(1, 4), F(1, 4)), "cube"),

@@ -1,6 +1,6 @@
 """Compare schemes with each other, and Loop's refinement with trimesh; prints JSON.
 
-    python tests/bench/schemes.py 310 > schemes.json
+    python tests/bench/beside.py 310 > beside.json
 
 The cage is the N x N torus of ``bench.py`` with 5 % extraordinary vertices, for Loop cut into
 triangles. One thread, compiled kernels, processor time: the least of some rounds, in which all take
