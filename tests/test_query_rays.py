@@ -547,7 +547,7 @@ def test_hits_are_one_as_their_pairs_say(seed):
     places = rng.integers(0, 3, (2, n)) / 2
     blur = rng.choice([1e-13, 0.02, 0.07], n)
     hits = crossings.Hits(
-        rng.integers(0, 2, n), rng.integers(0, 6, n), *places, depth, depth, blur,
+        rng.integers(0, 2, n), rng.integers(0, 6, n), places[0], places[1], depth, depth, blur,
         rng.integers(-1, 2, n), flag[0], flag[1] & False,
     )  # fmt: skip
     faces = [set(face) for face in CUBE[1]]

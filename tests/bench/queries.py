@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -29,9 +30,8 @@ Rays = Callable[[Array, Array], Array]  # t of rays; inf where nothing is hit
 
 def of_trimesh(points: Array, triangles: Array) -> tuple[Call, Rays]:
     """Trimesh's queries of triangles; it needs rtree."""
-    import rtree  # noqa: F401
-    import trimesh
-
+    import_module("rtree")
+    trimesh = import_module("trimesh")
     mesh = trimesh.Trimesh(points, triangles, process=False)
 
     def first(origins: Array, ways: Array) -> Array:
@@ -46,8 +46,7 @@ def of_trimesh(points: Array, triangles: Array) -> tuple[Call, Rays]:
 
 def of_open3d(points: Array, triangles: Array) -> tuple[Call, Rays]:
     """Open3D's queries of triangles, in single precision."""
-    import open3d
-
+    open3d = import_module("open3d")
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(points.astype(np.float32), triangles.astype(np.uint32))
 
@@ -63,8 +62,7 @@ def of_open3d(points: Array, triangles: Array) -> tuple[Call, Rays]:
 
 def of_libigl(points: Array, triangles: Array) -> tuple[Call, None]:
     """Distances by libigl, from a hierarchy of boxes that is built anew for each call."""
-    import igl
-
+    igl = import_module("igl")
     return lambda x: np.sqrt(igl.point_mesh_squared_distance(x, points, triangles)[0]), None
 
 
@@ -112,7 +110,7 @@ def rows(path: Path, n: int, peers: tuple[str, ...]) -> Iterator[dict[str, Any]]
         yield {"cage": path.stem, "job": name, "by": "limitsurf", "us": us}
     for peer in peers:
         try:
-            calls = PEERS[peer](fine.points, fine.triangles)
+            calls = PEERS[peer](fine.points, fine.indices[fine.triangles])
         except ImportError:
             continue
         for name, job in asked.items():
