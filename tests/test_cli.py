@@ -998,6 +998,9 @@ def test_tessellate_options(cage, tmp_path):
     other = tmp_path / "fine.txt"
     succeed("tessellate", cage, "-n", 2, "-o", other, "--to", "obj")
     assert other.read_text() == text
+    assert found["angle_error"] is None
+    found = facts("tessellate", cage, "--chord", 1, "--angle", 60, "--no-normals", "-o", path)
+    assert 0 < found["angle_error"] <= 60
 
 
 def test_texture_coordinates_come_along(tmp_path):

@@ -265,10 +265,10 @@ def approximate(
     -----
     Faces amid regular vertices, at boundaries and sharp edges too, are one bicubic patch exactly,
     of both kinds. Others need vertices that are smooth, amid at least 3 faces. At the corners the
-    patches have the places and normals of the limit. The masks at boundaries and creases with other
-    than regular vertices (Kovacs, Mitchell, Drone and Zorin 2009) and of the Gregory patches on
-    triangles are left out. With `levels` of 1 all faces are quads, with 2 most of what is refused
-    beside boundaries has gone.
+    patches have the places and normals of the limit. The masks at other than regular vertices of
+    boundaries (Loop et al. 2009) and creases (Kovacs, Mitchell, Drone and Zorin 2009), and Gregory
+    patches on triangles, are left out. With `levels` of 1 all faces are quads, with 2 most of what
+    is refused beside boundaries has gone.
 
     - C. Loop, S. Schaefer, "Approximating Catmull-Clark subdivision surfaces with bicubic patches",
       ACM Transactions on Graphics 27, 2008.
