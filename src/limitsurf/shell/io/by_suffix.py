@@ -387,11 +387,11 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     Of a tessellation all but OFF, STL and 3MF hold the normals and texture coordinates as well. OBJ
     has them by corner, USD too; the other formats by point, of which there are then several at
     creases and seams, as in `Tessellation.split`. Normals that do not exist (NaN) are those of the
-    polygons around in a file. Outside of USD, which has all channels, texture coordinates are the
-    channel "uv", or "st" if there is none, or else the only one of two numbers. What a format has
-    no place for, such as other channels, normals, creases or units, is left out with a warning. The
-    places of points on the surface (`face`, `u`, `v`) and the parents of a refined mesh are in no
-    file.
+    polygons around in a file. Texture coordinates are the channel "uv", or "st" if there is none,
+    or else the only one of two numbers; USD has all channels, and so have files of VTK, as data of
+    points. What a format has no place for, such as other channels, normals, creases or units, is
+    left out with a warning. The places of points on the surface (`face`, `u`, `v`) and the parents
+    of a refined mesh are in no file.
 
     USD states the ``units`` and ``up`` of a mesh. glTF and DAE are in metres with Y up, 3MF in
     millimetres with Z up: points are scaled and turned to be so, as far as the mesh says what it
@@ -477,10 +477,13 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
 
 def _content_of(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]:
     """The bytes of a file that holds polygons only."""
-    shape = formats.placed(polygons(x, uv=kind in formats.WITH_UV), kind, x)
+    every = kind in formats.WITH_CHANNELS and not isinstance(x, Mesh)
+    kept = polygons(x, uv=kind in formats.WITH_UV, every=every)
+    shape = formats.placed(kept, kind, x)
     if kind in formats.TRIMESH and np.abs(shape.points).max() > np.finfo(np.float32).max:
         raise ValueError(f"a coordinate is beyond float32, in which a file of type {kind} keeps it")
     held = {"uv": kind in formats.WITH_UV, "normals": kind in formats.WITH_NORMALS}
+    held |= {"every": every}
     data = x.face_data if kind in formats.VTK else ()
     warn_of_loss(name, kind, x, **held, loose=kind not in (".stl", ".dae"), data=data)
     if kind in formats.TRIMESH:

@@ -86,8 +86,8 @@ def to_pyvista(x: Mesh | Tessellation | LimitSurface, *, n: int | None = None) -
     x : Mesh, Tessellation or LimitSurface
         Of a cage the points and faces, without tags and channels; exact points are rounded to
         float64. Of a tessellation the polygons, split into one normal for each point, which are
-        the active normals; "uv" or else "st" (k, 2) are the active texture coordinates. A surface
-        is tessellated first.
+        the active normals; "uv" or else "st" (k, 2) are the active texture coordinates, and other
+        channels data of points. A surface is tessellated first, with all of its channels.
     n : int, optional
         Of a surface, polygons along each edge of a limit face, as for `tessellate`; 8 by default.
 
@@ -109,8 +109,9 @@ def to_pyvista(x: Mesh | Tessellation | LimitSurface, *, n: int | None = None) -
     >>> ls.to_pyvista(ls.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])).n_cells
     1
     """
-    shown = tessellated(x, n)
-    return _dataset(polygons(shown, uv=not isinstance(shown, Mesh)))
+    shown = tessellated(x, n, every=True)
+    held = not isinstance(shown, Mesh)
+    return _dataset(polygons(shown, uv=held, every=held))
 
 
 def imported_pyvista() -> Any:
@@ -145,6 +146,9 @@ def _dataset(shape: Polygons) -> Any:
     shape = shape.split()
     cells = np.insert(shape.indices, shape.offsets[:-1], shape.sizes)  # size, vertices, size, ...
     dataset = imported_pyvista().PolyData(shape.points.copy(), cells)
+    for name, (values, _) in shape.channels.items():
+        if name != "uv":
+            dataset.point_data[name] = values.reshape(len(values), -1).astype(float)
     if len(shape.normals):
         dataset.point_data["Normals"] = shape.normals
         dataset.point_data.active_normals_name = "Normals"
