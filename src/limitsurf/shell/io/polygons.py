@@ -90,6 +90,8 @@ def no_polygons(x: Any) -> TypeError:
     advice = ""
     if type(x).__name__ == "LimitSurface":
         advice = ": its cage is surface.mesh, polygons on it are ls.tessellate(surface, n)"
+    if type(x).__name__ == "BezierExtraction":
+        advice = ": operators are written as .npz"
     return TypeError(f"need a Mesh or a Tessellation, got {type(x).__name__}{advice}")
 
 

@@ -138,7 +138,7 @@ def to_pyvista(
     ...     [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
     >>> cells = ls.to_pyvista(ls.LimitSurface(cube), bezier=True, depth=4)
     >>> cells.n_cells, cells.n_points
-    (312, 4992)
+    (240, 3840)
     """
     if bezier:
         if n is not None:
