@@ -158,7 +158,7 @@ def _bezier(x: Any, depth: int | None) -> Any:
 
     if not isinstance(x, LimitSurface):
         raise ValueError(f"bezier is for a LimitSurface, got {type(x).__name__}")
-    return vtk_bezier.dataset(x, depth)
+    return vtk_bezier.dataset(x, depth, imported_pyvista())
 
 
 def imported_pyvista() -> Any:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from limitsurf.cage.checks import users_level
 from limitsurf.pieces.bernstein import is_tensor
 from limitsurf.shell.io.polygons import float_points, known_channels
-from limitsurf.shell.io.vtk import imported_pyvista
 
 if TYPE_CHECKING:
     from limitsurf.pieces.cells import BezierPatches
@@ -23,8 +22,8 @@ TRIANGLE, QUADRILATERAL = 76, 77  # VTK's numbers of Bezier cells
 WEIGHTS, DEGREES = "RationalWeights", "HigherOrderDegrees"
 
 
-def dataset(surface: LimitSurface, depth: int | None) -> Any:
-    """The Bezier patches of a surface, and what remains at special corners, as cells."""
+def dataset(surface: LimitSurface, depth: int | None, pyvista: Any) -> Any:
+    """The Bezier patches of a surface, and what remains at special corners, as cells of PyVista."""
     from limitsurf.query.bezier import bezier_patches
 
     surface = surface.with_points(float_points(surface.mesh))
@@ -37,7 +36,7 @@ def dataset(surface: LimitSurface, depth: int | None) -> Any:
     cells, size = points.shape[:2]
     rows = np.insert(np.arange(cells * size).reshape(cells, size), 0, size, axis=1)
     kind = QUADRILATERAL if is_tensor(patches.exponents) else TRIANGLE
-    grid = imported_pyvista().UnstructuredGrid(
+    grid = pyvista.UnstructuredGrid(
         rows.ravel(), np.full(cells, kind, dtype=np.uint8), points.reshape(-1, 3)
     )
     for name, values in _fields(surface, patches, depth).items():
