@@ -54,16 +54,21 @@ def evaluated(grid, cell, s, t):
     return np.array(place), np.array(weights)
 
 
-@pytest.mark.parametrize("scheme", list(ls.schemes))
-def test_vtk_evaluates_cells_as_the_surface(scheme, tmp_path):
+CREASED = {"creases": {(0, 1): 1.5, (2, 3): np.inf}}
+
+
+@pytest.mark.parametrize(
+    ("scheme", "tags"), [*((name, {}) for name in ls.schemes), ("catmull-clark", CREASED)]
+)
+def test_vtk_evaluates_cells_as_the_surface(scheme, tags, tmp_path):
     import pyvista
 
     path = tmp_path / "x.vtu"
-    ls.to_pyvista(surface_of(scheme), bezier=True, depth=3).save(path)
+    ls.to_pyvista(surface_of(scheme, **tags), bezier=True, depth=3).save(path)
     text = path.read_bytes()
     assert b'RationalWeights="RationalWeights"' in text
     assert b'HigherOrderDegrees="HigherOrderDegrees"' in text
-    grid, surface = pyvista.read(path), surface_of(scheme)
+    grid, surface = pyvista.read(path), surface_of(scheme, **tags)
     face, origin, size, bound = (grid.cell_data[x] for x in ("face", "origin", "size", "deviation"))
     assert set(grid.celltypes) == {76 if scheme in TRIANGLES else 77}
     rng = np.random.default_rng(0)
