@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 import zoo
+from command_line import facts, fail, succeed
 from scipy.linalg import eigh
 from scipy.sparse.linalg import spsolve
 
@@ -500,6 +501,33 @@ def test_ends_that_cannot_be_free():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert ls.Space(ls.LimitSurface(square_, scheme="bilinear"), levels=1).n == 9
+
+
+def test_modes_on_the_command_line(tmp_path):
+    """A square: eigenvalues pi^2 (i^2 + j^2), and fields that are products of cosines."""
+    import pyvista
+
+    cage, path = tmp_path / "square.obj", tmp_path / "modes.vtu"
+    ls.write(cage, ls.Mesh(*SQUARE))
+    found = facts("modes", cage, "-k", 4, "--levels", 3, "-o", path)
+    assert np.allclose(found["eigenvalues"], np.pi**2 * np.array([0, 1, 1, 2]), atol=1e-5)
+    assert (found["unknowns"], found["faces"]) == (121, 64 * 16)
+    dataset = pyvista.read(path)
+    x, y, _ = dataset.points.T
+    product = 2 * np.cos(np.pi * x) * np.cos(np.pi * y)
+    field = dataset.point_data["mode_3"]
+    assert np.allclose(field * np.sign(field[0] * product[0]), product, atol=1e-4)
+    assert set(dataset.point_data) == {"Normals", *(f"mode_{i}" for i in range(4))}
+    natural = facts("modes", cage, "-k", 3, "--levels", 3, "--ends", "natural")
+    assert natural["output"] is None
+    assert natural["unknowns"] == 81
+    assert natural["eigenvalues"][1] > found["eigenvalues"][1]
+    table = succeed("modes", cage, "-k", 2, "--levels", 3).splitlines()
+    assert table[0].split() == ["mode", "eigenvalue", "frequency"]
+    assert table[1].split() == ["0", "0", "0"]
+    assert float(table[2].split()[2]) == pytest.approx(np.pi, abs=1e-6)
+    assert ".vtu" in fail("modes", cage, "-o", tmp_path / "modes.obj")
+    assert "number of unknowns" in fail("modes", cage, "-k", 99, "--levels", 1)
 
 
 def test_large_systems_are_solved():

@@ -346,7 +346,8 @@ def test_all_is_kept_or_named(tmp_path, suffix, number):
         "holds triangles only": np.array_equal(y.sizes, x.sizes),
         "units": y.units == x.units or suffix in formats.MEASURES,
         "up axis": y.up == x.up or suffix in formats.MEASURES,
-        "channel 'colour'": "colour" in y.channels,
+        # files of VTK hold it, and a cage that is read says so
+        "channel 'colour'": "colour" in y.channels or "left out: of points colour" in said,
     }
     maps = [name for name in y.channels if y.channels[name][0].shape[1:] == (2,)]
     kept["channel 'map'"] = "map" in maps
@@ -1084,6 +1085,27 @@ def test_broken_stl(tmp_path, data, message):
 
 
 # --- VTK
+
+
+@pytest.mark.parametrize("suffix", [".vtp", ".vtu", ".vtk"])
+def test_vtk_files_hold_all_channels_of_a_tessellation(tmp_path, suffix):
+    import pyvista
+
+    points, faces = zoo.cube()
+    corners = np.ravel(faces)
+    linear = np.asarray(points, float) @ np.diag([1, 2, 3]) + 1
+    channels = {"uv": (linear[:, :2], corners, "none"), "warm": (linear[:, 0], corners, "none"),
+                "push": (linear, corners, "none")}  # fmt: skip
+    surface = ls.LimitSurface(ls.Mesh(points, faces, channels=channels))
+    path = tmp_path / f"x{suffix}"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ls.write(path, ls.tessellate(surface, 3, channels=channels))
+    for found in (pyvista.read(path), ls.to_pyvista(surface, n=3)):
+        expected = found.points @ np.diag([1, 2, 3]) + 1
+        assert np.allclose(found.point_data["push"], expected, atol=1e-12)
+        assert np.allclose(found.point_data["warm"], expected[:, 0], atol=1e-12)
+        assert np.allclose(found.point_data["uv"], expected[:, :2], atol=1e-6)
 
 
 def test_what_vtk_files_may_hold(tmp_path):

@@ -75,6 +75,12 @@ if TYPE_CHECKING:
     )
     from limitsurf.query.creases import creases_by_angle as creases_by_angle
     from limitsurf.query.deviation import Deviation as Deviation
+    from limitsurf.query.extraction import (
+        BezierExtraction as BezierExtraction,
+    )
+    from limitsurf.query.extraction import (
+        bezier_extraction as bezier_extraction,
+    )
     from limitsurf.query.index import (
         SurfaceIndex as SurfaceIndex,
     )
@@ -155,6 +161,7 @@ __version__ = "0.2.0"
 _HOME = {
     "AllRayHits": "query.rays",
     "ApproximatePatches": "query.approximate",
+    "BezierExtraction": "query.extraction",
     "BezierPatches": "query.bezier",
     "Bounds": "query.bounds",
     "BezierRest": "query.bezier",
@@ -184,6 +191,7 @@ _HOME = {
     "agrees": "query",
     "area": "integrals.body",
     "approximate": "query.approximate",
+    "bezier_extraction": "query.extraction",
     "bezier_patches": "query.bezier",
     "bounds": "query.bounds",
     "centroid": "integrals.body",

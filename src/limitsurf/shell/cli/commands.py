@@ -17,6 +17,7 @@ from limitsurf import memory
 from limitsurf.shell import files, terminal
 from limitsurf.shell.cli import curves, places
 from limitsurf.shell.cli.measures import measure
+from limitsurf.shell.cli.modes import modes
 from limitsurf.shell.cli.program import (
     PATH,
     Cage,
@@ -289,9 +290,9 @@ def tessellate(
       limitsurf tessellate cage.obj --chord 0.001 -o fine.stl
       limitsurf tessellate cage.obj -n 4 | limitsurf info -
 
-    All vertices lie on the surface, and no edge is open that is closed in the cage. USD holds all
-    channels; other formats texture coordinates at most: the channel uv, or else st, or else the
-    only one of two numbers. Others are left out with a warning.
+    All vertices lie on the surface, and no edge is open that is closed in the cage. USD and files
+    of VTK hold all channels; other formats texture coordinates at most: the channel uv, or else st,
+    or else the only one of two numbers. Others are left out with a warning.
 
     Keys of --json: output, vertices, faces, triangles, limit_faces, n, chord_error and angle_error
     (null where they are not known), normals, channels.
@@ -330,7 +331,7 @@ def _with_others(
     surface: ls.LimitSurface, channels: tuple[str, ...], suffix: str
 ) -> tuple[str, ...]:
     """The channels that were asked for, and others that a format holds; a warning of the rest."""
-    from limitsurf.shell.io.formats import USD, WITH_UV
+    from limitsurf.shell.io.formats import WITH_CHANNELS, WITH_UV
     from limitsurf.shell.io.polygons import known_channels, texture
 
     held = {texture(surface.mesh)} if suffix in WITH_UV else set()
@@ -338,7 +339,7 @@ def _with_others(
     for name in surface.mesh.channels:
         if name in channels:
             continue
-        if suffix in USD or name in held:
+        if suffix in WITH_CHANNELS or name in held:
             found.append(name)
         else:
             lost.append(f"channel {name!r}")
@@ -435,6 +436,7 @@ def validate(
 
 
 main.add_command(measure)
+main.add_command(modes)
 
 
 @main.command()

@@ -18,7 +18,7 @@ from limitsurf.cage.checks import MeshError
 from limitsurf.cage.mesh import Mesh
 from limitsurf.shell import files
 from limitsurf.shell.files import Path, replacing
-from limitsurf.shell.io import by_trimesh, formats, msh, obj, off, ply, vtk
+from limitsurf.shell.io import by_trimesh, extraction, formats, msh, obj, off, ply, vtk
 from limitsurf.shell.io.losses import Losses
 from limitsurf.shell.io.merge import Merge, checked, joined, warn_if_apart
 from limitsurf.shell.io.polygons import (
@@ -33,6 +33,7 @@ from limitsurf.shell.io.polygons import (
 
 if TYPE_CHECKING:
     from limitsurf.query import Tessellation
+    from limitsurf.query.extraction import BezierExtraction
 
 _PARSERS = {".obj": obj.parse, ".ply": ply.parse, ".off": off.parse, ".msh": msh.parse}
 
@@ -368,7 +369,9 @@ def _on_disk(
         yield path, folder
 
 
-def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None = None) -> None:
+def write(
+    file: Path | IO[bytes], x: Mesh | Tessellation | BezierExtraction, *, suffix: str | None = None
+) -> None:
     """Write a cage or a tessellation to a file, in the format of its suffix.
 
     The file appears whole or not at all. For precision and what it keeps of a cage:
@@ -397,11 +400,11 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     Of a tessellation all but OFF, STL and 3MF hold the normals and texture coordinates as well. OBJ
     has them by corner, USD too; the other formats by point, of which there are then several at
     creases and seams, as in `Tessellation.split`. Normals that do not exist (NaN) are those of the
-    polygons around in a file. Outside of USD, which has all channels, texture coordinates are the
-    channel "uv", or "st" if there is none, or else the only one of two numbers. What a format has
-    no place for, such as other channels, normals, creases or units, is left out with a warning. The
-    places of points on the surface (`face`, `u`, `v`) and the parents of a refined mesh are in no
-    file.
+    polygons around in a file. Texture coordinates are the channel "uv", or "st" if there is none,
+    or else the only one of two numbers; USD has all channels, and so have files of VTK, as data of
+    points. What a format has no place for, such as other channels, normals, creases or units, is
+    left out with a warning. The places of points on the surface (`face`, `u`, `v`) and the parents
+    of a refined mesh are in no file.
 
     USD states the ``units`` and ``up`` of a mesh. glTF and DAE are in metres with Y up, 3MF in
     millimetres with Z up: points are scaled and turned to be so, as far as the mesh says what it
@@ -417,12 +420,15 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     USD knows "uniform" creasing alone: another one is kept in custom data, where ``read`` finds it
     but other programs do not.
 
+    **NPZ.** Operators of Bezier extraction are arrays by the names of `BezierExtraction`, those of
+    what remains with "rest_" before, and version, degree and tensor.
+
     Parameters
     ----------
     file : str, os.PathLike or binary file
         A path; or what is open for writing, such as ``sys.stdout.buffer``, together with `suffix`.
-    x : Mesh or Tessellation
-        Points of shape (n_vertices, 3).
+    x : Mesh, Tessellation or BezierExtraction
+        Points of shape (n_vertices, 3). Operators of float64, to ".npz".
     suffix : str, optional
         Such as ".obj", in place of that of the path; upper or lower case.
 
@@ -455,21 +461,25 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
     True
     """
     name, kind = _named(file, suffix, "<stdout>")
-    if kind not in formats.WRITABLE:
+    given: Any = x
+    arrays = kind == ".npz" and hasattr(given, "operators")
+    if kind not in formats.WRITABLE and not arrays:
         known = ", ".join(formats.WRITABLE)
         raise ValueError(f"{name}: unknown suffix {kind!r}, need one of {known}")
-    if not isinstance(x, Mesh) and not hasattr(x, "normal_indices"):
-        raise no_polygons(x)
+    if not isinstance(given, Mesh) and not hasattr(given, "normal_indices") and not arrays:
+        raise no_polygons(given)
     try:
-        if kind == ".obj":
-            content: Any = obj.statements(x)
-            warn_of_loss(name, kind, x, uv=True, tags=True, data=obj.named(x))
+        if arrays:
+            content: Any = extraction.content(given)
+        elif kind == ".obj":
+            content = obj.statements(given)
+            warn_of_loss(name, kind, given, uv=True, tags=True, data=obj.named(given))
         elif kind in formats.USD:
-            content = _usd().content(x, kind)
-            points = float_points(x) if isinstance(x, Mesh) else x.points
-            warn_of_rounding(name, kind, x, points, points.astype(np.float32), 3)
+            content = _usd().content(given, kind)
+            points = float_points(given) if isinstance(given, Mesh) else given.points
+            warn_of_rounding(name, kind, given, points, points.astype(np.float32), 3)
         else:
-            content = _content_of(name, kind, x)
+            content = _content_of(name, kind, given)
         if not isinstance(file, (str, bytes, os.PathLike)):
             _write(file, content, kind == ".obj")
             return
@@ -487,10 +497,13 @@ def write(file: Path | IO[bytes], x: Mesh | Tessellation, *, suffix: str | None 
 
 def _content_of(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]:
     """The bytes of a file that holds polygons only."""
-    shape = formats.placed(polygons(x, uv=kind in formats.WITH_UV), kind, x)
+    every = kind in formats.WITH_CHANNELS and not isinstance(x, Mesh)
+    kept = polygons(x, uv=kind in formats.WITH_UV, every=every)
+    shape = formats.placed(kept, kind, x)
     if kind in formats.TRIMESH and np.abs(shape.points).max() > np.finfo(np.float32).max:
         raise ValueError(f"a coordinate is beyond float32, in which a file of type {kind} keeps it")
     held = {"uv": kind in formats.WITH_UV, "normals": kind in formats.WITH_NORMALS}
+    held |= {"every": every}
     data = x.face_data if kind in formats.VTK else ()
     warn_of_loss(name, kind, x, **held, loose=kind not in (".stl", ".dae"), data=data)
     if kind in formats.TRIMESH:

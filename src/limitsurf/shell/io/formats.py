@@ -29,6 +29,7 @@ WRITABLE = (*PLAIN, *USD, *VTK, *TRIMESH)
 # what else a format holds of a tessellation
 WITH_NORMALS = (".obj", ".ply", *USD, *VTK, ".glb", ".gltf", ".dae")
 WITH_UV = (".obj", ".ply", *USD, *VTK, ".glb", ".gltf", ".dae")
+WITH_CHANNELS = (*VTK, *USD)  # all channels, whatever their shape
 # the axis that points up, and the metres of one unit, in files as they are written
 MEASURES = {".glb": ("y", 1.0), ".gltf": ("y", 1.0), ".dae": ("y", 1.0), ".3mf": ("z", 0.001)}
 

@@ -53,10 +53,10 @@ def texture(x: Mesh | Tessellation) -> str | None:
     return found[0] if found and (found[0] in ("uv", "st") or len(pairs) == 1) else None
 
 
-def polygons(x: Mesh | Tessellation, *, uv: bool = True) -> Polygons:
+def polygons(x: Mesh | Tessellation, *, uv: bool = True, every: bool = False) -> Polygons:
     """A cage or tessellation with finite normals, its texture coordinates the one channel "uv".
 
-    A cage has no normals.
+    A cage has no normals. With `every`, other channels are kept too, by their own names.
 
     Raises
     ------
@@ -77,6 +77,8 @@ def polygons(x: Mesh | Tessellation, *, uv: bool = True) -> Polygons:
         raise no_polygons(x)
     name = texture(x) if uv else None
     kept = {}
+    if every:
+        kept = {k: (v, rows) for k, (v, rows, *_) in x.channels.items() if k not in (name, "uv")}
     if name is not None:
         values, where, *_ = x.channels[name]
         kept["uv"] = values.astype(np.float64), where
@@ -88,17 +90,23 @@ def no_polygons(x: Any) -> TypeError:
     advice = ""
     if type(x).__name__ == "LimitSurface":
         advice = ": its cage is surface.mesh, polygons on it are ls.tessellate(surface, n)"
+    if type(x).__name__ == "BezierExtraction":
+        advice = ": operators are written as .npz"
     return TypeError(f"need a Mesh or a Tessellation, got {type(x).__name__}{advice}")
 
 
-def tessellated(x: Any, n: int | None) -> Any:
-    """A surface as n x n polygons a face, 8 x 8 if nothing is said; all else as it is."""
+def tessellated(x: Any, n: int | None, *, every: bool = False) -> Any:
+    """A surface as n x n polygons a face, 8 x 8 if nothing is said; all else as it is.
+
+    It has the channel that is texture coordinates, or all with `every`.
+    """
     from limitsurf.query import tessellate
     from limitsurf.surface import LimitSurface
 
     if isinstance(x, LimitSurface):
         name = texture(x.mesh)
-        channels = [] if name is None else known_channels(x, [name])
+        wanted = [*x.mesh.channels] if every else [] if name is None else [name]
+        channels = known_channels(x, wanted)
         return tessellate(x, 8 if n is None else n, channels=channels)
     if n is not None:
         raise ValueError(f"n is for a LimitSurface, got {type(x).__name__}")
@@ -124,6 +132,7 @@ def warn_of_loss(
     x: Mesh | Tessellation,
     *,
     uv: bool,
+    every: bool = False,
     normals: bool = True,
     loose: bool = True,
     tags: bool = False,
@@ -131,8 +140,9 @@ def warn_of_loss(
 ) -> None:
     """Warn of all that a file cannot hold.
 
-    `uv`, `normals`, `loose` and `tags` say whether it holds texture coordinates, normals, vertices
-    of no face, and the tags of a cage with its choices; `data` which data of faces.
+    `uv`, `every`, `normals`, `loose` and `tags` say whether it holds texture coordinates, all
+    channels, normals, vertices of no face, and the tags of a cage with its choices; `data` which
+    data of faces.
     """
     kept = texture(x) if uv else None
     lost = []
@@ -141,7 +151,9 @@ def warn_of_loss(
         lost = [what for what, found in counts.items() if len(found)]
     elif not isinstance(x, Mesh) and not normals and len(x.normals):
         lost = ["normals"]
-    lost += [f"channel {name!r}" for name in x.channels if name != kept]
+    lost += [
+        f"channel {name!r}" for name in x.channels if name != kept and not (every and name != "uv")
+    ]
     lost += [f"data of faces {name!r}" for name in x.face_data if name not in data]
     if kept not in (None, "uv", "st"):
         lost.append(f"the name of channel {kept!r}")

@@ -78,39 +78,87 @@ def from_pyvista(dataset: Any, *, merge: Merge = None, **tags: Any) -> Mesh:
     return mesh
 
 
-def to_pyvista(x: Mesh | Tessellation | LimitSurface, *, n: int | None = None) -> Any:
-    """A cage, a tessellation or a surface as a ``pyvista.PolyData``.
+def to_pyvista(
+    x: Mesh | Tessellation | LimitSurface,
+    *,
+    n: int | None = None,
+    bezier: bool = False,
+    depth: int | None = None,
+) -> Any:
+    """A cage, a tessellation or a surface as polygons or as Bezier cells of PyVista.
 
     Parameters
     ----------
     x : Mesh, Tessellation or LimitSurface
         Of a cage the points and faces, without tags and channels; exact points are rounded to
         float64. Of a tessellation the polygons, split into one normal for each point, which are
-        the active normals; "uv" or else "st" (k, 2) are the active texture coordinates. A surface
-        is tessellated first.
+        the active normals; "uv" or else "st" (k, 2) are the active texture coordinates, and other
+        channels data of points. A surface is tessellated first, with all of its channels.
     n : int, optional
         Of a surface, polygons along each edge of a limit face, as for `tessellate`; 8 by default.
+    bezier : bool
+        Of a surface, its polynomial pieces themselves, those of `bezier_patches`, as cells of VTK's
+        type Bezier quadrilateral or Bezier triangle.
+    depth : int, optional
+        Of Bezier cells, how many rings of them there are around special corners, as for
+        `bezier_patches`; 8 by default.
 
     Returns
     -------
-    pyvista.PolyData
+    pyvista.PolyData, or pyvista.UnstructuredGrid of Bezier cells
+        Cells have points of their own, the control points, with the coefficients of channels as
+        data of points, which VTK interpolates alike, and "RationalWeights", all 1. Data of cells
+        are "HigherOrderDegrees"; "face", "origin" and "size", where each is, as in `BezierPatches`;
+        and "deviation": 0 of pieces of the surface. Behind these there is one more cell for each
+        special corner, where pieces go on for ever: it joins the corners of what remains, and its
+        deviation is a bound of its distance from the surface at the same parameters.
 
     Raises
     ------
     ValueError
-        Points that are not of shape (n_vertices, 3), or a tessellation without polygons; `n` with
-        anything but a surface.
+        Points that are not of shape (n_vertices, 3), or a tessellation without polygons; `n` or
+        `bezier` with anything but a surface, or both; a depth out of range, or without `bezier`.
     ImportError
         PyVista is not installed.
+
+    Warns
+    -----
+    UserWarning
+        Of channels that the scheme has no rule for; of those that Bezier cells cannot hold, since
+        their own pieces are cut elsewhere.
 
     Examples
     --------
     >>> import limitsurf as ls
     >>> ls.to_pyvista(ls.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])).n_cells
     1
+
+    >>> cube = ls.Mesh(
+    ...     [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)],
+    ...     [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    >>> cells = ls.to_pyvista(ls.LimitSurface(cube), bezier=True, depth=4)
+    >>> cells.n_cells, cells.n_points
+    (240, 3840)
     """
-    shown = tessellated(x, n)
-    return _dataset(polygons(shown, uv=not isinstance(shown, Mesh)))
+    if bezier:
+        if n is not None:
+            raise ValueError("n is for polygons, which Bezier cells are not: give depth=, or no n")
+        return _bezier(x, depth)
+    if depth is not None:
+        raise ValueError("depth is for Bezier cells: say bezier=True")
+    shown = tessellated(x, n, every=True)
+    held = not isinstance(shown, Mesh)
+    return _dataset(polygons(shown, uv=held, every=held))
+
+
+def _bezier(x: Any, depth: int | None) -> Any:
+    """Bezier cells of a surface."""
+    from limitsurf.shell.io import vtk_bezier
+    from limitsurf.surface import LimitSurface
+
+    if not isinstance(x, LimitSurface):
+        raise ValueError(f"bezier is for a LimitSurface, got {type(x).__name__}")
+    return vtk_bezier.dataset(x, depth, imported_pyvista())
 
 
 def imported_pyvista() -> Any:
@@ -145,6 +193,9 @@ def _dataset(shape: Polygons) -> Any:
     shape = shape.split()
     cells = np.insert(shape.indices, shape.offsets[:-1], shape.sizes)  # size, vertices, size, ...
     dataset = imported_pyvista().PolyData(shape.points.copy(), cells)
+    for name, (values, _) in shape.channels.items():
+        if name != "uv":
+            dataset.point_data[name] = values.reshape(len(values), -1).astype(float)
     if len(shape.normals):
         dataset.point_data["Normals"] = shape.normals
         dataset.point_data.active_normals_name = "Normals"
