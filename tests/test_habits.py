@@ -168,7 +168,7 @@ def test_messages_are_about_what_was_given():
     with pytest.raises(ValueError, match="n is for a LimitSurface, got Mesh"):
         ls.to_pyvista(CAGES["cube"], n=3)
     with pytest.raises(TypeError, match=r"got str; limitsurf\.read\('a\.obj'\) is one"):
-        ls.LimitSurface("a.obj")  # type: ignore[arg-type]
+        ls.LimitSurface("a.obj")
 
 
 def test_tables_say_what_they_are_of():

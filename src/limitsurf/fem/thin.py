@@ -146,7 +146,7 @@ class ThinShell:
     >>> shell = ls.ThinShell(space, young=1e6, poisson=0.3, thickness=0.01)
     >>> found = shell.solve(shell.load(pressure=-1.0), clamped(where=lambda x: x[:, 0] < 2))
     >>> stiff = 1e6 * 0.01**3 / 12 / (1 - 0.3**2)
-    >>> deepest = found.surface.evaluate(5, 1.0, 1.0)[2]
+    >>> deepest = found.displacement.evaluate(22, 0.0, 0.0)[2]  # at the middle
     >>> round(float(deepest * stiff), 5)  # -0.00127 after Timoshenko
     -0.00127
     """
@@ -666,6 +666,28 @@ class ShellSolution:
         Forces of the supports on each unknown; their sum is the force on the whole.
     energy : float
         What is stored: half the work of the loads.
+
+    Examples
+    --------
+    A strip held at one end, under its weight, and the energy and deflection of a beam:
+
+    >>> import numpy as np
+    >>> import limitsurf as ls
+    >>> from limitsurf.fem.supports import clamped
+    >>> plane = [[x, y, 0] for y in range(2) for x in range(9)]
+    >>> quads = [[k, k + 1, k + 10, k + 9] for k in range(8)]
+    >>> space = ls.Space(ls.LimitSurface(ls.Mesh(plane, quads)))
+    >>> shell = ls.ThinShell(space, young=1e6, poisson=0.0, thickness=0.5, density=0.25)
+    >>> weight = shell.load(gravity=[0, 0, -8])
+    >>> found = shell.solve(weight, clamped(where=lambda x: x[:, 0] < 1e-9))
+    >>> np.allclose(found.reactions.sum(axis=0), [0, 0, 8])
+    True
+    >>> bending, q, length = 1e6 * 0.5**3 / 12, 0.25 * 0.5 * 8, 8  # q: weight per length
+    >>> end = found.displacement.evaluate(7, 1.0, 1.0)[2]
+    >>> bool(np.isclose(end, -q * length**4 / (8 * bending)))
+    True
+    >>> bool(np.isclose(found.energy, q**2 * length**5 / (40 * bending), rtol=1e-4))
+    True
     """
 
     shell: ThinShell
