@@ -295,20 +295,23 @@ def test_null_spaces():
     assert np.linalg.matrix_rank(np.concatenate([found, other], axis=1)) == 10
 
 
-def test_supports_hold_along_whole_edges():
-    for levels, ends in ((0, "free"), (1, "free"), (1, "natural")):
-        surface = ls.LimitSurface(CAGES["bent"])
-        space = ls.Space(surface, levels=levels, ends=ends)
-        rows = supports.conditions(space, [clamped(edges=[[0, 1], [1, 2], [2, 3]])])
-        free = supports.null_space(rows)
-        x = (free @ np.random.default_rng(2).normal(size=free.shape[1])).reshape(-1, 3)
-        t = np.linspace(0, 1, 9)
-        moved = space.surface.with_points(x)
-        first = traced_sides(space, np.array([[0, 1], [1, 2], [2, 3]]))
-        assert len(first) == 3 * 2**levels
-        where = space.surface.limit_faces.along(first[:, None], t)
-        assert np.abs(moved.evaluate(*where)).max() < 1e-12 * np.abs(x).max()
-        assert np.abs(space.surface.evaluate(*where)[..., 1]).max() < 1e-12  # y = 0 there
+@pytest.mark.parametrize(("levels", "ends"), [(0, "free"), (1, "free"), (1, "natural")])
+@pytest.mark.parametrize("edges", [[[0, 1]], [[0, 1], [1, 2], [2, 3]]])
+def test_supports_hold_along_whole_edges(levels, ends, edges):
+    surface, t = ls.LimitSurface(CAGES["bent"]), np.linspace(0, 1, 9)
+    space = ls.Space(surface, levels=levels, ends=ends)
+    sides = traced_sides(space, np.array(edges))
+    assert len(sides) == len(edges) * 2**levels
+    places = space.surface.limit_faces.along(sides[:, None], t)
+    assert np.abs(space.surface.evaluate(*places)[..., 1]).max() < 1e-12  # y = 0 there
+    free = supports.null_space(supports.conditions(space, [clamped(edges=edges)]))
+    x = (free @ np.random.default_rng(2).normal(size=free.shape[1])).reshape(-1, 3)
+    moved = space.surface.with_points(x)
+    assert np.abs(moved.evaluate(*places)).max() < 1e-12 * np.abs(x).max()
+    # at its vertices it does not turn about the edge
+    steps = moved.evaluate(*places, nu=(0, 1))[:, [0, -1]]
+    n = space.surface.normal(*places)[:, [0, -1]]
+    assert np.abs((steps * n).sum(axis=-1)).max() < 1e-11 * np.abs(x).max()
 
 
 @pytest.mark.parametrize(

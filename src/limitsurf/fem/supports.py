@@ -230,7 +230,9 @@ def conditions(space: Space, supports: Sequence[Support]) -> Any:
             continue
         corners, ends = _sides(space, one)
         along = space.surface.limit_faces.along
-        value = space.surface.weights(*along(corners[:, None], [0.0, 0.5, 1.0]))
+        # enough for a polynomial along each side
+        each = np.linspace(0, 1, space.surface.topology.rules.scheme.spline.degree + 1)
+        value = space.surface.weights(*along(corners[:, None], each))
         if one.plane is None:
             found += [_component(value, k) for k in one.components]
         else:
@@ -238,7 +240,8 @@ def conditions(space: Space, supports: Sequence[Support]) -> Any:
         if one.kind != "fixed":
             # as many as a spline along these edges has coefficients: more would hold it still
             found += [turning(space, corners, t)[0] for t in (0.0, 1.0)]
-            found.append(turning(space, ends, 0.5)[0])
+            near = enumerate((0.25, 0.75))
+            found += [turning(space, corners[ends[:, k]], t)[0] for k, t in near]
     return vstack(found, format="csr")
 
 
@@ -288,7 +291,7 @@ def turning(space: Space, corners: Array, t: ArrayLike) -> tuple[Any, Array]:
 
 
 def _sides(space: Space, support: Support) -> tuple[Array, Array]:
-    """Corners of the space's mesh that sides begin at, and of those where a spline ends."""
+    """Corners of the space's mesh that sides begin at, and at which ends (k, 2) a spline ends."""
     surface = space.surface
     mesh = surface.mesh
     if surface.topology.lattice.dual:
@@ -318,7 +321,7 @@ def _sides(space: Space, support: Support) -> tuple[Array, Array]:
     faces = np.bincount(mesh.indices[whole[mesh.corner_face]], minlength=n)
     last = (np.bincount(ends.ravel(), minlength=n) != 2) | (faces == 1)
     last[mesh.corners[0]] = True
-    return corners, corners[last[ends].any(axis=1)]
+    return corners, last[ends]
 
 
 def _chosen(surface: LimitSurface, corners: Array, where: Where) -> Array:
