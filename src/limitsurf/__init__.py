@@ -84,6 +84,8 @@ if TYPE_CHECKING:
     from limitsurf.query.index import (
         SurfaceIndex as SurfaceIndex,
     )
+    from limitsurf.query.intersections import IntersectionCurves as IntersectionCurves
+    from limitsurf.query.intersections import intersect_surfaces as intersect_surfaces
     from limitsurf.query.rays import AllRayHits as AllRayHits
     from limitsurf.query.rays import RayHits as RayHits
     from limitsurf.query.rays import contains as contains
@@ -211,6 +213,8 @@ _HOME = {
     "integrate": "integrals.body",
     "intersect": "query.rays",
     "intersect_all": "query.rays",
+    "intersect_surfaces": "query.intersections",
+    "IntersectionCurves": "query.intersections",
     "isophote": "query.silhouettes",
     "levels_of_detail": "query",
     "merged": "shell.io.merge",

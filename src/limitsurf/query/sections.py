@@ -18,7 +18,7 @@ from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.leaves import Parting
 from limitsurf.query.overlay import Column, Overlay
 from limitsurf.query.scalars import Height, Scalar, SquaredDistance, Subdivided
-from limitsurf.query.tracing import Adjacency, Network, Nodes, chained
+from limitsurf.query.tracing import Adjacency, Network, Nodes, Spans, chained
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -332,7 +332,7 @@ def traced(
 
     It is continuous across what `adjacency` joins; `finish` is called with what was found.
     """
-    scaled = _scaled_tolerance(cells, tolerance)
+    scaled = scaled_tolerance(cells, tolerance)
     leaves = Parting(cells, scalar, heights, scaled).run()
     adjacency = adjacency or Adjacency.of(surface)
     network = Network(surface, leaves, cells.form, scalar.form, adjacency)
@@ -349,7 +349,7 @@ def traced(
     return number[order[starts[:-1]]], curves
 
 
-def _scaled_tolerance(cells: Cells, tolerance: float | None) -> float:
+def scaled_tolerance(cells: Cells, tolerance: float | None) -> float:
     """In the unit of the index."""
     if tolerance is None:
         points = cells.points.reshape(-1, 3)
@@ -366,6 +366,21 @@ def _in_order(
     """The places of curves in order, and offsets (n + 1,)."""
     spans, nodes = network.spans, network.nodes
     offsets, inner = network.points(tolerance)
+    chains = starts, order, backward, closed
+    source, found = sources(spans, len(nodes.face), offsets, chains)
+    face = np.concatenate([nodes.face, inner.face])[source]
+    uv = np.concatenate([nodes.uv, inner.uv])[source]
+    return Nodes(face, uv), found
+
+
+def sources(
+    spans: Spans, n_nodes: int, offsets: Array, chains: tuple[Array, Array, Array, Array]
+) -> tuple[Array, Array]:
+    """Numbers of nodes, and beyond these of what is inside of spans, in order, and offsets.
+
+    `chains` are as `chained` finds them; span k has ``offsets[k]`` to ``offsets[k + 1]`` inside.
+    """
+    starts, order, backward, closed = chains
     each = np.diff(offsets)[order]
     # of each span its first node and what is inside; of open curves their last node
     size, last = 1 + each, starts[1:] - 1
@@ -377,10 +392,8 @@ def _in_order(
     step = np.arange(len(owner)) - np.repeat(np.cumsum(each) - each, each)
     back = backward[owner]
     number = offsets[order[owner]] + np.where(back, each[owner] - 1 - step, step)
-    source[first[owner] + 1 + step] = len(nodes.face) + number
+    source[first[owner] + 1 + step] = n_nodes + number
     tips = last[~closed]
     at = first[tips] + size[tips] - 1
     source[at] = np.where(backward[tips], spans.a[order[tips]], spans.b[order[tips]])
-    face = np.concatenate([nodes.face, inner.face])[source]
-    uv = np.concatenate([nodes.uv, inner.uv])[source]
-    return Nodes(face, uv), np.append(first[starts[:-1]], len(source))
+    return source, np.append(first[starts[:-1]], len(source))
