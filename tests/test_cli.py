@@ -328,6 +328,7 @@ def test_keys_of_json_are_documented(cage, tmp_path):
         "validate": [cage, "--levels", 1],
         "measure": [cage],
         "basis": ["--valence", 3],
+        "spectrum": ["--valence", 3],
         "tessellate": [cage, "-n", 2, "-o", target],
         "refine": [cage, "-o", target],
         "section": [cage, "-o", tmp_path / "a.csv"],
