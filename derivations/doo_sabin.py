@@ -453,3 +453,37 @@ for half, weights in zip(center_pieces(DOO_SABIN), (upper, lower), strict=True):
     for k, weight in enumerate(weights):
         near = expand(sympify(weight).subs(t, start + T / 2))
         assert [near.coeff(T, j) for j in range(3)] == [Rational(row[k]) for row in half]
+
+# %% [markdown]
+# ## 8. At which frequencies curvature has a logarithm
+#
+# Around a polygon of the points $p_s$ let $a_s$ and $b_{s+1}$ be the points across the edge from
+# $p_s$ to $p_{s+1}$, and $c_s$ that across the corner $p_s$. A step takes $\frac1{16} (9, 3, 3, 1)$
+# of the quads $p_s, p_{s+1}, a_s, b_{s+1}$ and $p_s, a_s, b_s, c_s$, and for waves
+# $e^{2 \pi i f s / n}$, $w = e^{2 \pi i f / n}$, this extended step is the block below. Its outer
+# part has the eigenvalues $\frac14, \frac18, \frac1{16}$ at every frequency, $\frac14 = \lambda^2$
+# with the left eigenvector $(1, w, 0)$. Where the ring has $\frac14$ too, for $2 \le f \le n / 2$,
+# there is a Jordan block if the coupling $\frac34 (1 + w)$ is not zero, so at all of these
+# frequencies but $f = n / 2$. There curvature grows like the number of halvings, $\log (1 / r)$,
+# and it is bounded for $n = 3, 4$.
+
+# %%
+w, mu = symbols("w mu", nonzero=True)
+sixteenth = Rational(1, 16)
+extended = sixteenth * Matrix(
+    [
+        [16 * mu, 0, 0, 0],  # p
+        [9 + 3 * w, 3, w, 0],  # a
+        [9 + 3 / w, 1 / w, 3, 0],  # b
+        [9, 3, 3, 1],  # c
+    ]
+)
+outer_part = extended[1:, 1:]
+assert outer_part.eigenvals() == {QUARTER: 1, QUARTER / 2: 1, sixteenth: 1}
+slow = Matrix([[1, w, 0]])
+assert expand(slow * outer_part - QUARTER * slow) == Matrix.zeros(1, 3)
+assert expand((slow * extended[1:, 0])[0] - 3 * QUARTER * (1 + w)) == 0
+equal_values = extended.subs(mu, QUARTER) - QUARTER * eye(4)
+assert equal_values.subs(w, -1).rank() == 2  # two eigenvectors
+for other_wave in (1, Rational(3, 5) + Rational(4, 5) * sympify("I")):
+    assert equal_values.subs(w, other_wave).applyfunc(expand).rank() == 3

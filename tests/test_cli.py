@@ -329,6 +329,7 @@ def test_keys_of_json_are_documented(cage, tmp_path):
         "measure": [cage],
         "modes": [cage, "-k", 3, "--levels", 1, "-o", tmp_path / "a.vtu"],
         "basis": ["--valence", 3],
+        "spectrum": ["--valence", 3],
         "tessellate": [cage, "-n", 2, "-o", target],
         "refine": [cage, "-o", target],
         "section": [cage, "-o", tmp_path / "a.csv"],

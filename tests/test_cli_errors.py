@@ -56,6 +56,7 @@ SAYING = {
     "refine": ["refine", "CAGE", "--levels", "4"],
     "validate": ["validate", "CAGE", "--levels", "1"],
     "basis": ["basis", "--valence", "5"],
+    "spectrum": ["spectrum", "--valence", "3-5"],
     "convert": ["convert", "CAGE", "-"],
     "completion": ["completion", "fish"],
 }

@@ -149,7 +149,9 @@ if TYPE_CHECKING:
         plot_eigenfunctions as plot_eigenfunctions,
     )
     from limitsurf.spectra import Eigenbasis as Eigenbasis
+    from limitsurf.spectra import SpectralAnalysis as SpectralAnalysis
     from limitsurf.spectra import eigenbasis as eigenbasis
+    from limitsurf.spectra import spectral_analysis as spectral_analysis
     from limitsurf.surface import (
         Curvature as Curvature,
     )
@@ -186,6 +188,7 @@ _HOME = {
     "Scheme": "scheme.scheme",
     "ShellSolution": "fem.thin",
     "Space": "fem.space",
+    "SpectralAnalysis": "spectra",
     "ThinShell": "fem.thin",
     "SurfaceIndex": "query.index",
     "Tessellation": "query",
@@ -233,6 +236,7 @@ _HOME = {
     "selected": "cage.selection",
     "section": "query.sections",
     "silhouette": "query.silhouettes",
+    "spectral_analysis": "spectra",
     "tessellate": "query",
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",

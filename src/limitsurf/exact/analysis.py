@@ -139,8 +139,8 @@ def leading_pair(
     return ((first, second) if alone and positive else ()), without
 
 
-def orientation(scheme: Scheme, functions: Array, closed: bool, turns: int) -> int:
-    """The sign of the minor of two eigenfunctions that are regular around a vertex, else 0.
+def minor_sign(scheme: Scheme, functions: Array) -> int | None:
+    """The sign of the minor of two eigenfunctions on all faces; 0 if there is none, None if unsure.
 
     Parameters
     ----------
@@ -148,8 +148,6 @@ def orientation(scheme: Scheme, functions: Array, closed: bool, turns: int) -> i
     functions : (F, pieces, monomials, 2 or 4) of int
         Coefficients on the pieces of faces, as in `Spline.exponents`; if there are four, the last
         two are those of the modes themselves, of which the first two have the ends of chains.
-    closed : whether the faces surround the vertex
-    turns : how many faces are like each of these
     """
     form = _minors(scheme.lattice, scheme.spline.exponents)
     net = form.minor(functions[..., 0], functions[..., 1])
@@ -161,12 +159,36 @@ def orientation(scheme: Scheme, functions: Array, closed: bool, turns: int) -> i
     second = None
     if functions.shape[-1] > 2:
         second = sign * form.minor(functions[..., 2], functions[..., 3])
+    sure = True
     for face, piece in np.ndindex(net.shape[:2]):
         here = net[face, piece]
-        beside = second is not None and form.is_beside_zero(here, second[face, piece], noise)
-        if not beside and not form.is_positive(here, noise, _HALVINGS):
+        if second is not None and form.is_beside_zero(here, second[face, piece], noise):
+            continue
+        positive = form.is_positive(here, noise, _HALVINGS)
+        if positive is False:
             return 0
-    return sign if not closed or abs(form.angle(functions) * turns - sign) < 0.25 else 0
+        sure = sure and positive is True
+    return sign if sure else None
+
+
+def winding(scheme: Scheme, functions: Array, turns: int) -> float:
+    """How often two functions, as those of `minor_sign`, go around 0 on closed faces.
+
+    NaN where they pass through 0. `turns` faces are like each of these.
+    """
+    return _minors(scheme.lattice, scheme.spline.exponents).angle(functions) * turns
+
+
+def orientation(scheme: Scheme, functions: Array, closed: bool, turns: int) -> int:
+    """The sign of the minor of two eigenfunctions that are regular around a vertex, else 0.
+
+    `functions` as in `minor_sign`, `turns` as in `winding`; `closed`, whether the faces surround
+    the vertex, which the functions then must go around once.
+    """
+    sign = minor_sign(scheme, functions)
+    if not sign:
+        return 0
+    return sign if not closed or abs(winding(scheme, functions, turns) - sign) < 0.25 else 0
 
 
 @lru_cache(maxsize=8)
@@ -254,15 +276,22 @@ class Minors:
                     power[..., at[a + c - 1, b + d - 1]] += weight * f[..., p] * g[..., q]
         return np.asarray(power @ self._change.astype(f.dtype).T)
 
-    def is_positive(self, net: Array, noise: int, halvings: int) -> bool:
-        """Whether a polynomial is positive on a piece, of coefficients (places,)."""
+    def is_positive(self, net: Array, noise: int, halvings: int) -> bool | None:
+        """Whether a polynomial is positive on a piece, of coefficients (places,).
+
+        None if so many halvings do not decide it on the first part that is not known to be.
+        """
         if (net > noise).all():
             return True
-        if halvings == 0 or (net[self._corners] <= noise).any():
+        if (net[self._corners] <= noise).any():
             return False
-        return all(
-            self.is_positive(half @ net, noise * self._scale, halvings - 1) for half in self._halves
-        )
+        if halvings == 0:
+            return None
+        for half in self._halves:
+            positive = self.is_positive(half @ net, noise * self._scale, halvings - 1)
+            if not positive:
+                return positive
+        return True
 
     def is_beside_zero(self, net: Array, head: Array, noise: int) -> bool:
         """Whether a minor is positive but on sides where it is 0, and there the lesser one is."""
@@ -275,19 +304,61 @@ class Minors:
     def angle(self, functions: Array) -> float:
         """The angle that two functions sweep on faces from side to side, in whole turns."""
         origins = [piece.origin for piece in self._lattice.pieces]
-        # along the far sides: corners of the face, and the middles between them
-        ends = self._lattice.corners[1:]
-        path = [(corner, at) for corner, after in pairwise(ends) for at in (corner, after)]
-        path.append((ends[-1], ends[-1]))
-        exponents = np.array(self._exponents)
+        exponents = self._exponents
         size = int(np.abs(functions).max())
         parts = (functions[..., :2] / size).astype(float)  # (F, pieces, monomials, 2)
-        places = []
-        for corner, at in path:
-            powers = np.prod(np.power(at, exponents), axis=1)
-            x, y = np.einsum("c,fcd->df", powers, parts[:, origins.index(corner)])
-            places.append(x + 1j * y)
-        place = np.array(places)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            turn = np.angle(place[1:] / place[:-1])
-        return float(turn.sum() / (2 * np.pi))  # NaN where both are 0
+        swept = 0.0
+        # along the far sides: from each corner of the face to the middle, and on to the next one
+        for start, end in pairwise(self._lattice.corners[1:]):
+            sides = _bernstein_along(start, end, exponents)
+            for corner in (start, end):
+                x, y = np.moveaxis(sides @ parts[:, origins.index(corner)], -1, 0)
+                swept += sum(map(_swept, x + 1j * y))
+        return swept / (2 * np.pi)
+
+
+def _bernstein_along(start: Place, end: Place, exponents: tuple[Place, ...]) -> Array:
+    """Bernstein coefficients, on the segment between two corners, of monomials (places, all)."""
+    degree = max(i + j for i, j in exponents)
+    rows = []
+    for i, j in exponents:
+        # S^i T^j = (s + (s' - s) x)^i (t + (t' - t) x)^j
+        powers = np.polynomial.Polynomial([start[0], end[0] - start[0]]) ** i
+        powers *= np.polynomial.Polynomial([start[1], end[1] - start[1]]) ** j
+        coefficients = powers.coef
+        rows.append(
+            [
+                sum(comb(k, m) / comb(degree, m) * c for m, c in enumerate(coefficients[: k + 1]))
+                for k in range(degree + 1)
+            ]
+        )
+    return np.array(rows, dtype=float).T
+
+
+def _swept(curve: Array, halvings: int = _HALVINGS) -> float:
+    """The angle around 0 that a curve of complex Bernstein coefficients sweeps; NaN if unsure.
+
+    Coefficients in a half plane without 0 hold all of it there: then its ends tell.
+    """
+    ahead = curve / curve[0] if curve[0] else curve
+    middle = np.conj(ahead[0] + ahead[-1] / abs(ahead[-1]) if ahead[-1] else 0)
+    if ((ahead * middle).real > _FLOAT * np.abs(ahead).max() * abs(middle)).all():
+        return float(np.angle(ahead[-1]))
+    if halvings == 0:
+        return float("nan")
+    first, last, rest = [curve[0]], [curve[-1]], curve
+    while len(rest) > 1:
+        rest = (rest[1:] + rest[:-1]) / 2
+        first.append(rest[0])
+        last.append(rest[-1])
+    halves = (np.array(first), np.array(last[::-1]))
+    return sum(_swept(half, halvings - 1) for half in halves)
+
+
+# --- curvature ------------------------------------------------------------------------------------
+
+
+def curvature_rank(value: Any, second: Any) -> int:
+    """Whether ``|value| / second^2`` is above 1, 1, or below: 1, 0 or -1, to 60 digits."""
+    excess = mp.nint((abs(value) - abs(second) ** 2) / EQUAL)
+    return int(mp.sign(excess))

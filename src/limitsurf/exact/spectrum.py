@@ -292,7 +292,19 @@ def _whole(spline: Spline) -> tuple[Fixed, int]:
 def ring_normal(scheme: Scheme, kind: str, faces: int, gathered: bool = False) -> tuple[int, ...]:
     """Modes of the ring whose coefficients' cross product is along the limit normal, if any."""
     sector = replace(scheme.sector(kind, faces), gathered=gathered)
-    count = 1 if sector.alike else faces
+    pair, functions, turns = leading_functions(scheme, sector)
+    if not pair:
+        return ()
+    found = orientation(scheme, functions, not sector.open, turns)
+    return {1: pair, -1: pair[::-1]}.get(found, ())
+
+
+def leading_functions(scheme: Scheme, sector: Sector) -> tuple[tuple[int, ...], Any, int]:
+    """The two modes of the ring that outweigh all others, if any, and their functions on faces.
+
+    These as `analysis.minor_sign` takes them; and how many faces are like each.
+    """
+    count = 1 if sector.alike else sector.faces
     # all faces but the outermost see the same, moved along the ring
     matrices = {
         p: subdivision_matrix(scheme, replace(sector, position=p))
@@ -302,7 +314,7 @@ def ring_normal(scheme: Scheme, kind: str, faces: int, gathered: bool = False) -
     outer = {to_mpf(d) for matrix in matrices.values() for d in outer_modes(matrix)[0]}
     pair, without = leading_pair(ring.values, outer, ring.heads, _absent(sector, ring))
     if not pair:
-        return ()
+        return (), None, 1
     ends = {head: end for end, head in ring.heads.items()}
     shown = [ends.get(k, k) for k in pair]
     which = sorted({*pair, *shown})
@@ -313,8 +325,7 @@ def ring_normal(scheme: Scheme, kind: str, faces: int, gathered: bool = False) -
         part = _joined(scheme, matrices[near], _SelectedModes(ring, which, turn))
         modes = [*shown, *pair] if without and pair != tuple(shown) else shown
         functions.append(part.pieces[..., [part.order.index(which.index(k)) for k in modes]])
-    found = orientation(scheme, np.stack(functions), not sector.open, faces // count)
-    return {1: pair, -1: pair[::-1]}.get(found, ())
+    return pair, np.stack(functions), sector.faces // count
 
 
 def _absent(sector: Sector, ring: Ring) -> set[int]:

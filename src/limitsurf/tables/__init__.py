@@ -40,3 +40,6 @@ from limitsurf.tables.records import RationalTable as RationalTable
 from limitsurf.tables.records import RingMasks as RingMasks
 from limitsurf.tables.records import StripTables as StripTables
 from limitsurf.tables.records import eigen_numbers as eigen_numbers
+from limitsurf.tables.verdicts import CurvatureMode as CurvatureMode
+from limitsurf.tables.verdicts import Verdicts as Verdicts
+from limitsurf.tables.verdicts import verdicts_of as verdicts_of

@@ -16,6 +16,7 @@ import limitsurf as ls
 from limitsurf import memory
 from limitsurf.shell import files, terminal
 from limitsurf.shell.cli import curves, places
+from limitsurf.shell.cli.analysis import spectrum as spectrum_command
 from limitsurf.shell.cli.measures import measure
 from limitsurf.shell.cli.modes import modes
 from limitsurf.shell.cli.program import (
@@ -530,6 +531,9 @@ def basis(
         terminal.say(spectrum.in_latex(facts, exact))
     else:
         spectrum.say(facts, exact)
+
+
+main.add_command(spectrum_command)
 
 
 @main.command()
