@@ -12,7 +12,7 @@
 # ---
 
 # %% tags=["remove-cell"]
-"""Finite elements on limit surfaces: ghost faces, dependent functions, orders at poles.
+"""Finite elements on limit surfaces: ghosts, dependent functions, orders, graded spaces.
 
 Run this file: it says nothing unless an assertion fails.
 """
@@ -25,12 +25,19 @@ Run this file: it says nothing unless an assertion fails.
 # 1. ghost faces: beyond regular boundaries the limit is that of a larger cage, whose outer vertices
 #    are reflections, whatever is further inside;
 # 2. that basis functions can be linearly dependent;
-# 3. how fast functions are approximated at poles.
+# 3. how fast functions are approximated at poles;
+# 4. which functions of several levels make one space, and what that does at poles;
+# 5. how the error of a solution is told without knowing it.
 #
 # - F. Cirak, M. Ortiz, P. Schröder, "Subdivision surfaces: a new paradigm for thin-shell
 #   finite-element analysis", Int. J. Numer. Meth. Engng 47, 2000: ghost vertices.
 # - U. Reif, J. Peters, *Subdivision Surfaces*, Springer 2008, chapters 4 and 5: rings, subdominant
 #   eigenvalue, why curvature asks for the eigenvalue $\lambda^2$.
+# - R. Kraft, *Adaptive und linear unabhängige Multilevel B-Splines*, Stuttgart 1998: the selection.
+# - C. Giannelli, B. Jüttler, H. Speleers, "THB-splines: the truncated basis for hierarchical
+#   splines", Comput. Aided Geom. Design 29, 2012; X. Wei, Y. Zhang, T. Hughes, M. Scott, "Truncated
+#   hierarchical Catmull-Clark subdivision", Comput. Methods Appl. Mech. Engrg 291, 2015.
+# - R. Verfürth, *A Posteriori Error Estimation Techniques for Finite Element Methods*, Oxford 2013.
 
 # %%
 import numpy as np
@@ -208,3 +215,107 @@ for n, known in table.items():
 # %%
 three = np.abs(np.asarray(ls.eigenbasis("catmull-clark", valence=3).float64.eigenvalues))
 assert abs(three - rate[3] ** 2).min() < 2e-3
+
+# %% [markdown]
+# ## 4. Graded spaces
+#
+# Let $\Omega_0 \supset \Omega_1 \supset \dots$ be parts of the surface, $\Omega_0$ all of it,
+# $\Omega_k$ made of faces of level $k - 1$. Kraft takes of the functions of level $k$ those whose
+# support is in $\Omega_k$ but not in $\Omega_{k + 1}$. A function that is dropped, since its
+# support is in $\Omega_{k + 1}$, is a sum of functions of level $k + 1$ with supports in its own,
+# which are taken or dropped in their turn: so all coarse functions remain in the space.
+#
+# Truncated functions span the same. Whenever a coarse function is written in the next level, its
+# coefficients at functions with supports in $\Omega_{k + 1}$ are set to 0. Then they add up to 1,
+# and a function of level 0, the surface itself among them, has as coefficients at functions of
+# level $k$ what refinement gives there: on faces outside $\Omega_{k + 1}$ nothing else acts.
+#
+# On the line, with cubic splines on $[0, 16)$ around a circle and $\Omega_1 = [0, 8)$:
+
+# %%
+n, end = 16, 8
+step = np.zeros((2 * n, n))  # the function i has the support [i - 2, i + 2]; finer ones half of it
+for i in range(n):
+    for d, mask in zip(range(-2, 3), (1, 4, 6, 4, 1), strict=True):
+        step[(2 * i + d) % (2 * n), i] = mask / 8
+dropped = np.array([2 <= i <= end - 2 for i in range(n)])
+inside = np.array([1 <= i / 2 <= end - 1 for i in range(2 * n)])
+kraft = np.concatenate([step[:, ~dropped], np.eye(2 * n)[:, inside]], axis=1)
+truncated = np.concatenate(
+    [np.where(inside[:, None], 0, step[:, ~dropped]), np.eye(2 * n)[:, inside]], axis=1
+)
+rank = np.linalg.matrix_rank
+assert rank(kraft) == rank(truncated) == kraft.shape[1] == (~dropped).sum() + inside.sum()
+assert rank(np.concatenate([kraft, truncated], axis=1)) == rank(kraft)
+assert rank(np.concatenate([kraft, step], axis=1)) == rank(kraft)  # coarse ones are there
+assert (truncated.sum(axis=1) == 1).all()
+x = np.random.default_rng(0).normal(size=n)
+kept = np.concatenate([x[~dropped], (step @ x)[inside]])
+assert np.allclose(truncated @ kept, step @ x)
+
+# %% [markdown]
+# Around a vertex of $n$ faces $1 + n\, k (k + 1)$ vertices are within $k$ layers. With three layers
+# refined, six finer ones, fine functions within four layers are taken, and coarse ones within one
+# dropped. Two poles of valence 8 and sixteen of valence 3 among 3,074 vertices:
+
+# %%
+
+
+def within(n, k):
+    return 1 + n * k * (k + 1)
+
+
+added = {n: within(n, 4) - within(n, 1) for n in (3, 8)}
+assert 3074 + 2 * added[8] + 16 * added[3] == 4226
+
+# %% [markdown]
+# Three layers help by a factor and not by an order: from ring $k$ on each ring has as many cells
+# across, and with those of a constant relative error what is within ring $k$ still is of the order
+# $\lambda^{(3 - m) k}$. To regain the order rings near $k$ need smaller cells than those inside.
+# With cells of $h_n$ of ring $n$ in size, squared errors are sums of $\lambda^{2 n (3 - m)} h_n^{2
+# (4 - m)}$ and unknowns are sums of $h_n^{-2}$. Errors are least at a given number where $h_n^{2 (4
+# - m) + 2} \lambda^{2 n (3 - m)}$ is the same for each ring: then numbers fall geometrically from
+# ring to ring, and errors are as $N^{-(4 - m) / 2}$, at every valence.
+
+# %%
+for valence in (5, 8, 20):
+    for m in range(3):
+        ring, ratio = np.arange(1000), rate[valence] ** (3 - m)
+        found = []
+        for size in (1e-2, 1e-3):
+            h = np.minimum(size * ratio ** (-ring / (5 - m)), 1)
+            found.append([(h**-2).sum(), np.sqrt((ratio ** (2 * ring) * h ** (8 - 2 * m)).sum())])
+        (n0, e0), (n1, e1) = found
+        assert abs(np.log(e0 / e1) / np.log(n1 / n0) - (4 - m) / 2) < 0.11
+
+# %% [markdown]
+# ## 5. An indicator of errors
+#
+# Let $a(u, v) = \int c\, u v + \nabla u \nabla v = \int f v$ for all $v$, and the same for $u_h$
+# and all $v_h$ of the space; $e = u - u_h$. Functions have one tangent plane across edges:
+# integration by parts over faces leaves no jumps, and
+#
+# $$ a(e, v) = a(e, v - v_h) = \sum_F \int_F (f - c\, u_h + \Delta u_h) (v - v_h)
+#    \le C \sum_F h_F\, \lVert f - c\, u_h + \Delta u_h \rVert_F\, \lVert v \rVert_{H^1} $$
+#
+# with $v_h$ near to $v$. That there are no jumps between levels either: stiffness times
+# coefficients is minus the integral of the Laplacian with each function.
+
+# %%
+k = np.arange(48).reshape(8, 6)
+right, up = np.roll(k, -1, axis=0), np.roll(k, -1, axis=1)
+faces = np.stack([k, right, np.roll(right, -1, axis=1), up], axis=-1).reshape(-1, 4)
+a, b = 2 * np.pi * (k // 6).ravel() / 8, 2 * np.pi * (k % 6).ravel() / 6
+ring = np.stack([(2 + np.cos(b)) * np.cos(a), (2 + np.cos(b)) * np.sin(a), np.sin(b)], axis=1)
+space = ls.Space(ls.LimitSurface(ls.Mesh(ring, faces)), where=np.arange(48) == 0)
+assert space.n > 48
+q = ls.quadrature(space.surface, points=16)
+basis, at = space.basis(q), space.geometry(q)
+c = np.random.default_rng(1).normal(size=space.n)
+d = {nu: basis.weights(nu) @ c for nu in basis.orders}
+second = np.stack([d[2, 0], d[1, 1], d[1, 1], d[0, 2]], axis=1).reshape(-1, 2, 2)
+first = np.stack([d[1, 0], d[0, 1]], axis=1)
+hessian = second - np.einsum("ncab,nc->nab", at.christoffel, first)
+laplacian = np.einsum("nab,nab->n", at.inverse, hessian)
+known = -(basis.weights().T @ (q.weights * at.area * laplacian))
+assert abs(space.stiffness(quadrature=q) @ c - known).max() < 1e-9 * abs(known).max()

@@ -425,8 +425,6 @@ def test_what_is_wrong_is_named():
         ls.Space(exact)
     with pytest.raises(ValueError, match="points of shape"):
         ls.Space(surface.with_points(np.zeros((4, 2))))
-    with pytest.raises(NotImplementedError, match="near_poles = 1"):
-        ls.Space(surface, near_poles=1)
     with pytest.raises(ValueError, match='"free" or "natural"'):
         ls.Space(surface, ends="clamped")
     with pytest.raises(ValueError, match="levels"):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from limitsurf.fem.ends import extended as extended
     from limitsurf.fem.modes import Eigenmodes as Eigenmodes
     from limitsurf.fem.modes import eigenmodes as eigenmodes
+    from limitsurf.fem.residuals import element_residuals as element_residuals
     from limitsurf.fem.space import Space as Space
     from limitsurf.fem.thin import ShellSolution as ShellSolution
     from limitsurf.fem.thin import ThinShell as ThinShell
@@ -207,6 +208,7 @@ _HOME = {
     "creases_by_angle": "query.creases",
     "eigenbasis": "spectra",
     "eigenmodes": "fem.modes",
+    "element_residuals": "fem.residuals",
     "extended": "fem.ends",
     "feet": "query.closest",
     "frames": "shell.io.by_suffix",

@@ -13,6 +13,7 @@ from limitsurf.caching import cached_property
 from limitsurf.engine.orders import checked_order, orders_up_to
 from limitsurf.engine.protocol import Order
 from limitsurf.fem.elements import Elements, Group
+from limitsurf.fem.extraction import Places
 from limitsurf.integrals.quadrature import Quadrature
 from limitsurf.refine import sharing
 from limitsurf.surface import LimitSurface
@@ -117,6 +118,9 @@ class Basis:
         every point of the quadrature once.
     n : int
         Functions of the space.
+    n_controls : int
+        What ``controls`` of blocks count: vertices of the surface of the space. They are its
+        functions, or in graded spaces the rows of `Space.extraction`.
 
     Examples
     --------
@@ -132,10 +136,16 @@ class Basis:
     """
 
     def __init__(
-        self, surface: LimitSurface, elements: Elements, quadrature: Quadrature, order: int
+        self,
+        surface: LimitSurface,
+        elements: Elements,
+        quadrature: Quadrature,
+        order: int,
+        extraction: Any = None,
     ) -> None:
-        self.quadrature, self.n = quadrature, surface.mesh.n_vertices
-        self._surface = surface
+        self.quadrature, self.n_controls = quadrature, surface.mesh.n_vertices
+        self.n = self.n_controls if extraction is None else int(extraction.shape[1])
+        self._surface, self._extraction = surface, extraction
         self.orders: list[Order] = list(orders_up_to(order)[0])
         self.blocks: list[Block] = []
         counts = np.diff(quadrature.offsets)
@@ -185,7 +195,7 @@ class Basis:
 
     def evaluated(self, controls: Array, points: Array) -> Array:
         """Derivatives (D, F, P, C) of the controls of faces at their points, by `weights`."""
-        q, n = self.quadrature, self.n
+        q, n = self.quadrature, self.n_controls
         at = points.ravel()
         found = self._surface.weights(q.face[at], q.u[at], q.v[at], nu=self.orders)
         (f, c), p = controls.shape, points.shape[1]
@@ -243,9 +253,22 @@ class Basis:
         for block in self.blocks:
             order = np.argsort(block.controls, axis=1)[:, None]
             data[_entries(indptr, block)] = np.take_along_axis(block.values()[nu], order, axis=2)
-        (found,) = sharing(indptr, indices, [data], (len(self.quadrature), self.n))
+        (found,) = sharing(indptr, indices, [data], (len(self.quadrature), self.n_controls))
+        if self._extraction is not None:
+            return self._places.of(found @ self._extraction)
         found.indptr, found.indices = indptr, indices
         return found
+
+    @cached_property
+    def _places(self) -> Places:
+        indptr, indices = self._pattern
+        shape = len(self.quadrature), self.n_controls
+        (ones,) = sharing(indptr, indices, [np.ones(len(indices))], shape)
+        return Places(ones @ abs(self._extraction))
+
+    def collected(self, values: Array) -> Array:
+        """Sums (n, k) over the controls of each function, from values (n_controls, k)."""
+        return values if self._extraction is None else np.asarray(self._extraction.T @ values)
 
 
 def _entries(indptr: Array, block: Block) -> Array:

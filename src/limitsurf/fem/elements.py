@@ -43,6 +43,8 @@ class Group:
 class Elements:
     """All limit faces of a surface that have a limit, in groups.
 
+    If it is `complete` each vertex needs to have influence on one.
+
     Attributes
     ----------
     groups : list of Group
@@ -50,7 +52,7 @@ class Elements:
         In which group a limit face is, -1 without limit, and where in it.
     """
 
-    def __init__(self, surface: LimitSurface) -> None:
+    def __init__(self, surface: LimitSurface, *, complete: bool = True) -> None:
         patches = surface.patches
         self.groups: list[Group] = []
         self.group = np.full(patches.n_limit_faces, -1, dtype=np.int32)
@@ -64,7 +66,8 @@ class Elements:
         rest = np.flatnonzero((self.group < 0) & (code != NO_LIMIT))
         for start in range(0, len(rest), _AT_ONCE):
             self._add_others(surface, rest[start : start + _AT_ONCE])
-        self._check(surface)
+        if complete:
+            self._check(surface)
 
     def _add_alike(self, patches: PatchTable, code: Array, faces: Array) -> None:
         """Add those of some faces of one kind and turn that have distinct vertices alone."""

@@ -20,6 +20,7 @@ from limitsurf.fem.basis import Basis, Block, Pair
 from limitsurf.fem.geometry import Components
 
 if TYPE_CHECKING:
+    from limitsurf.fem.extraction import Extracted
     from limitsurf.fem.pattern import Pattern
 
 Array = NDArray[Any]
@@ -74,7 +75,7 @@ def components(basis: Basis, block: Block, points: Array, orders: Sequence[Order
 
 def matrix(
     basis: Basis,
-    pattern: Pattern,
+    pattern: Pattern | Extracted,
     terms: Callable[[Block], Terms],
     workers: int,
     symmetric: bool = True,
@@ -113,7 +114,7 @@ def _upper(elements: Array) -> Array:
     return np.asarray(elements[:, i, j])
 
 
-def bilaplace(basis: Basis, pattern: Pattern, points: Array, workers: int) -> Any:
+def bilaplace(basis: Basis, pattern: Pattern | Extracted, points: Array, workers: int) -> Any:
     """The matrix of the product of the Laplacians of two functions."""
 
     def work(part: slice) -> tuple[int, Array, Array]:
@@ -170,7 +171,8 @@ def load_of_blocks(
             own = np.matmul(block.values()[0, 0].swapaxes(1, 2), values)
         return block.controls.ravel(), own.reshape(-1, own.shape[2])
 
-    return _scattered(basis.n, over_chunks(len(basis.blocks), workers, work, 1))
+    parts = over_chunks(len(basis.blocks), workers, work, 1)
+    return basis.collected(_scattered(basis.n_controls, parts))
 
 
 def factors(matrix: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -15,8 +16,11 @@ from limitsurf.fem import forms
 from limitsurf.fem import levels as cages
 from limitsurf.fem.basis import Basis, Block
 from limitsurf.fem.elements import Elements
+from limitsurf.fem.extraction import Extracted
 from limitsurf.fem.geometry import Geometry
+from limitsurf.fem.grading import Grading
 from limitsurf.fem.levels import Ends
+from limitsurf.fem.parents import parent_faces
 from limitsurf.fem.pattern import Pattern
 from limitsurf.fem.places import vertex_places
 from limitsurf.integrals.checks import checked, is_exact
@@ -55,7 +59,11 @@ class Space:
         Where a boundary has a vertex that is not regular, all of this boundary is natural, with one
         warning. In schemes whose faces depend on their own corners alone both are the same.
     near_poles : int
-        0: functions of more levels near special corners alone are not available yet.
+        Functions of so many more levels near special corners: of each level within three layers of
+        faces of the one before. Coarse functions are dropped where finer ones take over.
+    where : (n_faces,) array_like of bool or int, optional
+        Functions of one more level, or of so many, on these faces of the cage, and within two
+        layers of faces of the level before around them.
 
     Attributes
     ----------
@@ -76,9 +84,8 @@ class Space:
     TypeError
         For exact points: what is solved with forms has square roots.
     ValueError
-        For points that are not in space, levels or ends out of range, a surface without limit.
-    NotImplementedError
-        For `near_poles` above 0.
+        For points that are not in space, levels or ends out of range, a surface without limit,
+        `where` of another shape, and graded spaces in dual schemes ("doo-sabin").
 
     Warns
     -----
@@ -118,6 +125,7 @@ class Space:
         levels: int = 0,
         ends: Ends = "free",
         near_poles: int = 0,
+        where: ArrayLike | None = None,
     ) -> None:
         surface = checked(surface, "a space")
         if is_exact(surface):
@@ -128,14 +136,13 @@ class Space:
         levels = checked_integer("levels", levels, 0)
         if ends not in get_args(Ends):
             raise ValueError(f'ends must be "free" or "natural", got {ends!r}')
-        if checked_integer("near_poles", near_poles, 0):
-            raise NotImplementedError(
-                f"near_poles = {near_poles}: graded spaces are not available yet; refine all of "
-                "the cage by levels="
-            )
+        near_poles = checked_integer("near_poles", near_poles, 0)
+        more = _checked_where(where, surface.mesh.n_faces)
+        graded = near_poles > 0 or bool(more.any())
+        if graded:
+            _refuse_dual(surface)
         if not surface.patches.with_limit.any():
             raise ValueError("a space needs a face with a limit, but no limit face has one")
-        self._known = {"levels": levels, "ends": ends, "near_poles": 0}
         self.ends: Ends = ends
         self.cage = surface
         cage = surface.mesh
@@ -148,13 +155,58 @@ class Space:
             cages.warn_of_natural_ends(mesh, 3)
         self.levels = levels
         self.surface = surface if mesh is given else LimitSurface(mesh, engine=surface.engine)
+        self.refined_surface = self.surface
+        self.grading: Grading | None = None
+        if graded:
+            self._grade(near_poles, more, [])
+        self._asked = near_poles, more
         self._rules: dict[str, Quadrature] = {}
         self._bases: dict[tuple[str, int], Basis] = {}
 
     @property
     def n(self) -> int:
         """Number of unknowns."""
-        return self.surface.mesh.n_vertices
+        return self.surface.mesh.n_vertices if self.grading is None else self.grading.n
+
+    @cached_property
+    def extraction(self) -> csr_array[Any]:
+        """From coefficients to the vertices of `surface`, (n_vertices, n).
+
+        The identity, but for graded spaces.
+        """
+        from scipy.sparse import eye_array
+
+        if self.grading is not None:
+            return self.grading.extraction
+        return eye_array(self.n, format="csr")
+
+    @cached_property
+    def points(self) -> Floats:
+        """The surface itself as functions of the space: coefficients (n, 3) of x, y and z."""
+        if self.grading is None:
+            return self.surface.points
+        return np.asarray(self.grading.prolonged(self.refined_surface.points))
+
+    @cached_property
+    def parents(self) -> NDArray[np.int64]:
+        """The face of the cage that each limit face of `surface` is in; -1 without a limit."""
+        of_faces = parent_faces(self) if self.grading is None else self.grading.parent
+        found = np.asarray(of_faces[self.surface.limit_faces.face], dtype=np.int64)
+        return np.where(self.surface.patches.with_limit, found, -1)
+
+    def rows(
+        self, face: ArrayLike, u: ArrayLike, v: ArrayLike, nu: Any = (0, 0), workers: int = 1
+    ) -> Any:
+        """The matrix from coefficients to values at places of `surface`, (places, n).
+
+        Parameters, and what is returned, are those of `LimitSurface.weights`.
+        """
+        found = self.surface.weights(face, u, v, nu=nu, workers=workers)
+        if self.grading is None:
+            return found
+        if isinstance(found, (list, tuple)):
+            return [one @ self.extraction for one in found]
+        return found @ self.extraction
 
     def __repr__(self) -> str:
         name = self.surface.topology.rules.scheme.name
@@ -165,9 +217,66 @@ class Space:
     def operator(self) -> csr_array[Any]:
         """From values at the vertices of the cage to coefficients, (n, n_vertices)."""
         total = self._chain(self._coarsest, self.levels)
-        if self._begin is None:
-            return total
-        return (total @ self._begin).tocsr()
+        if self._begin is not None:
+            total = (total @ self._begin).tocsr()
+        return total if self.grading is None else self.grading.prolonged(total)
+
+    def _grade(self, near_poles: int, more: Array, chosen: list[Array]) -> None:
+        """Refine parts of the cage further."""
+        base = self.refined_surface
+        parent = parent_faces(self)
+        self.grading = Grading(base, parent, near_poles, more, chosen)
+        self.surface = self.grading.surface
+        self._asked = near_poles, more
+
+    def finer(self, where: ArrayLike) -> Space:
+        """A space with functions of one level more on some limit faces, to refine by an error.
+
+        Parameters
+        ----------
+        where : (n_limit_faces,) array_like of bool
+            Limit faces of `surface`. Two layers of faces around them are refined too, so that on
+            them all finer functions are there.
+
+        Returns
+        -------
+        Space
+            Graded, of which all functions of this one are.
+
+        Raises
+        ------
+        ValueError
+            For what are no booleans, one for each limit face, or none of a face with a limit; for
+            dual schemes ("doo-sabin").
+
+        Examples
+        --------
+        >>> import limitsurf as ls
+        >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+        >>> space = ls.Space(ls.LimitSurface(square), levels=3)
+        >>> corner = (space.surface.evaluate(range(100), 0.5, 0.5) < 0.2).all(axis=-1)
+        >>> space.n, space.finer(corner).n
+        (121, 169)
+        """
+        count = len(self.surface.limit_faces)
+        chosen = np.asarray(where)
+        if chosen.shape != (count,) or chosen.dtype != bool:
+            raise ValueError(
+                f"where must be ({count},) booleans, one for each limit face of space.surface, "
+                f"got {chosen.dtype} of shape {chosen.shape}"
+            )
+        chosen = chosen & self.surface.patches.with_limit
+        if not chosen.any():
+            raise ValueError("where must be true on a limit face that has a limit")
+        _refuse_dual(self.cage)
+        with warnings.catch_warnings():  # of ends: this space has said it
+            warnings.simplefilter("ignore", UserWarning)
+            found = Space(self.cage, levels=self.levels, ends=self.ends)
+        near_poles, more = self._asked
+        faces = np.unique(self.surface.limit_faces.face[chosen])
+        numbers = [faces] if self.grading is None else self.grading.and_chosen(faces)
+        found._grade(near_poles, more, numbers)
+        return found
 
     def _chain(self, mesh: Any, levels: int) -> Any:
         """The matrix from the vertices of a cage to those after some levels."""
@@ -218,7 +327,10 @@ class Space:
                 f"the space of {coarser.levels} levels on {same[0].n_faces} faces is not coarser "
                 f"than this one, of {self.levels} levels on {same[1].n_faces}: both need one cage"
             )
-        return self._chain(coarser.surface.mesh, more)
+        if coarser.grading is not None:
+            raise ValueError("prolongation from graded spaces is not available: take a uniform one")
+        found = self._chain(coarser.surface.mesh, more)
+        return found if self.grading is None else self.grading.prolonged(found)
 
     # ------------------------------------------------------------------ functions
 
@@ -254,11 +366,14 @@ class Space:
         [0.0625, 0.25]
         """
         values = self.checked_coefficients(coefficients)
+        if self.grading is not None:
+            flat = self.extraction @ values.reshape(self.n, -1)
+            values = flat.reshape(-1, *values.shape[1:])
         if channel is None:
             return self.surface.with_points(values)
         mesh = self.surface.mesh
         mode = "corners_only" if self.surface.rules["boundary"] == "edge_and_corner" else "none"
-        rows = values.reshape(self.n, -1), mesh.indices, mode
+        rows = values.reshape(mesh.n_vertices, -1), mesh.indices, mode
         return LimitSurface(
             mesh.with_tags(channels={channel: rows}),
             **self.surface.rules,
@@ -299,6 +414,10 @@ class Space:
         from scipy.sparse import block_array
         from scipy.sparse.linalg import spsolve
 
+        if self.grading is not None:
+            raise ValueError(
+                "functions of graded spaces are not told by values at vertices: use project"
+            )
         face, u, v = vertex_places(self.surface)
         rows = self.surface.weights(face, u, v)
         normals = self.surface.normal(face, u, v)
@@ -381,7 +500,8 @@ class Space:
         self._check(quadrature)
         if checked_integer("order", order, 0) > _HIGHEST:
             raise ValueError(f"order must be 0 to {_HIGHEST}, got {order}")
-        return Basis(self.surface, self._elements, quadrature, order)
+        extraction = None if self.grading is None else self.grading.extraction
+        return Basis(self.surface, self._elements, quadrature, order, extraction)
 
     def geometry(self, quadrature: Quadrature, *, workers: int = 1) -> Geometry:
         """Metric, normal, second form and Christoffel symbols at the points of a quadrature.
@@ -437,12 +557,13 @@ class Space:
 
     @cached_property
     def _elements(self) -> Elements:
-        return Elements(self.surface)
+        return Elements(self.surface, complete=self.grading is None)
 
     @cached_property
-    def pattern(self) -> Pattern:
+    def pattern(self) -> Pattern | Extracted:
         """Where matrices of the space have entries."""
-        return Pattern(self.n, self._elements.groups)
+        found = Pattern(self.surface.mesh.n_vertices, self._elements.groups)
+        return found if self.grading is None else Extracted(found, self.grading.extraction)
 
     def chosen(self, quadrature: Quadrature | None, order: int, integrand: Kind) -> Basis:
         """The basis of a quadrature, or that of the default one, which is kept."""
@@ -640,6 +761,27 @@ class Space:
             }
 
         return forms.matrix(basis, self.pattern, own, threads(workers), symmetric)
+
+
+def _refuse_dual(surface: LimitSurface) -> None:
+    if surface.topology.lattice.dual:
+        raise ValueError(
+            "graded spaces need schemes by which faces are split, so that finer ones are in them, "
+            f"which {surface.topology.rules.scheme.name!r} does not: use levels="
+        )
+
+
+def _checked_where(where: ArrayLike | None, n_faces: int) -> NDArray[np.int64]:
+    """How many levels more on each face of the cage."""
+    if where is None:
+        return np.zeros(n_faces, dtype=np.int64)
+    found = np.asarray(where)
+    if found.shape != (n_faces,) or found.dtype.kind not in "biu" or (found < 0).any():
+        raise ValueError(
+            f"where must be ({n_faces},) booleans, or numbers of levels not below 0, one for each "
+            f"face of the cage, got {found.dtype} of shape {found.shape}"
+        )
+    return found.astype(np.int64)
 
 
 def _default(surface: LimitSurface, points: int, integrand: Kind) -> Quadrature:

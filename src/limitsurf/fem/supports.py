@@ -225,14 +225,14 @@ def conditions(space: Space, supports: Sequence[Support]) -> Any:
             continue
         if one.kind == "at":
             assert one.places is not None
-            rows = space.surface.weights(*one.places)
+            rows = space.rows(*one.places)
             found += [_component(rows, k) for k in one.components]
             continue
         corners, ends = _sides(space, one)
         along = space.surface.limit_faces.along
         # enough for a polynomial along each side
         each = np.linspace(0, 1, space.surface.topology.rules.scheme.spline.degree + 1)
-        value = space.surface.weights(*along(corners[:, None], each))
+        value = space.rows(*along(corners[:, None], each))
         if one.plane is None:
             found += [_component(value, k) for k in one.components]
         else:
@@ -287,6 +287,7 @@ def turning(space: Space, corners: Array, t: ArrayLike) -> tuple[Any, Array]:
     rows = surface.weights(face, u, v, nu=[(1, 0), (0, 1)])
     for row in rows:  # of vertices without derivatives
         row.data[~np.isfinite(row.data)] = 0
+    rows = [row @ space.extraction for row in rows] if space.grading is not None else rows
     return _along(rows[0], shares[0]) + _along(rows[1], shares[1]), along
 
 
@@ -300,12 +301,20 @@ def _sides(space: Space, support: Support) -> tuple[Array, Array]:
             "support places by limitsurf.fem.supports.at"
         )
     whole = surface.patches.with_limit[surface.limit_faces.first]
+    grading = space.grading
     if support.edges is not None:
+        if grading is not None:
+            raise ValueError(
+                f"{support.kind}: edges are not followed into graded spaces: say which boundary "
+                "edges are meant by where="
+            )
         corners = traced_sides(space, support.edges)
     else:
         both = mesh.edge_corners
         there = (both >= 0) & whole[mesh.corner_face[both]]
         corners = both[(there.sum(axis=1) == 1)[:, None] & there]
+        if grading is not None:
+            corners = corners[grading.rim[corners]]
         if support.where is not None:
             corners = corners[_chosen(surface, corners, support.where)]
         elif support.plane is not None:
@@ -316,6 +325,11 @@ def _sides(space: Space, support: Support) -> tuple[Array, Array]:
     if not len(corners):
         what = "no boundary edge" if support.edges is None else "no edge"
         raise ValueError(f"{support.kind}: {what} of the surface is meant")
+    if grading is not None and len(np.unique(grading.level[mesh.corner_face[corners]])) > 1:
+        raise ValueError(
+            f"{support.kind}: the boundary edges that are meant are of several levels of a graded "
+            "space, along which it is not known how many conditions hold: refine all along there"
+        )
     ends = np.stack([mesh.indices[corners], mesh.indices[mesh.next_corner[corners]]], axis=1)
     n = mesh.n_vertices
     faces = np.bincount(mesh.indices[whole[mesh.corner_face]], minlength=n)
@@ -388,7 +402,7 @@ def rigid_motions(space: Space) -> Array:
     """
     from scipy.sparse.csgraph import connected_components
 
-    points = space.surface.points
+    points = space.points
     count, part = connected_components(space.mass(), directed=False)
     found = np.zeros((space.n, 3, count, 6))
     size = np.bincount(part, minlength=count)

@@ -16,7 +16,6 @@ from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.fem import forms
 from limitsurf.fem.modes import Eigenmodes, lowest
-from limitsurf.fem.parents import parent_faces
 from limitsurf.fem.space import Space
 from limitsurf.fem.supports import (
     Support,
@@ -179,6 +178,8 @@ class ThinShell:
         self.density = self._per_face("density", density, lambda x: x >= 0, "not negative")
         self._basis = space.chosen(quadrature, 2, "curvature")
         self.stiff_creases = stiff_creases
+        if stiff_creases and space.grading is not None:
+            raise ValueError("stiff_creases=True needs a space that is not graded: use levels=")
         if not stiff_creases and len(self._hinges):
             warnings.warn(
                 f"the shell has {count(len(self._hinges), 'edge')} on infinitely sharp creases, "
@@ -197,13 +198,13 @@ class ThinShell:
         if bad.any():
             where = f" at face {int(np.flatnonzero(bad)[0])}" if values.ndim else ""
             raise ValueError(f"{name} must be {need}, got {values[bad].flat[0]}{where}")
-        faces = self.space.surface.limit_faces.face
-        return np.broadcast_to(values, len(faces)) if not values.ndim else values[self._parent]
+        n_faces = len(self.space.surface.limit_faces)
+        return np.broadcast_to(values, n_faces) if not values.ndim else values[self._parent]
 
     @cached_property
     def _parent(self) -> Array:
         """The face of the cage of each limit face, the last one where there is no limit."""
-        return parent_faces(self.space)[self.space.surface.limit_faces.face]
+        return self.space.parents
 
     @cached_property
     def _hinges(self) -> Array:
@@ -402,7 +403,7 @@ class ThinShell:
             raise ValueError(
                 f"points: forces must be finite vectors of 3, got shape {forces.shape}"
             )
-        rows = self.space.surface.weights(face, u, v)
+        rows = self.space.rows(face, u, v)
         return np.asarray(rows.T @ forces)
 
     def solve(self, loads: ArrayLike, *supports: Support, workers: int = 1) -> ShellSolution:
@@ -597,7 +598,7 @@ class ThinShell:
     ) -> tuple[Array, Array, Array]:
         """Unit vectors (..., 2, 3), and strains (..., 3): 11, 22 and twice 12."""
         surface = self.space.surface
-        moved = surface.with_points(self.space.checked_coefficients(x))
+        moved = self.space.function(x)
         jets = []
         for one in (surface, moved):
             jet = one.jet(face, u, v, order=2, workers=workers)
@@ -708,7 +709,8 @@ class ShellSolution:
     def deformed(self, scale: float = 1.0) -> LimitSurface:
         """The surface moved by so many times the displacement."""
         surface = self.shell.space.surface
-        return surface.with_points(surface.points + scale * self.coefficients)
+        moves = self.shell.space.function(self.coefficients).points
+        return surface.with_points(surface.points + scale * moves)
 
 
 def _in_space(frame: Array, tensor: Array) -> Array:
