@@ -128,11 +128,6 @@ CAGES = {
 }
 
 
-CURVED = grid(4).with_points(
-    grid(4).points + [[0, 0, 0.3 * x * x + 0.2 * y * (1 - y)] for x, y, _ in grid(4).points]
-)
-
-
 @pytest.mark.parametrize("scheme", ["catmull-clark", "doo-sabin", "loop"])
 @pytest.mark.parametrize("name", CAGES)
 def test_six_rigid_modes_and_no_seventh(scheme, name):
@@ -393,8 +388,8 @@ def test_what_cannot_be():
         fixed(components=2)
     with pytest.raises(ValueError, match="modes has no use for rigid_modes_removed"):
         plate(0, density=1.0).modes(3, rigid_modes_removed())
+    dual = ls.Space(ls.LimitSurface(CAGES["cube"], scheme="doo-sabin"), levels=1)
     with pytest.raises(ValueError, match=r"several of those before"):
-        dual = ls.Space(ls.LimitSurface(CAGES["cube"], scheme="doo-sabin"), levels=1)
         ls.ThinShell(dual, young=1.0, poisson=0.3, thickness=np.ones(6))
 
 
@@ -448,7 +443,7 @@ def test_cantilevers(scheme):
     mesh = mesh.with_points(mesh.points * [10, 1, 1])
     if scheme == "loop":
         split = [[f[0], f[k], f[k + 1]] for f in mesh.faces for k in (1, 2)]
-        mesh = ls.Mesh(mesh.points, split)
+        mesh = ls.Mesh(mesh.points, split, corners=dict.fromkeys((0, 10, 11, 21), np.inf))
     ends = "free" if scheme == "catmull-clark" else "natural"
     surface = ls.LimitSurface(mesh, scheme=scheme)
     space = ls.Space(surface, levels=1 + (scheme == "loop"), ends=ends)
@@ -458,18 +453,18 @@ def test_cantilevers(scheme):
     found = shell.solve(shell.load(points=half), clamped(where=lambda x: x[:, 0] < 1e-9))
     beam = 1e6 * 0.1**3 / 12
     moved = found.displacement.evaluate(tip.face, tip.u, tip.v)[:, 2]
-    within = 1e-3 if scheme == "catmull-clark" else 3e-2
+    within, near = (1e-3, 1e-2) if scheme == "catmull-clark" else (4e-2, 5e-2)
     assert np.allclose(moved, np.array([1000, 1000, 312.5]) / 3 / beam, rtol=within)
-    assert np.isclose(found.energy, moved[0] / 2, rtol=1e-6)
+    assert np.isclose(found.energy, moved[:2].mean() / 2, rtol=1e-6)
     assert np.allclose(found.reactions.sum(axis=0), [0, 0, -1], atol=1e-9)
     # moments of reactions about the clamped edge: those of the load, and what clamps add
     _, moments = shell.resultants(found.coefficients, int(tip.face[2]), tip.u[2], tip.v[2])
-    assert np.isclose(abs(moments[0, 0]), 5, rtol=10 * within)  # P (L - x)
+    assert np.isclose(abs(moments[0, 0]), 5, rtol=near)  # P (L - x)
 
 
 def test_sphere_under_pressure():
     """The stress is p R / (2 h), the radius grows by p R^2 (1 - nu) / (2 E h)."""
-    mesh = ls.refined(ls.Mesh(2 * np.array(zoo.cube()[0], float) - 1, zoo.cube()[1]), 2)
+    mesh = ls.refined(ls.Mesh(2 * np.array(zoo.cube()[0], float) - 1, zoo.cube()[1]), 1)
     rough = ls.Space(ls.LimitSurface(ls.Mesh(mesh.points, mesh.faces)))
     onto = rough.project(lambda x, n: 3 * x / np.linalg.norm(x, axis=1)[:, None])
     shell = ls.ThinShell(
@@ -488,14 +483,14 @@ def test_sphere_under_pressure():
 
 def test_halves_of_symmetric_plates():
     """A half with a symmetric edge moves as the whole does."""
-    held = clamped(where=lambda x: x[:, 0] < 1e-9), fixed(where=lambda x: x[:, 0] > 1 - 1e-9)
-    whole = ls.ThinShell(
-        ls.Space(ls.LimitSurface(CURVED)), young=1e4, poisson=0.3, thickness=0.02, density=1.0
+    held = (
+        clamped(where=lambda x: x[:, 0] < 1e-9),
+        fixed(where=lambda x: np.abs(x[:, 1] - 0.5) > 0.499),
     )
-    lower = ls.selected(CURVED, np.arange(8))
-    half = ls.ThinShell(
-        ls.Space(ls.LimitSurface(lower)), young=1e4, poisson=0.3, thickness=0.02, density=1.0
-    )
+    bent = grid(4).with_points(grid(4).points + [[0, 0, 0.3 * x * x] for x, _, _ in grid(4).points])
+    moduli = {"young": 1e4, "poisson": 0.3, "thickness": 0.02, "density": 1.0}
+    whole = ls.ThinShell(ls.Space(ls.LimitSurface(bent)), **moduli)
+    half = ls.ThinShell(ls.Space(ls.LimitSurface(ls.selected(bent, np.arange(8)))), **moduli)
     middle = symmetric(((0, 0.5, 0), (0, 1, 0)), where=lambda x: x[:, 1] > 0.5 - 1e-9)
     one = whole.solve(whole.load(gravity=[0, 0, -9]), *held)
     other = half.solve(half.load(gravity=[0, 0, -9]), *held, middle)
@@ -514,4 +509,15 @@ def test_frequencies_of_a_simply_supported_plate():
     found = shell.modes(4, fixed()).eigenvalues
     omega = np.pi**2 * np.array([2, 5, 5, 8]) * np.sqrt(1e-9 / 12 / 0.91 / 2e-3)
     assert np.allclose(np.sqrt(found), omega, rtol=1e-3)
-    assert "Eigenmodes(4 of 300" in repr(shell.modes(4))
+    assert "Eigenmodes(4 of 363" in repr(shell.modes(4))
+
+
+def test_sheets_that_meet_are_hinged():
+    # three squares at one edge: beside 6 rigid modes two turns about it
+    points = [[x, y, 0.0] for x in (-1, 0, 1) for y in (0, 1)] + [[0, 0, 1], [0, 1, 1]]
+    mesh = ls.Mesh(points, [[0, 2, 3, 1], [2, 4, 5, 3], [2, 6, 7, 3]])
+    space = ls.Space(ls.LimitSurface(mesh), levels=1, ends="natural")
+    with pytest.warns(UserWarning, match="2 edges at which more than two faces meet, or whose"):
+        shell = ls.ThinShell(space, young=1.0, poisson=0.3, thickness=0.1, density=1.0)
+    values = shell.modes(9).eigenvalues
+    assert np.abs(values[:8]).max() < 1e-9 * values[8]

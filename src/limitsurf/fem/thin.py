@@ -119,7 +119,8 @@ class ThinShell:
         Whether infinitely sharp creases within the shell keep their angle: by a penalty of
         ``10 D / l`` per length, with the bending modulus ``D = E h^3 / (12 (1 - nu^2))`` of the
         softer side and the mean size ``l`` of both faces across the crease. Otherwise they are
-        hinges, of which a warning tells.
+        hinges, of which a warning tells. Where more than two faces meet at an edge, or where they
+        are turned against each other, there are hinges in any case.
 
     Raises
     ------
@@ -187,6 +188,14 @@ class ThinShell:
             warnings.warn(
                 f"the shell has {count(len(self._hinges), 'edge')} on infinitely sharp creases, "
                 "which are hinges: stiff_creases=True keeps their angles",
+                UserWarning,
+                stacklevel=2,
+            )
+        apart = int(space.surface.mesh.nonmanifold_edge.sum())
+        if apart:
+            warnings.warn(
+                f"the shell has {count(apart, 'edge')} at which more than two faces meet, or whose "
+                "faces are turned against each other: its parts are hinged there",
                 UserWarning,
                 stacklevel=2,
             )
