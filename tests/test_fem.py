@@ -7,6 +7,7 @@ import pytest
 import zoo
 from command_line import facts, fail, succeed
 from scipy.linalg import eigh
+from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import spsolve
 
 import limitsurf as ls
@@ -533,3 +534,50 @@ def test_large_systems_are_solved():
     right = space.load(lambda x, _: x[:, 0])
     c = spsolve((space.stiffness() + space.mass()).tocsc(), right)
     assert np.isclose(c @ space.mass() @ np.ones(space.n), 0, atol=1e-10)
+
+
+def test_other_solvers():
+    # as the how-to page has them
+    pyamg, skfem = pytest.importorskip("pyamg"), pytest.importorskip("skfem")
+    space = ls.Space(two_poles(5), levels=1)
+    K, M = space.stiffness(), space.mass()
+    load = space.load(lambda x, _: x[:, 0])
+    known = spsolve((K + M).tocsc(), load)
+    multigrid = pyamg.smoothed_aggregation_solver(csr_matrix(K + M), B=np.ones((space.n, 1)))
+    assert np.allclose(multigrid.solve(load, tol=1e-10), known, atol=1e-7 * abs(known).max())
+    load -= load.sum() * M.sum(axis=0) / M.sum()
+    u = skfem.solve(*skfem.condense(csr_matrix(K), load, D=np.array([0])))
+    assert u[0] == 0
+    assert abs(K @ u - load).max() < 1e-12
+
+
+@pytest.mark.parametrize("unit", [1e-150, 1e100])
+def test_units_of_forms(unit):
+    # areas are as s^2, gradients as 1 / s, Laplacians as 1 / s^2
+    own = torus(5, 4)
+    one, other = (ls.Space(own.with_points(own.points * s)) for s in (1.0, unit))
+    q = ls.quadrature(one.surface, points=2, rtol=1e-2)  # weights do not depend on points
+    for name, power in (("mass", 2), ("stiffness", 0), ("bilaplace", -2)):
+        a, b = (getattr(space, name)(quadrature=q) for space in (one, other))
+        assert abs(b * unit ** (-power) - a).max() < 1e-9 * abs(a).max()
+    g, h = one.geometry(q), other.geometry(q)
+    assert np.allclose(h.area / unit / unit, g.area)
+    assert np.allclose(h.inverse * unit * unit, g.inverse)
+    assert np.allclose(*(space.interpolate(lambda x, n: n[:, 0]) for space in (one, other)))
+
+
+def test_interpolation_where_functions_depend_on_each_other():
+    cube = ls.Space(ls.LimitSurface(ls.Mesh(*zoo.cube())))
+    with pytest.raises(ValueError, match="linearly dependent"):
+        cube.interpolate(lambda x, _: x)
+
+
+def test_other_tags_have_other_functions():
+    creased = ls.Mesh(*zoo.cube(), creases={(0, 1): 2.0})
+    coarse, fine = ls.Space(ls.LimitSurface(ls.Mesh(*zoo.cube()))), ls.LimitSurface(creased)
+    with pytest.raises(ValueError, match="both need one cage, with the same tags"):
+        ls.Space(fine, levels=1).prolongation(coarse)
+    with pytest.raises(ValueError, match="terms: got none"):
+        coarse.assemble([])
+    with pytest.raises(TypeError, match="need a function"):
+        coarse.load(1.0)

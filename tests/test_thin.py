@@ -366,3 +366,158 @@ def test_what_cannot_be():
         clamped([[0, 1]], where=lambda x: x[:, 0] > 0)
     with pytest.raises(TypeError, match="supports are made by"):
         shell.solve(load, "clamped")
+    with pytest.raises(ValueError, match=r"at: there is no point at place 1, .* = \(2, nan, 0.0\)"):
+        shell.solve(load, at([0, 2], [0.5, np.nan], 0))
+    with pytest.raises(ValueError, match="face, u and v must broadcast"):
+        at([0, 1], [0, 0.5, 1], 0)
+    with pytest.raises(ValueError, match=r"number 1 must be \(face, u, v, force\)"):
+        shell.load(points=[(0, 0.5, 0.5, [0, 0, 1]), (0, 0.5, 0.5)])
+    with pytest.raises(ValueError, match="there is no point at place 0"):
+        shell.load(points=[(0, np.nan, 0.5, [0, 0, 1])])
+    with pytest.raises(TypeError, match="loads must be real numbers"):
+        shell.solve(1j * load, clamped())
+    with pytest.raises(ValueError, match="pressure must give one number"):
+        shell.load(pressure=lambda x, n: n)
+    with pytest.raises(ValueError, match="displacements: got shape"):
+        shell.strains(np.zeros((len(load), 1)), 0, 0, 0)
+    with pytest.raises(TypeError, match="where must be a function"):
+        clamped(where=3)
+    with pytest.raises(ValueError, match="plane must be x, y or z, or"):
+        symmetric((0, 0, 1))
+    with pytest.raises(TypeError, match="components must be a sequence"):
+        fixed(components=2)
+    with pytest.raises(ValueError, match="modes has no use for rigid_modes_removed"):
+        plate(0, density=1.0).modes(3, rigid_modes_removed())
+    dual = ls.Space(ls.LimitSurface(CAGES["cube"], scheme="doo-sabin"), levels=1)
+    with pytest.raises(ValueError, match=r"several of those before"):
+        ls.ThinShell(dual, young=1.0, poisson=0.3, thickness=np.ones(6))
+
+
+def test_all_is_held():
+    shell = plate(0, density=1.0)
+    t = np.linspace(0, 1, 4)
+    everywhere = at(np.arange(16)[:, None, None], t[:, None], t)
+    load = shell.load(pressure=1.0)
+    found = shell.solve(load, everywhere)
+    assert not found.coefficients.any()
+    assert np.allclose(found.reactions, -load)
+    with pytest.raises(ValueError, match="there are no modes"):
+        shell.modes(1, everywhere)
+
+
+@pytest.mark.parametrize("unit", [1e-150, 1e-60, 1e100])
+def test_units(unit):
+    # lengths times s: deflections of loads per area and moduli as before are times s
+    found = []
+    for s in (1.0, unit):
+        mesh = grid(2).with_points(grid(2).points * s)
+        points = mesh.points + [[0, 0, x * x / s] for x, _, _ in mesh.points]
+        space = ls.Space(ls.LimitSurface(mesh.with_points(points)), levels=1)
+        shell = ls.ThinShell(space, young=1e6, poisson=0.3, thickness=0.05 * s)
+        solution = shell.solve(shell.load(pressure=1.0), clamped())
+        strains = shell.strains(solution.coefficients, 3, 0.4, 0.3)
+        stress = shell.stresses(solution.coefficients, 3, 0.4, 0.3, height=1)
+        moments = shell.resultants(solution.coefficients, 3, 0.4, 0.3)[1]
+        found.append([solution.coefficients / s, strains[0], strains[1] * s, stress,
+                      moments / s / s])  # fmt: skip
+    for one, other in zip(*found, strict=True):
+        assert np.allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(one).max())
+
+
+def test_very_thin_plates():
+    # deflections are as 1 / h^3
+    deep = []
+    for h in (1e-2, 1e-8):
+        shell = ls.ThinShell(
+            ls.Space(ls.LimitSurface(grid(4))), young=1.0, poisson=0.3, thickness=h
+        )
+        found = shell.solve(shell.load(pressure=1.0), clamped())
+        deep.append(found.coefficients.max() * h**3)
+    assert np.isclose(*deep, rtol=1e-9)
+
+
+@pytest.mark.parametrize("scheme", ["catmull-clark", "loop"])
+def test_cantilevers(scheme):
+    # a beam of length 10 and width 1, nu = 0: deflection P L^3 / (3 E I), and 3 M = E I k
+    mesh = grid(10, 1)
+    mesh = mesh.with_points(mesh.points * [10, 1, 1])
+    if scheme == "loop":
+        split = [[f[0], f[k], f[k + 1]] for f in mesh.faces for k in (1, 2)]
+        mesh = ls.Mesh(mesh.points, split, corners=dict.fromkeys((0, 10, 11, 21), np.inf))
+    ends = "free" if scheme == "catmull-clark" else "natural"
+    surface = ls.LimitSurface(mesh, scheme=scheme)
+    space = ls.Space(surface, levels=1 + (scheme == "loop"), ends=ends)
+    shell = ls.ThinShell(space, young=1e6, poisson=0.0, thickness=0.1)
+    tip = ls.closest_point(space.surface, [[10.0, 0.0, 0], [10, 1, 0], [5, 0.5, 0]])
+    half = [(int(tip.face[k]), tip.u[k], tip.v[k], [0, 0, 0.5]) for k in (0, 1)]
+    found = shell.solve(shell.load(points=half), clamped(where=lambda x: x[:, 0] < 1e-9))
+    beam = 1e6 * 0.1**3 / 12
+    moved = found.displacement.evaluate(tip.face, tip.u, tip.v)[:, 2]
+    within, near = (1e-3, 1e-2) if scheme == "catmull-clark" else (4e-2, 5e-2)
+    assert np.allclose(moved, np.array([1000, 1000, 312.5]) / 3 / beam, rtol=within)
+    assert np.isclose(found.energy, moved[:2].mean() / 2, rtol=1e-6)
+    assert np.allclose(found.reactions.sum(axis=0), [0, 0, -1], atol=1e-9)
+    # moments of reactions about the clamped edge: those of the load, and what clamps add
+    _, moments = shell.resultants(found.coefficients, int(tip.face[2]), tip.u[2], tip.v[2])
+    assert np.isclose(abs(moments[0, 0]), 5, rtol=near)  # P (L - x)
+
+
+def test_sphere_under_pressure():
+    """The stress is p R / (2 h), the radius grows by p R^2 (1 - nu) / (2 E h)."""
+    mesh = ls.refined(ls.Mesh(2 * np.array(zoo.cube()[0], float) - 1, zoo.cube()[1]), 1)
+    rough = ls.Space(ls.LimitSurface(ls.Mesh(mesh.points, mesh.faces)))
+    onto = rough.project(lambda x, n: 3 * x / np.linalg.norm(x, axis=1)[:, None])
+    shell = ls.ThinShell(
+        ls.Space(rough.surface.with_points(onto)), young=50.0, poisson=0.3, thickness=0.02
+    )
+    found = shell.solve(shell.load(pressure=0.1), rigid_modes_removed())
+    face = np.arange(shell.space.surface.mesh.n_faces)
+    stress = np.linalg.eigvalsh(shell.stresses(found.coefficients, face, 0.5, 0.5))
+    assert np.allclose(stress[:, 1:].mean(), 7.5, rtol=2e-3)
+    assert np.allclose(stress[:, 1:], 7.5, rtol=5e-2)
+    x, u = (s.evaluate(face, 0.5, 0.5) for s in (shell.space.surface, found.displacement))
+    u = u - u.mean(axis=0)
+    grown = (u * x).sum(axis=1) / np.linalg.norm(x, axis=1)
+    assert np.isclose(grown.mean(), 0.315, rtol=5e-3)
+
+
+def test_halves_of_symmetric_plates():
+    """A half with a symmetric edge moves as the whole does."""
+    held = (
+        clamped(where=lambda x: x[:, 0] < 1e-9),
+        fixed(where=lambda x: np.abs(x[:, 1] - 0.5) > 0.499),
+    )
+    bent = grid(4).with_points(grid(4).points + [[0, 0, 0.3 * x * x] for x, _, _ in grid(4).points])
+    moduli = {"young": 1e4, "poisson": 0.3, "thickness": 0.02, "density": 1.0}
+    whole = ls.ThinShell(ls.Space(ls.LimitSurface(bent)), **moduli)
+    half = ls.ThinShell(ls.Space(ls.LimitSurface(ls.selected(bent, np.arange(8)))), **moduli)
+    middle = symmetric(((0, 0.5, 0), (0, 1, 0)), where=lambda x: x[:, 1] > 0.5 - 1e-9)
+    one = whole.solve(whole.load(gravity=[0, 0, -9]), *held)
+    other = half.solve(half.load(gravity=[0, 0, -9]), *held, middle)
+    at_ = np.arange(8)[:, None], [0.0, 0.3, 1.0], [0.2, 1.0, 0.7]
+    moved = [s.displacement.evaluate(*at_) for s in (one, other)]
+    assert np.allclose(*moved, rtol=0, atol=2e-3 * np.abs(moved[0]).max())
+    assert np.isclose(one.energy, 2 * other.energy, rtol=2e-3)
+
+
+def test_frequencies_of_a_simply_supported_plate():
+    """omega = pi^2 (i^2 + j^2) sqrt(D / (rho h)), bending; in its plane the plate is held."""
+    shell = ls.ThinShell(
+        ls.Space(ls.LimitSurface(grid(4)), levels=1), young=1.0, poisson=0.3, thickness=1e-3,
+        density=2.0,
+    )  # fmt: skip
+    found = shell.modes(4, fixed()).eigenvalues
+    omega = np.pi**2 * np.array([2, 5, 5, 8]) * np.sqrt(1e-9 / 12 / 0.91 / 2e-3)
+    assert np.allclose(np.sqrt(found), omega, rtol=1e-3)
+    assert "Eigenmodes(4 of 363" in repr(shell.modes(4))
+
+
+def test_sheets_that_meet_are_hinged():
+    # three squares at one edge: beside 6 rigid modes two turns about it
+    points = [[x, y, 0.0] for x in (-1, 0, 1) for y in (0, 1)] + [[0, 0, 1], [0, 1, 1]]
+    mesh = ls.Mesh(points, [[0, 2, 3, 1], [2, 4, 5, 3], [2, 6, 7, 3]])
+    space = ls.Space(ls.LimitSurface(mesh), levels=1, ends="natural")
+    with pytest.warns(UserWarning, match="2 edges at which more than two faces meet, or whose"):
+        shell = ls.ThinShell(space, young=1.0, poisson=0.3, thickness=0.1, density=1.0)
+    values = shell.modes(9).eigenvalues
+    assert np.abs(values[:8]).max() < 1e-9 * values[8]

@@ -17,6 +17,7 @@ from limitsurf.engine.orders import checked_order
 from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import Order
 from limitsurf.fem.basis import Basis, Block, Pair
+from limitsurf.fem.checks import power_of_two, reals
 from limitsurf.fem.geometry import Components
 
 if TYPE_CHECKING:
@@ -30,6 +31,10 @@ Terms: TypeAlias = dict[Pair, Array]
 _U, _V = (1, 0), (0, 1)
 FIRST = ((0, 0), _U, _V)
 _SINGULAR = 1e-13  # smallest pivot of a mass matrix, relative to the largest
+_DEPENDENT = (
+    "the functions of this space are linearly dependent: some combination of them vanishes in the "
+    "limit, as that of 1 and -1 by turns at the corners of a cube; use more levels"
+)
 
 
 def mass(at: Components) -> Terms:
@@ -39,18 +44,21 @@ def mass(at: Components) -> Terms:
 
 def stiffness(at: Components) -> Terms:
     """Of the product of their gradients on the surface."""
-    g, h, k = (x * at.measure for x in at.inverse)
+    g, h, k = (x * at.own_measure for x in at.inverse)
     return {(_U, _U): g, (_U, _V): h, (_V, _V): k}
 
 
 def components(basis: Basis, block: Block, points: Array, orders: Sequence[Order]) -> Components:
     """The geometry of a block from the points of the cage, up to its derivatives of some orders.
 
-    Differences from a point of each face keep the digits of derivatives.
+    Differences from a point of each face keep the digits of derivatives, and a unit of each face
+    keeps squares of squares within the range of float64.
     """
     own = points[block.controls]
     origin = own[:, 0].copy()
     own -= origin[:, None]
+    unit = power_of_two(own, (1, 2))[:, :, 0]
+    own /= unit[:, :, None]
     f, c, _ = own.shape
     found = {}
     if block.table is not None:
@@ -62,8 +70,8 @@ def components(basis: Basis, block: Block, points: Array, orders: Sequence[Order
         for nu in orders:
             found[nu] = np.ascontiguousarray(np.moveaxis(np.matmul(values[nu], own), 2, 0))
     if (0, 0) in found:
-        found[0, 0] = found[0, 0] + origin.T[:, :, None]
-    at = Components(found, basis.quadrature.weights[block.points])
+        found[0, 0] = found[0, 0] * unit + origin.T[:, :, None]
+    at = Components(found, basis.quadrature.weights[block.points], unit)
     if _U in found and not (at.area > 0).all():
         bad = np.flatnonzero(~(at.area > 0).all(axis=1))
         raise ValueError(
@@ -121,8 +129,8 @@ def bilaplace(basis: Basis, pattern: Pattern | Extracted, points: Array, workers
         block = basis.blocks[part.start]
         at = components(basis, block, points, [nu for nu in basis.orders if nu != (0, 0)])
         found = at.laplacian()
-        root = np.sqrt(np.abs(at.measure))
-        sign = np.sign(at.measure)
+        root = np.sqrt(np.abs(at.own_measure)) / at.unit
+        sign = np.sign(at.own_measure)
         if block.table is not None:
             scaled = np.stack([c * root for c in found.values()], axis=2)  # (F, P, 5)
             table = np.stack([block.table.of(nu) for nu in found], axis=1)  # (P, 5, C)
@@ -175,32 +183,37 @@ def load_of_blocks(
     return basis.collected(_scattered(basis.n_controls, parts))
 
 
-def factors(matrix: Any) -> Any:
-    """Factors of a symmetric matrix, whose pivots are on its diagonal where they can be."""
+def factors(matrix: Any, symmetric: bool = True) -> Any:
+    """Factors of a matrix; pivots of a symmetric one are on its diagonal where they can be."""
     from scipy.sparse.linalg import splu
 
-    return splu(
-        matrix.tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+    options: dict[str, Any] = {}
+    if symmetric:
+        options = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+    try:
+        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", **options)
+    except RuntimeError:  # a pivot is exactly 0
+        raise ValueError(_DEPENDENT) from None
 
 
 def refuse_dependent(sizes: Array) -> None:
     """Refuse a mass matrix with these pivots, or eigenvalues, if it is singular."""
     if not sizes.min() > _SINGULAR * sizes.max():
-        raise ValueError(
-            "the functions of this space are linearly dependent: some combination of them vanishes "
-            "in the limit, as that of 1 and -1 by turns at the corners of a cube; use more levels"
-        )
+        raise ValueError(_DEPENDENT)
 
 
 def given(
     f: Callable[[Array, Array], ArrayLike], points: Array, normals: Array
 ) -> tuple[Array, tuple[int, ...]]:
     """What a function gives at points, (m, k), and the shape (...) of one value."""
-    found = np.asarray(f(points, normals))
+    if not callable(f):
+        raise TypeError(f"need a function f(points, normals), got {type(f).__name__}")
+    try:
+        found = np.asarray(f(points, normals))
+    except ValueError as error:
+        if "inhomogeneous" not in str(error):
+            raise
+        raise ValueError("f must give an array, got rows of different lengths") from None
     if found.dtype.kind not in "biuf":
         raise TypeError(f"f must give real numbers, got an array of {found.dtype}")
     if found.shape[:1] != (len(points),):
@@ -223,9 +236,7 @@ def summed(terms: Any, count: int) -> Terms:
         if not isinstance(term, (tuple, list)) or len(term) != 3:
             raise ValueError(f"term {k} must be (nu, mu, coefficient), got {term!r}")
         nu, mu = checked_order(term[0]), checked_order(term[1])
-        c = np.asarray(term[2])
-        if c.dtype.kind not in "biuf":
-            raise TypeError(f"the coefficient of term {k} must be real numbers, got {c.dtype}")
+        c = reals(f"the coefficient of term {k}", term[2])
         if c.shape not in ((), (count,)):
             raise ValueError(
                 f"the coefficient of term {k} must be of the shape of the points, ({count},), or "
@@ -239,7 +250,9 @@ def summed(terms: Any, count: int) -> Terms:
             )
         if (nu, mu) in found:
             c = c + found[nu, mu]
-        found[nu, mu] = np.broadcast_to(c.astype(float), count)
+        found[nu, mu] = np.broadcast_to(c, count)
+    if not found:
+        raise ValueError("terms: got none, need (nu, mu, coefficient) at least once")
     return found
 
 

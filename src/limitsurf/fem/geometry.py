@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from limitsurf.caching import cached_property
 from limitsurf.engine.protocol import Order
+from limitsurf.fem.checks import power_of_two
 from limitsurf.integrals.sums import cross
 
 Array = NDArray[Any]
@@ -89,7 +90,9 @@ class Geometry:
     @cached_property
     def area(self) -> Floats:
         """The area element (n,)."""
-        return np.asarray(np.sqrt((self._cross * self._cross).sum(axis=-1)))
+        unit = power_of_two(self._cross, (-1,))  # whose squares are within the range of float64
+        own = self._cross / unit
+        return np.asarray(np.sqrt((own * own).sum(axis=-1)) * unit[..., 0])
 
     @cached_property
     def normal(self) -> Floats:
@@ -107,7 +110,8 @@ class Geometry:
             ],
             axis=-2,
         )
-        return np.asarray(adjugate / (self.area * self.area)[..., None, None])
+        area = self.area[..., None, None]
+        return np.asarray(adjugate / area / area)
 
     @cached_property
     def second_form(self) -> Floats:
@@ -124,12 +128,12 @@ class Geometry:
 class Components:
     """The same of a block of faces, component by component, as forms want it.
 
-    `jet` has the derivatives {nu: three arrays (F, P)}; `weights` (F, P) are those of the
-    quadrature.
+    `jet` has the derivatives {nu: three arrays (F, P)}, in a unit (F, 1) of each face but for
+    positions; `weights` (F, P) are those of the quadrature. All but `measure` is in that unit.
     """
 
-    def __init__(self, jet: Mapping[Order, Array], weights: Array) -> None:
-        self.jet, self.weights = jet, weights
+    def __init__(self, jet: Mapping[Order, Array], weights: Array, unit: Array) -> None:
+        self.jet, self.weights, self.unit = jet, weights, unit
 
     @cached_property
     def cross(self) -> tuple[Array, Array, Array]:
@@ -144,9 +148,14 @@ class Components:
         return np.asarray(np.sqrt(x * x + y * y + z * z))
 
     @cached_property
-    def measure(self) -> Array:
+    def own_measure(self) -> Array:
         """The area element times the weights of the quadrature."""
         return np.asarray(self.area * self.weights)
+
+    @cached_property
+    def measure(self) -> Array:
+        """The same in the unit of the points of the cage."""
+        return np.asarray(self.own_measure * self.unit * self.unit)
 
     @cached_property
     def metric(self) -> tuple[Array, Array, Array]:

@@ -52,7 +52,7 @@ class Eigenmodes:
     modes: NDArray[np.float64]
 
     def __repr__(self) -> str:
-        n, k = self.modes.shape
+        n, k = self.modes[..., 0].size, len(self.eigenvalues)
         ends = (f"{abs(x) if abs(x) < 1e-9 else x:.3g}" for x in self.eigenvalues[[0, -1]])
         ends = (x if "e-" not in x else "0" for x in ends)
         return f"Eigenmodes({k} of {n}, eigenvalues {' to '.join(ends)})"

@@ -26,7 +26,16 @@ class Refined(Protocol):
 
 
 def parent_faces(space: Refined) -> Array:
-    """The face of the cage that each face of the space's mesh is in; -1 if without a limit."""
+    """The face of the cage that each face of the space's mesh is in; -1 if without a limit.
+
+    A ValueError for refined spaces of schemes whose finer faces are on several coarser ones.
+    """
+    scheme = space.refined_surface.topology.rules.scheme
+    if scheme.lattice.dual and space.levels:
+        raise ValueError(
+            f"faces of a cage that is refined by scheme {scheme.name!r} are on several of those "
+            "before: give one value for all, or a space with levels=0"
+        )
     fine, faces = _followed(space, None)
     found = np.full(space.refined_surface.mesh.n_faces, -1)
     found[faces] = fine.face_data["parent"]
@@ -53,6 +62,7 @@ def _followed(space: Refined, edges: Array | None) -> tuple[Mesh, Array]:
     tags: dict[str, Any] = {"creases": None, "corners": None, "holes": None, "channels": None}
     if edges is not None:
         tags["creases"] = edges, np.full(len(edges), np.inf)
-    mesh = mesh.with_tags(**tags, **cage.rules, face_data={"parent": np.arange(mesh.n_faces)})
+    parents = {"parent": np.arange(mesh.n_faces)}
+    mesh = mesh.with_tags(**tags, face_data=parents, **cage.rules)
     fine = refined(selected(mesh, whole), space.levels)
     return fine, np.flatnonzero(there)

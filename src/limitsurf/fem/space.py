@@ -318,14 +318,12 @@ class Space:
         if coarser.ends != self.ends:
             raise ValueError(f"ends differ: {coarser.ends!r} of the coarser space, {self.ends!r}")
         more = self.levels - coarser.levels
-        same = coarser._coarsest.connectivity, self._coarsest.connectivity
-        if more < 0 or not all(
-            np.array_equal(getattr(same[0], name), getattr(same[1], name))
-            for name in ("sizes", "indices")
-        ):
+        both = coarser._coarsest, self._coarsest
+        if more < 0 or not _same_functions(coarser, self):
             raise ValueError(
-                f"the space of {coarser.levels} levels on {same[0].n_faces} faces is not coarser "
-                f"than this one, of {self.levels} levels on {same[1].n_faces}: both need one cage"
+                f"the space of {coarser.levels} levels on {both[0].n_faces} faces is not coarser "
+                f"than this one, of {self.levels} levels on {both[1].n_faces}: both need one cage, "
+                "with the same tags and rules"
             )
         if coarser.grading is not None:
             raise ValueError("prolongation from graded spaces is not available: take a uniform one")
@@ -412,7 +410,6 @@ class Space:
         [0.0, 0.0, 1.0, 1.0]
         """
         from scipy.sparse import block_array
-        from scipy.sparse.linalg import spsolve
 
         if self.grading is not None:
             raise ValueError(
@@ -423,11 +420,16 @@ class Space:
         normals = self.surface.normal(face, u, v)
         values, shape = forms.given(f, rows @ self.surface.points, normals)
         if len(face) == self.n:
-            found = spsolve(rows.tocsc(), values)
-            return np.asarray(found.reshape(self.n, *shape))
-        loads = self.load(f).reshape(self.n, -1)
-        saddle = block_array([[self.mass(), rows.T], [rows, None]], format="csc")
-        found = spsolve(saddle, np.concatenate([loads, values]))
+            factors = forms.factors(rows, symmetric=False)
+            forms.refuse_dependent(abs(factors.U.diagonal()))
+            return np.asarray(factors.solve(values).reshape(self.n, *shape))
+        mass = self.mass()
+        size = mass.data.max()  # pivots of both blocks are compared
+        saddle = block_array([[mass / size, rows.T], [rows, None]], format="csc")
+        factors = forms.factors(saddle, symmetric=False)
+        forms.refuse_dependent(abs(factors.U.diagonal()))
+        loads = self.load(f).reshape(self.n, -1) / size
+        found = factors.solve(np.concatenate([loads, values]))
         return np.asarray(found[: self.n].reshape(self.n, *shape))
 
     def project(self, f: Function, *, workers: int = 1) -> Floats:
@@ -782,6 +784,13 @@ def _checked_where(where: ArrayLike | None, n_faces: int) -> NDArray[np.int64]:
             f"face of the cage, got {found.dtype} of shape {found.shape}"
         )
     return found.astype(np.int64)
+
+
+def _same_functions(one: Space, other: Space) -> bool:
+    """Whether cages have the same functions: faces, tags and rules, wherever their points are."""
+    meshes = (space.cage.mesh for space in (one, other))
+    arrays = ([x.sizes, x.indices, x.holes, *x.creases, *x.corners] for x in meshes)
+    return one.cage.rules == other.cage.rules and all(map(np.array_equal, *arrays))
 
 
 def _default(surface: LimitSurface, points: int, integrand: Kind) -> Quadrature:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from limitsurf.fem.checks import power_of_two, reals
 from limitsurf.fem.parents import traced_sides
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ _AXES = {"x": 0, "y": 1, "z": 2}
 # how much smaller than the largest a diagonal entry of a triangle is that stands for a condition
 # which others imply; entries of solutions below are rounding
 _DEPENDENT, _NOTHING = 1e-10, 1e-13
+_NAMED = 6  # motions in messages
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,13 +137,18 @@ def symmetric(
             raise ValueError(f"plane must be x, y or z, or (origin, normal), got {plane!r}")
         origin, normal = np.zeros(3), np.eye(3)[_AXES[plane]]
     else:
-        origin, normal = (np.asarray(x, dtype=float) for x in plane)
+        if not isinstance(plane, (tuple, list)) or len(plane) != 2:
+            raise ValueError(f"plane must be x, y or z, or (origin, normal), got {plane!r}")
+        origin, normal = (reals("plane", x) for x in plane)
         if origin.shape != (3,) or normal.shape != (3,):
             raise ValueError("plane: origin and normal must be points of 3 numbers each")
-        length = float(np.linalg.norm(normal))
-        if not np.isfinite(origin).all() or not 0 < length < np.inf:
-            raise ValueError(f"plane: normal {normal.tolist()} has no direction")
-        normal = normal / length
+        if not np.isfinite(origin).all() or not np.isfinite(normal).all() or not normal.any():
+            raise ValueError(
+                f"plane: origin {origin.tolist()} and normal {normal.tolist()} must be finite, "
+                "and the normal not 0"
+            )
+        normal = normal / np.abs(normal).max()
+        normal = normal / np.linalg.norm(normal)
     return Support("symmetric", *_edges(edges, where), plane=(origin, normal))
 
 
@@ -166,7 +173,12 @@ def at(
     >>> at(3, [0.0, 1.0], 0.5, "xy").components
     (0, 1)
     """
-    places = np.broadcast_arrays(*(np.asarray(x) for x in (face, u, v)))
+    given = [np.asarray(face), reals("u", u), reals("v", v)]
+    try:
+        places = np.broadcast_arrays(*given)
+    except ValueError:
+        shapes = ", ".join(str(x.shape) for x in given)
+        raise ValueError(f"face, u and v must broadcast, got shapes {shapes}") from None
     flat = tuple(x.ravel() for x in places)
     return Support("at", components=_components(components), places=(flat[0], flat[1], flat[2]))
 
@@ -192,19 +204,30 @@ def rigid_modes_removed() -> Support:
 def _edges(edges: ArrayLike | None, where: Where | None) -> tuple[Array | None, Where | None]:
     if edges is not None and where is not None:
         raise ValueError("give edges or where, not both")
+    if where is not None and not callable(where):
+        raise TypeError(f"where must be a function of points, got {type(where).__name__}")
     if edges is None:
         return None, where
-    found = np.asarray(edges)
+    try:
+        found = np.asarray(edges)
+    except ValueError:  # rows of different lengths
+        found = np.zeros(0)
     if found.ndim != 2 or found.shape[1] != 2 or found.dtype.kind not in "iu":
         raise ValueError(f"edges: got shape {found.shape}, need pairs of vertices (k, 2)")
     return found, None
 
 
 def _components(given: Sequence[int | str]) -> tuple[int, ...]:
+    if not isinstance(given, (Sequence, np.ndarray)):
+        raise TypeError(
+            f"components must be a sequence, such as (2,) or 'z', got {type(given).__name__}"
+        )
     found = [_AXES.get(x, x) if isinstance(x, str) else x for x in given]
     for x in found:
         if x not in (0, 1, 2) or isinstance(x, bool):
             raise ValueError(f"components must be of 0, 1, 2 or x, y, z, got {x!r}")
+    if not found:
+        raise ValueError("components: got none, need some of 0, 1, 2 or x, y, z")
     return tuple(sorted({int(x) for x in found}))
 
 
@@ -225,7 +248,7 @@ def conditions(space: Space, supports: Sequence[Support]) -> Any:
             continue
         if one.kind == "at":
             assert one.places is not None
-            rows = space.rows(*one.places)
+            rows = values_at(space, *one.places, "at")
             found += [_component(rows, k) for k in one.components]
             continue
         corners, ends = _sides(space, one)
@@ -243,6 +266,20 @@ def conditions(space: Space, supports: Sequence[Support]) -> Any:
             near = enumerate((0.25, 0.75))
             found += [turning(space, corners[ends[:, k]], t)[0] for k, t in near]
     return vstack(found, format="csr")
+
+
+def values_at(space: Space, face: ArrayLike, u: ArrayLike, v: ArrayLike, what: str) -> Any:
+    """Rows of values at places (k,), a ValueError where there are none."""
+    rows: Any = space.surface.weights(face, u, v)
+    bad = np.flatnonzero(~np.isfinite(rows.data))
+    if len(bad):
+        k = int(np.searchsorted(rows.indptr, bad[0], side="right")) - 1
+        raise ValueError(
+            f"{what}: there is no point at place {k}, (face, u, v) = "
+            f"({np.ravel(face)[k]}, {np.ravel(u)[k]}, {np.ravel(v)[k]}): u and v must be numbers, "
+            "and the limit face must have a limit"
+        )
+    return rows if space.grading is None else rows @ space.extraction
 
 
 def _component(rows: Any, k: int) -> Any:
@@ -274,6 +311,8 @@ def turning(space: Space, corners: Array, t: ArrayLike) -> tuple[Any, Array]:
     face, u, v = side(corners, t)
     jet, n = surface.jet(face, u, v, order=1), surface.normal(face, u, v)
     du, dv = jet[1, 0], jet[0, 1]
+    unit = power_of_two(np.stack([du, dv], axis=1), (1, 2))[:, 0]
+    du, dv = du / unit, dv / unit
     # two places on one side of the middle of an edge, for in n-gons its halves are of two faces
     low = np.where(np.asarray(t) <= 0.5, 0.0, 0.75)
     (_, u0, v0), (_, u1, v1) = side(corners, low), side(corners, low + 0.25)
@@ -283,12 +322,13 @@ def turning(space: Space, corners: Array, t: ArrayLike) -> tuple[Any, Array]:
         e, f, g = (np.einsum("ij,ij->i", a, b) for a, b in ((du, du), (du, dv), (dv, dv)))
         p, q = (np.einsum("ij,ij->i", across, a) for a in (du, dv))
         shares = (np.stack([g * p - f * q, e * q - f * p]) / (e * g - f * f))[:, :, None] * -n
+        shares = shares / unit
     shares[:, ~np.isfinite(shares).all(axis=(0, 2))] = 0
     rows = surface.weights(face, u, v, nu=[(1, 0), (0, 1)])
     for row in rows:  # of vertices without derivatives
         row.data[~np.isfinite(row.data)] = 0
     rows = [row @ space.extraction for row in rows] if space.grading is not None else rows
-    return _along(rows[0], shares[0]) + _along(rows[1], shares[1]), along
+    return _along(rows[0], shares[0]) + _along(rows[1], shares[1]), along * unit
 
 
 def _sides(space: Space, support: Support) -> tuple[Array, Array]:
@@ -423,10 +463,11 @@ def described(motions: Array) -> str:
     from scipy.linalg import qr
 
     pivot, q = qr(motions.T, mode="r", pivoting=True)[1], motions.shape[1]
-    names = []
+    names: list[str] = []
     kinds = [f"{what} {axis}" for what in ("moves along", "turns about") for axis in "xyz"]
     parts = motions.shape[0] // 6
     for k in sorted(pivot[:q].tolist()):
         part = f" of part {k // 6}" if parts > 1 else ""
         names.append(kinds[k % 6] + part)
-    return ", ".join(names)
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED] + ([f"and {more} more"] if more > 0 else []))

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf.caching import cached_property
-from limitsurf.cage.checks import checked_integer, count
+from limitsurf.cage.checks import checked_integer, checked_number, count
 from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.fem import forms
+from limitsurf.fem.checks import power_of_two, reals
 from limitsurf.fem.modes import Eigenmodes, lowest
 from limitsurf.fem.space import Space
 from limitsurf.fem.supports import (
@@ -24,6 +25,7 @@ from limitsurf.fem.supports import (
     null_space,
     rigid_motions,
     turning,
+    values_at,
 )
 from limitsurf.integrals.sums import cross
 
@@ -116,14 +118,17 @@ class ThinShell:
         Whether infinitely sharp creases within the shell keep their angle: by a penalty of
         ``10 D / l`` per length, with the bending modulus ``D = E h^3 / (12 (1 - nu^2))`` of the
         softer side and the mean size ``l`` of both faces across the crease. Otherwise they are
-        hinges, of which a warning tells.
+        hinges, of which a warning tells. Where more than two faces meet at an edge, or where they
+        are turned against each other, there are hinges in any case.
 
     Raises
     ------
     TypeError
         For a space of exact points, or what is no space.
     ValueError
-        For a scheme without tangent planes, points that are not (n, 3), or moduli out of range.
+        For a scheme without tangent planes, points that are not (n, 3), moduli out of range, or
+        values of faces in a refined space of a scheme whose finer faces are on several coarser
+        ones ("doo-sabin").
 
     Notes
     -----
@@ -187,11 +192,19 @@ class ThinShell:
                 UserWarning,
                 stacklevel=2,
             )
+        apart = int(space.surface.mesh.nonmanifold_edge.sum())
+        if apart:
+            warnings.warn(
+                f"the shell has {count(apart, 'edge')} at which more than two faces meet, or whose "
+                "faces are turned against each other: its parts are hinged there",
+                UserWarning,
+                stacklevel=2,
+            )
 
     def _per_face(self, name: str, given: ArrayLike, good: Any, need: str) -> Array:
         """One value for each limit face of the space's surface, from those of faces of the cage."""
         n = self.space.cage.mesh.n_faces
-        values = np.asarray(given, dtype=float)
+        values = reals(name, given)
         if values.shape not in ((), (n,)):
             raise ValueError(f"{name}: got shape {values.shape}, need a number, or {n}, one a face")
         bad = ~(np.isfinite(values) & good(values))
@@ -247,7 +260,7 @@ class ThinShell:
         thickness, poisson = self.thickness[block.face], self.poisson[block.face]
         plane = self.young[block.face] * thickness / (1 - poisson**2)
         root = _root(poisson)[:, None, :, :]  # (F, 1, 3, 3)
-        bent = thickness / np.sqrt(12)
+        bent = thickness / at.unit[:, 0] / np.sqrt(12)
         rows = np.concatenate(
             [root @ _flat(membrane), bent[:, None, None, None] * (root @ _flat(bending))], axis=2
         )  # (F, P, 6, 15)
@@ -260,7 +273,7 @@ class ThinShell:
             found = block.values()
             values = np.stack([found[nu] for nu in _ORDERS], axis=2)  # (F, P, 5, C)
         strains = np.matmul(rows, values).reshape(f, 6 * p, 3 * c)
-        weights = np.repeat(plane[:, None] * at.measure, 6, axis=1)
+        weights = np.repeat(plane[:, None] * at.own_measure, 6, axis=1)
         whole = np.matmul((strains * weights[:, :, None]).swapaxes(1, 2), strains)
         whole = whole.reshape(f, 3, c, 3, c)
         i, j = np.triu_indices(c)
@@ -276,18 +289,19 @@ class ThinShell:
         corners, surface = self._hinges, self.space.surface
         mesh = surface.mesh
         face = surface.limit_faces.first[mesh.corner_face[corners]]  # (k, 2)
-        bending = self.young * self.thickness**3 / 12 / (1 - self.poisson**2)
-        stiff = bending[face].min(axis=1)
+        size = self._across(corners).mean(axis=1)
+        slender = (self.thickness[face] / size[:, None]) ** 2
+        plane = (self.young * self.thickness / (1 - self.poisson**2))[face]
+        stiff = (plane * slender).min(axis=1) / 12
         start = mesh.indices[corners]
         same = start[:, 0] == start[:, 1]  # both faces go along the edge in one direction
         x, weights = np.polynomial.legendre.leggauss(_ALONG)
-        size = self._across(corners).mean(axis=1)
         total: Any = 0
         for t, weight in zip((x + 1) / 2, weights / 2, strict=True):
             one, along = turning(self.space, corners[:, 0], t)
             other, _ = turning(self.space, corners[:, 1], np.where(same, t, 1 - t))
             length = np.sqrt((along * along).sum(axis=1))
-            apart = one - diags_array(np.where(same, 1.0, -1.0)) @ other
+            apart = diags_array(size) @ (one - diags_array(np.where(same, 1.0, -1.0)) @ other)
             total = total + apart.T @ diags_array(_PENALTY * stiff * weight * length / size) @ apart
         return (total + total.T) / 2
 
@@ -360,7 +374,7 @@ class ThinShell:
         elif traction is not None:
             each = each + self._given("traction", traction, (3,), n_faces)
         if callable(pressure):
-            called.append(lambda x, n, f=pressure: np.asarray(f(x, n))[:, None] * n)  # type: ignore[misc]
+            called.append(lambda x, n, f=pressure: _along_normals(f, x, n))  # type: ignore[misc]
         elif pressure is not None:
             along = along + self._given("pressure", pressure, (), n_faces)
         if gravity is not None:
@@ -386,7 +400,7 @@ class ThinShell:
 
     def _given(self, name: str, given: Any, each: tuple[int, ...], n: int) -> Array:
         """One value, or one for each limit face."""
-        values = np.asarray(given, dtype=float)
+        values = reals(name, given)
         if values.shape not in (each, (n, *each)):
             more = f", or {(n, *each)}, one a face" if n else ""
             raise ValueError(f"{name}: got shape {values.shape}, need {each}{more}")
@@ -395,16 +409,19 @@ class ThinShell:
         return values if values.shape == each else values[self._parent]
 
     def _at_points(self, points: Sequence[tuple[int, float, float, ArrayLike]]) -> Array:
-        if not len(points):
+        points = list(points)
+        if not points:
             return np.zeros((self.space.n, 3))
+        for k, point in enumerate(points):
+            if not isinstance(point, (tuple, list)) or len(point) != 4:
+                raise ValueError(f"points: number {k} must be (face, u, v, force), got {point!r}")
         face, u, v, force = (list(x) for x in zip(*points, strict=True))
-        forces = np.asarray(force, dtype=float)
+        forces = reals("points: forces", force)
         if forces.shape != (len(points), 3) or not np.isfinite(forces).all():
             raise ValueError(
                 f"points: forces must be finite vectors of 3, got shape {forces.shape}"
             )
-        rows = self.space.rows(face, u, v)
-        return np.asarray(rows.T @ forces)
+        return np.asarray(values_at(self.space, face, u, v, "points").T @ forces)
 
     def solve(self, loads: ArrayLike, *supports: Support, workers: int = 1) -> ShellSolution:
         """Displacements under loads.
@@ -439,16 +456,16 @@ class ThinShell:
                     "(rigid_modes_removed), which bear nothing"
                 )
         K = self.stiffness(workers=workers)
-        own = (free.T @ K @ free).tocsc()
-        factors = _factors(own)
-        x = free @ factors.solve(free.T @ f)
+        x = np.zeros(len(f))  # where supports hold all
+        if free.shape[1]:
+            x = free @ _solver((free.T @ K @ free).tocsc())(free.T @ f)
         reactions = K @ x - f
         energy = float(x @ (K @ x)) / 2
         shape = self.space.n, 3
         return ShellSolution(self, x.reshape(shape), reactions.reshape(shape), energy)
 
     def _checked_loads(self, loads: ArrayLike) -> Array:
-        f = np.asarray(loads, dtype=float)
+        f = reals("loads", loads)
         if f.shape != (self.space.n, 3):
             raise ValueError(f"loads: got shape {f.shape}, need {(self.space.n, 3)}, from load()")
         if not np.isfinite(f).all():
@@ -505,11 +522,19 @@ class ThinShell:
         Raises
         ------
         ValueError
-            Without a density, or for a k out of range.
+            Without a density, for a k out of range, or with `rigid_modes_removed`, since to hold
+            single unknowns changes vibrations.
         """
         if not (self.density > 0).all():
             raise ValueError("modes need a density above 0 everywhere: ThinShell(..., density=)")
+        if any(isinstance(one, Support) and one.kind == "rigid modes" for one in supports):
+            raise ValueError(
+                "modes has no use for rigid_modes_removed: rigid motions come first, with "
+                "eigenvalues that are 0 up to rounding; leave them out of what is returned"
+            )
         free, _ = self._free(supports, modes=True)
+        if not free.shape[1]:
+            raise ValueError("supports hold all that could move: there are no modes")
         K, M = (
             (free.T @ x @ free).tocsr()
             for x in (self.stiffness(workers=workers), self.mass(workers=workers))
@@ -562,7 +587,7 @@ class ThinShell:
         face = np.broadcast_arrays(face, u, v)[0]
         h = self.thickness[face][..., None]
         one, other = (self._stress(face, z) for z in (membrane, bending))
-        return _in_space(frame, h * one), _in_space(frame, h**3 / 12 * other)
+        return _in_space(frame, h * one), _in_space(frame, h * (h * (h * other)) / 12)
 
     def stresses(
         self,
@@ -590,7 +615,7 @@ class ThinShell:
         """
         frame, membrane, bending = self._strains(x, face, u, v, workers)
         face = np.broadcast_arrays(face, u, v)[0]
-        z = height * self.thickness[face][..., None] / 2
+        z = checked_number("height", height) * self.thickness[face][..., None] / 2
         return _in_space(frame, self._stress(face, membrane + z * bending))
 
     def _strains(
@@ -598,11 +623,19 @@ class ThinShell:
     ) -> tuple[Array, Array, Array]:
         """Unit vectors (..., 2, 3), and strains (..., 3): 11, 22 and twice 12."""
         surface = self.space.surface
-        moved = self.space.function(x)
+        coefficients = reals("displacements", x)
+        if coefficients.shape != (self.space.n, 3):
+            raise ValueError(
+                f"displacements: got shape {coefficients.shape}, need {(self.space.n, 3)}, as the "
+                "coefficients of a solution"
+            )
+        moved = self.space.function(coefficients)
         jets = []
         for one in (surface, moved):
             jet = one.jet(face, u, v, order=2, workers=workers)
             jets.append(np.stack([jet[nu] for nu in _ORDERS], axis=-2))
+        unit = power_of_two(jets[0][..., :2, :], (-2, -1))
+        jets = [jet / unit for jet in jets]
         membrane, bending, _ = strain_rows(jets[0])
         a1, a2 = jets[0][..., 0, :], jets[0][..., 1, :]
         n = cross(a1, a2)
@@ -611,7 +644,7 @@ class ThinShell:
             n = n / np.linalg.norm(n, axis=-1, keepdims=True)
         frame = np.stack([e1, cross(n, e1)], axis=-2)
         one, other = (np.einsum("...src,...rc->...s", z, jets[1]) for z in (membrane, bending))
-        return frame, one, other
+        return frame, one, other / unit[..., 0]
 
     def _stress(self, face: Array, strain: Array) -> Array:
         """Plane stress (..., 3), 11, 22 and 12, of strains."""
@@ -628,30 +661,40 @@ class ThinShell:
         )
 
 
-def _factors(matrix: Any) -> Any:
-    """Factors of a positive matrix; a ValueError if it is not, up to rounding."""
-    from scipy.sparse.linalg import norm, splu
+def _along_normals(f: Function, x: Array, normals: Array) -> Array:
+    """A pressure at points as a traction."""
+    found, each = forms.given(f, x, normals)
+    if each:
+        raise ValueError(f"pressure must give one number (m,) at each of m points, got {each}")
+    return found * normals
 
-    try:
-        found = splu(
-            matrix,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-        v = np.random.default_rng(0).normal(size=matrix.shape[0])
-        for _ in range(2):  # towards what moves with the least energy
-            v = found.solve(v / np.linalg.norm(v))
-        good = 1 / np.linalg.norm(v) > _SINGULAR * norm(matrix, 1)
-    except RuntimeError:  # a pivot is exactly 0
-        good = False
+
+def _solver(matrix: Any) -> Callable[[Array], Array]:
+    """What solves with a positive matrix; a ValueError if it is not positive, up to rounding."""
+    from scipy.sparse import diags_array
+    from scipy.sparse.linalg import norm
+
+    diagonal = matrix.diagonal()
+    good = bool((diagonal > 0).all())
+    if good:
+        # the same size for all unknowns, whatever the units and however thin the shell
+        size = np.ldexp(1.0, -(np.frexp(diagonal)[1] // 2))
+        own = (diags_array(size) @ matrix @ diags_array(size)).tocsc()
+        try:
+            found = forms.factors(own)
+            v = np.random.default_rng(0).normal(size=len(size))
+            for _ in range(2):  # towards what moves with the least energy
+                v = found.solve(v / np.linalg.norm(v))
+            good = bool(1 / np.linalg.norm(v) > _SINGULAR * norm(own, 1))
+        except ValueError:  # a pivot is exactly 0
+            good = False
     if not good:
         raise ValueError(
             "the shell moves without energy: creases that are hinges make it a mechanism "
             "(stiff_creases=True keeps their angles), or functions of the space depend on each "
             "other (as on a cube: levels=1 parts them)"
         )
-    return found
+    return lambda b: size * found.solve(size * b)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
