@@ -601,3 +601,43 @@ def test_places_in_slivers_are_on_the_surface():
     on = surface.evaluate([2, 6, 0, 0, 2, 6], u, v)
     found = ls.closest_point(surface, on)
     assert found.distance.max() <= 1e-13 * np.abs(surface.points).max()
+
+
+@pytest.mark.parametrize("engine", ["numpy", "kernels"])
+@pytest.mark.parametrize(
+    ("name", "scheme", "rules"),
+    [
+        ("disk_7", "doo-sabin", {"boundary": "none"}),
+        ("torus_4x5", "catmull-clark", {}),
+        ("pillow_of_quads", "bilinear", {}),
+        ("bipyramid_9", "loop", {}),
+    ],
+)
+def test_places_beside_sides_and_corners_are_found(name, scheme, rules, engine, numpy_alone):
+    """Squared distances next to 0 say less of where feet are than what counts as nearer."""
+    if engine == "numpy":
+        numpy_alone()
+    surface = made(zoo.ZOO[name](), scheme=scheme, **rules)
+    rng, n = np.random.default_rng(2), 400
+    face = rng.integers(0, len(surface.limit_faces), n)
+    corner = rng.choice([0, 0.125, 0.5, 0.875, 1], (2, n))
+    off = 10 ** rng.uniform(-15, -5, (2, n)) * rng.integers(-1, 2, (2, n))
+    u, v = np.clip(corner + off, 0, 1)
+    if surface.topology.lattice.sloped:
+        v = np.minimum(v, 1 - u)
+    on = surface.evaluate(face, u, v)
+    on = on[np.isfinite(on).all(axis=1)]
+    found = ls.closest_point(surface, on)
+    assert len(on) >= 20
+    assert found.distance.max() <= 2e-14 * np.abs(surface.points).max()
+
+
+def test_cells_that_are_thin_have_the_feet_that_they_have():
+    """In thin cells what rounding took of squared distances is of places far along."""
+    points, faces = zoo.grid(3, 3)[:2]
+    surface = made((np.asarray(points) * [1, 1e-4, 0], faces))
+    rng = np.random.default_rng(4)
+    u = 10 ** rng.uniform(-14, -3, 200)
+    on = surface.evaluate(rng.integers(0, 9, 200), rng.random(200), u)
+    found = ls.closest_point(surface, on)
+    assert found.distance.max() <= 1e-13 * np.abs(surface.points).max()

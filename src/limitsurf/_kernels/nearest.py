@@ -68,6 +68,7 @@ class Limits(NamedTuple):
     same: float
     lost: float
     place: float
+    far: float
 
 
 class Room(NamedTuple):
@@ -452,7 +453,8 @@ def _cells(
         for k in range(len(squares.squared)):
             if d[squares.squared[k]] < at:
                 best, at = k, d[squares.squared[k]]
-        if at - low <= lost or size <= limits.place * limits.place:
+        far = least * least >= limits.far * limits.far * size
+        if (far and at - low <= lost) or size <= limits.place * limits.place:
             s, t = squares.ends[best, 0], squares.ends[best, 1]
             _jet(x, squares, s, t, sloped, own)
             c = squares.corners[best]
@@ -460,7 +462,7 @@ def _cells(
                 own[20 + axis] = base[axis] + x[c, axis]
             own[18], own[19] = s, t
         else:
-            side = _falls(d, squares, lost, sloped)
+            side = _falls(d, squares, lost, sloped) if far else -1
             convex = _bent(d, squares, side, lost) if side >= 0 else _convex(d, squares, lost)
             if not (convex and _newton(x, base, squares, side, sloped, own)):
                 if room.depth[cells] >= _HALVINGS or cells + 2 > _STACK:
@@ -612,4 +614,6 @@ def approach(
                         out[total, j] = out[k, j]
                     total += 1
             room.total[0] = total
+            if total == begin and room.state[0] < within[q]:
+                left[q] = DOUBT  # what is near is of a place that was not kept
     return int(room.total[0])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from limitsurf import _kernels
 from limitsurf.query.index import Cells
-from limitsurf.query.nearest import LOST, POINT, SAME, Feet, Search
+from limitsurf.query.nearest import FAR, LOST, POINT, SAME, Feet, Search
 from limitsurf.query.polynomials import Form, multiples, products
 from limitsurf.query.traversal import Kernels
 from limitsurf.scheme.lattice import Lattice
@@ -62,7 +62,7 @@ def approached(kernels: Kernels, points: Array, within: Array, every: bool) -> t
         _corners[cells] = _beyond(module, cells)
     squares = _squares(module, cells.lattice, cells.form.degree)
     room = module.Room.of(cells.form.size, len(squares.starts) - 1)
-    limits = module.Limits(SAME, LOST, POINT)
+    limits = module.Limits(SAME, LOST, POINT, FAR)
     out = np.empty((_FEET[every] * len(points) + _SPARE, 6))
     found, asked, doubt = [Feet.none()], np.arange(len(points)), [np.zeros(0, dtype=np.int64)]
     while len(asked):

@@ -25,6 +25,9 @@ _EPS = 2.0**-52
 LOST = 64 * _EPS
 # distances that are told apart, of the largest coordinate
 SAME = 2.0**-49
+# of cells that are farther than this, of their size, feet are told by coefficients of D: next to
+# a cell what rounding took of D, of the square of its size, is much of the distance
+FAR = 0.25
 # parts of the surface that are places: a foot there is known to this
 POINT = 2.0**-46
 _BATCH = 1 << 13  # pairs that are in memory at once
@@ -124,6 +127,7 @@ class Search:
         self._form = index.form
         self._lattice = index.lattice
         self.best = within.copy()
+        self._nearest = self._reach(within)  # of the places that are kept
         self._found: list[Feet] = []
         self._looked = np.zeros(len(points), dtype=np.int64)  # at how many cells
         self._nodes: list[_Nodes] = []
@@ -232,6 +236,10 @@ class Search:
         if not self._every:
             np.minimum.at(self.best, query, distance)
         near = distance <= self._reach(self.best[query])
+        if not self._every:
+            # (what is known may be of a place that nobody keeps: the nearest one stays)
+            near |= distance <= self._nearest[query]
+            np.minimum.at(self._nearest, query, distance)
         k = np.flatnonzero(near)
         u, v = places[k].T
         self._found.append(Feet(query[k], pairs.face[which][k], u, v, distance[k], off[k]))
@@ -312,11 +320,13 @@ class Search:
         lost = LOST * size * (size + 2 * np.sqrt((w**2).sum(axis=1)))
         return found.min(axis=1), found, lost
 
-    def _alive(self, pairs: _Pairs, low: Array, lost: Array) -> Array:
-        """Which of them may yet be as near as what is known."""
+    def _alive(self, pairs: _Pairs, low: Array, lost: Array) -> tuple[Array, Array]:
+        """Which of them may yet be as near as what is known, and are these far (`FAR`)."""
         base = (pairs.base**2).sum(axis=1)
         least = np.sqrt(np.maximum(base * (1 - 4 * _EPS) + low - lost, 0))
-        return np.flatnonzero(least <= self._reach(self.best[pairs.query]))
+        keep = np.flatnonzero(least <= self._reach(self.best[pairs.query]))
+        size = np.sqrt((pairs.points[keep] ** 2).sum(axis=2).max(axis=1, initial=0))
+        return keep, least[keep] >= FAR * size
 
     def _ends(self, pairs: _Pairs, corners: Array) -> _Pairs:
         """Those of which hulls may be near enough; their corners may be nearer than what is known.
@@ -339,12 +349,13 @@ class Search:
         form = self._form
         pairs = self._ends(pairs, form.corners)
         low, d, lost = self._differences(pairs)
-        keep = self._alive(pairs, low, lost)
+        keep, far = self._alive(pairs, low, lost)
         pairs, low, d, lost = pairs[keep], low[keep], d[keep], lost[keep]
         keep = self._worth(pairs, low, form.corners)
-        pairs, low, d, lost = pairs[keep], low[keep], d[keep], lost[keep]
+        pairs, low, d, lost, far = pairs[keep], low[keep], d[keep], lost[keep], far[keep]
         twice = Form.of(self._lattice, 2 * form.degree)
-        pairs, d, lost = self._at_corner(pairs, d, lost, low, twice.corners, form)
+        keep = self._at_corner(pairs, d[:, twice.corners], np.where(far, lost, -np.inf), low)
+        pairs, d, lost, far = pairs[keep], d[keep], lost[keep], far[keep]
         if not len(pairs):
             return
         m = twice.size
@@ -354,7 +365,7 @@ class Search:
         # falling towards a side: its foot is there
         for k, (a, b) in enumerate(form.inward.tolist()):
             slope = (a * every[:, 0] + b * every[:, 1]).min(axis=1)
-            side = np.flatnonzero(rest & (slope >= -scale[:, 0]))
+            side = np.flatnonzero(rest & far & (slope >= -scale[:, 0]))
             if len(side):
                 rest[side] = False
                 self._push(self._side(pairs, side, k))
@@ -387,11 +398,12 @@ class Search:
         self._settle(pairs[left])
         return np.flatnonzero(~left)
 
-    def _at_corner(
-        self, pairs: _Pairs, d: Array, lost: Array, low: Array, corners: Array, form: Form
-    ) -> tuple[_Pairs, Array, Array]:
-        """Take out those whose foot is a corner, or that are as small as a point, or constant."""
-        at = d[:, corners]
+    def _at_corner(self, pairs: _Pairs, at: Array, lost: Array, low: Array) -> Array:
+        """Those that are left if those are taken whose foot is a corner, or that are a point.
+
+        With D at their corners (P, c), and what it may fall short of that.
+        """
+        form = self._form
         k = at.argmin(axis=1)
         every = np.arange(len(pairs))
         small = (pairs.points**2).sum(axis=2).max(axis=1) <= POINT**2
@@ -405,8 +417,7 @@ class Search:
             places = frame[:, 0] + np.matmul(ends[:, None], frame[:, 1:])[:, 0]
             off = self._off(pairs, which, ends[:, 0], ends[:, 1])
             self._add(pairs, which, places, gap, off)
-        keep = np.flatnonzero(~done)
-        return pairs[keep], d[keep], lost[keep]
+        return np.flatnonzero(~done)
 
     def _off(self, pairs: _Pairs, which: Array, s: Array, t: Array) -> Array:
         """How far feet would move in the tangent planes at places of cells, (n,)."""
@@ -527,14 +538,14 @@ class Search:
         derivatives, halves, _, twice = lines(degree)
         pairs = self._ends(pairs, np.array([0, degree]))
         low, d, lost = self._differences(pairs)
-        keep = self._alive(pairs, low, lost)
+        keep, far = self._alive(pairs, low, lost)
         pairs, low, d, lost = pairs[keep], low[keep], d[keep], lost[keep]
         if not len(pairs):
             return
         at = d[:, [0, -1]]
         k = at.argmin(axis=1)
         small = (pairs.points**2).sum(axis=2).max(axis=1) <= POINT**2
-        done = (at[np.arange(len(k)), k] - low <= lost) | small
+        done = (far & (at[np.arange(len(k)), k] - low <= lost)) | small
         which = np.flatnonzero(done)
         self._on_curve(pairs, which, k[which].astype(float))
         bent = (d @ twice[2].T).min(axis=1)
