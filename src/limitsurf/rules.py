@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
+from functools import lru_cache
 from math import lcm
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
@@ -627,12 +628,8 @@ class Sectors:
     @property
     def shared(self) -> Array:
         """Whether the patches at a sector share its ring (`tables.is_shared`), (n_fans,) bool."""
-        most = tables.MOST_FACES
-        shared = [
-            tables.is_shared(tables.Sector(name, most + 1, lattice=self.lattice))
-            for name in tables.KINDS
-        ]
-        return np.asarray((self.fans.sizes > most) & np.array(shared)[self.kind])
+        many = self.fans.sizes > tables.MOST_FACES
+        return np.asarray(many & _sharing(self.lattice)[self.kind]) if many.any() else many
 
     @cached_property
     def regular(self) -> Array:
@@ -681,6 +678,13 @@ class Sectors:
         if sector.carried:
             parts.append(self.sharpness.beside(self.fans.vertex[fans]))
         return np.concatenate(parts, axis=1)
+
+
+@lru_cache(maxsize=16)
+def _sharing(lattice: Lattice) -> Array:
+    """Whether patches at so many faces share a ring, by kind of sector: (kinds,) bool."""
+    sectors = (tables.Sector(name, tables.MOST_FACES + 1, 0, lattice) for name in tables.KINDS)
+    return np.array([tables.is_shared(sector) for sector in sectors])
 
 
 def _sharpness(

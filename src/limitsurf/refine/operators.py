@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from copy import copy
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -148,6 +148,15 @@ def identity(n: int, number: NumberType) -> Any:
     """The operator that changes nothing, (n, n)."""
     every = np.arange(n)
     return sparse_operator(every, every, number.full(n, number.one), (n, n))
+
+
+class SparseRows(NamedTuple):
+    """A sparse matrix by its rows, as `csr` takes it."""
+
+    indptr: Array
+    indices: Array
+    data: Array
+    shape: tuple[int, int]
 
 
 def csr(starts: Array, columns: Array, values: Array, shape: tuple[int, int]) -> csr_array[Any]:
