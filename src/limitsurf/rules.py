@@ -650,11 +650,15 @@ class Sectors:
         """The given fans by kind and number of faces: kind, number, fans."""
         if len(fans) == 0:
             return
-        key = np.stack([self.kind[fans], self.fans.sizes[fans]])
-        unique, which = np.unique(key, axis=1, return_inverse=True)
-        order = np.argsort(which, kind="stable")
-        parts = np.split(fans[order], np.cumsum(np.bincount(which.ravel()))[:-1])
-        for (kind, faces), members in zip(unique.T.tolist(), parts, strict=True):
+        sizes = self.fans.sizes[fans]
+        most = 1 + int(sizes.max())
+        key = self.kind[fans] * most + sizes
+        order = np.argsort(key, kind="stable")
+        key = key[order]
+        first = np.flatnonzero(np.diff(key, prepend=key[0] - 1))
+        parts = np.split(fans[order], first[1:])
+        for code, members in zip(key[first].tolist(), parts, strict=True):
+            kind, faces = divmod(code, most)
             yield tables.KINDS[kind], faces, members
 
     def ring(self, kind: str, faces: int, fans: Array, start: Array | int = 0) -> Array:

@@ -226,7 +226,9 @@ def on_one_pattern(operators: list[Any]) -> list[Any]:
     first, width = operators[0], operators[0].shape[1]
     parts = list(map(entries, operators))
     keys = [rows.astype(np.int64) * width + columns for rows, columns, _ in parts]
-    every = np.unique(np.concatenate(keys))  # (ascending, as all of them are)
+    every = np.concatenate(keys)
+    every.sort(kind="stable")  # which is fast where parts ascend, as most of them do
+    every = every[np.diff(every, prepend=-1) != 0]
     number, filled = numbers.type_of(parts[0][2]), []
     for key, (_, _, values) in zip(keys, parts, strict=True):
         filled.append(number.full(len(every), number.zero))
