@@ -190,7 +190,7 @@ def test_replayed_once(monkeypatch):
     mesh = mesh_of(*zoo.TAGGED["crossed_grid_2.5"]())
     rules = Rules.resolve(mesh)
     table = PatchTable(mesh, rules, numbers.FLOAT64)
-    for name, calls in (("child_mesh", made), ("refinement_stages", asked)):
+    for name, calls in (("child_mesh", made), ("stage_rows", asked)):
         monkeypatch.setattr(level, name, counting(getattr(level, name), calls))
     table.typed(mesh, rules, numbers.RATIONAL)
     assert len(asked) == len(table._splits) == len(made) + 1 == 3

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
+from functools import lru_cache
 from math import lcm
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
@@ -627,12 +628,8 @@ class Sectors:
     @property
     def shared(self) -> Array:
         """Whether the patches at a sector share its ring (`tables.is_shared`), (n_fans,) bool."""
-        most = tables.MOST_FACES
-        shared = [
-            tables.is_shared(tables.Sector(name, most + 1, lattice=self.lattice))
-            for name in tables.KINDS
-        ]
-        return np.asarray((self.fans.sizes > most) & np.array(shared)[self.kind])
+        many = self.fans.sizes > tables.MOST_FACES
+        return np.asarray(many & _sharing(self.lattice)[self.kind]) if many.any() else many
 
     @cached_property
     def regular(self) -> Array:
@@ -653,11 +650,15 @@ class Sectors:
         """The given fans by kind and number of faces: kind, number, fans."""
         if len(fans) == 0:
             return
-        key = np.stack([self.kind[fans], self.fans.sizes[fans]])
-        unique, which = np.unique(key, axis=1, return_inverse=True)
-        order = np.argsort(which, kind="stable")
-        parts = np.split(fans[order], np.cumsum(np.bincount(which.ravel()))[:-1])
-        for (kind, faces), members in zip(unique.T.tolist(), parts, strict=True):
+        sizes = self.fans.sizes[fans]
+        most = 1 + int(sizes.max())
+        key = self.kind[fans] * most + sizes
+        order = np.argsort(key, kind="stable")
+        key = key[order]
+        first = np.flatnonzero(np.diff(key, prepend=key[0] - 1))
+        parts = np.split(fans[order], first[1:])
+        for code, members in zip(key[first].tolist(), parts, strict=True):
+            kind, faces = divmod(code, most)
             yield tables.KINDS[kind], faces, members
 
     def ring(self, kind: str, faces: int, fans: Array, start: Array | int = 0) -> Array:
@@ -681,6 +682,13 @@ class Sectors:
         if sector.carried:
             parts.append(self.sharpness.beside(self.fans.vertex[fans]))
         return np.concatenate(parts, axis=1)
+
+
+@lru_cache(maxsize=16)
+def _sharing(lattice: Lattice) -> Array:
+    """Whether patches at so many faces share a ring, by kind of sector: (kinds,) bool."""
+    sectors = (tables.Sector(name, tables.MOST_FACES + 1, 0, lattice) for name in tables.KINDS)
+    return np.array([tables.is_shared(sector) for sector in sectors])
 
 
 def _sharpness(

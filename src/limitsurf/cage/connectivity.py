@@ -441,7 +441,7 @@ class Fans:
     fan: IntArray
     position: IntArray
 
-    @property
+    @derived
     def sizes(self) -> IntArray:
         """Number of faces of each fan: shape (n_fans,)."""
         return np.diff(self.offsets)
@@ -485,8 +485,9 @@ def read_only(value: T) -> T:
     """A value with every array in it, also in tuples, lists and dicts, as a read-only view."""
     found: Any = value
     if isinstance(value, np.ndarray):
-        found = value.view()
-        found.setflags(write=False)
+        if value.flags.writeable:
+            found = value.view()
+            found.flags.writeable = False
     elif isinstance(value, (tuple, list)):
         found = type(value)(map(read_only, value))
     elif isinstance(value, dict):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
 from limitsurf.patches.points import Rows, rows_of
-from limitsurf.refine import refinement_stages
+from limitsurf.refine import stage_rows
 from limitsurf.rules import Rules, Sharpness
 from limitsurf.scheme.lattice import Lattice
 from limitsurf.topology import (
@@ -84,10 +84,11 @@ class Level:
         """The control points that refinement makes, in turn, from number `n_points` on."""
         # points of the mesh, then its face points, then its vertex and edge points, all numbered
         sharpness = self.sharpness
-        face_points, stage = refinement_stages(self.mesh, rules, sharpness, sharpness.number)
+        face_points, stage = stage_rows(self.mesh, rules, sharpness, sharpness.number)
         F, others = face_points.shape[0], stage.shape[0] - face_points.shape[0]
-        points = np.concatenate([self.points, n_points + np.arange(F, dtype=np.int32)])
-        return [rows_of(face_points, self.points), rows_of(stage, points, others)]
+        own = self.points
+        points = np.concatenate([own, n_points + np.arange(F, dtype=np.int32)])
+        return [rows_of(face_points, own), rows_of(stage, points, others)]
 
     def refined(self, lattice: Lattice, n_points: int, n_codes: int) -> Level:
         """The children of the faces on the refined mesh, whose `rows` begin at `n_points`.

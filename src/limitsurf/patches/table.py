@@ -18,6 +18,7 @@ from collections import Counter
 from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ from limitsurf.patches.points import (
     without_unused,
 )
 from limitsurf.rules import Rules, Sectors
+from limitsurf.scheme.lattice import Lattice
 from limitsurf.topology import first_limit_face
 
 Array = NDArray[Any]
@@ -160,7 +162,7 @@ class PatchTable:
         around = mesh, lattice, mesh.twin, numbers
         grid = neighbourhood.templates(*around, first[plain], start[plain])
         self._add(REGULAR, grid, slot[plain], np.zeros(len(plain), dtype=np.int8))
-        for n in np.unique(found[odd]).tolist():
+        for n in np.flatnonzero(np.bincount(found[odd])).tolist():
             here = odd[found[odd] == n]
             kind = self._kind(self._scheme.sector("interior", n))
             faces = first[here], start[here], n, self._outer(kind)
@@ -195,7 +197,7 @@ class PatchTable:
         )
         if callable(self._scheme.edge):
             found[neighbourhood.influenced(level.sharpness, self.lattice, first)] = 0
-        whole = np.flatnonzero(found)
+        whole, rest = np.flatnonzero(found), np.flatnonzero(found == 0)
         found, start, first, slot = found[whole], start[whole], first[whole], level.slot[whole]
         turn = (level.turn[whole] + start) % self.lattice.face_size
         grid = self._grid(sectors, level.numbers, first, start)
@@ -218,7 +220,7 @@ class PatchTable:
             self._add(kind, grid[members], slot[members], turn[members])
         side = level.sharpness.at((first + start)[members])
         self.sharpness = np.concatenate([self.sharpness, side])
-        return np.delete(np.arange(len(level.faces)), whole)
+        return rest
 
     def _kinds_of(
         self, sectors: Sectors, corners: Array, members: Array
@@ -226,7 +228,7 @@ class PatchTable:
         """Special corners by kind: number of the kind, which, rings around them (n, ring)."""
         fan, position = (x[corners[members]] for x in (sectors.fans.fan, sectors.fans.position))
         kinds, sizes = sectors.kind[fan], sectors.fans.sizes[fan]
-        alike = np.array([self._scheme.sector(x, 2).alike for x in tables.KINDS])[kinds]
+        alike = _alike(self.lattice)[kinds]
         place = np.where(alike, 0, position)
         most = 1 + int(sizes.max(initial=0))
         key = (kinds * most + sizes) * most + place
@@ -489,6 +491,12 @@ class SharedRings:
             for name in ("points", "position")
         )
         return SharedRings(points, ring, position)
+
+
+@lru_cache(maxsize=16)
+def _alike(lattice: Lattice) -> Array:
+    """Whether all faces at a special corner are alike, by kind, (kinds,) bool."""
+    return np.array([tables.Sector(kind, 2, 0, lattice).alike for kind in tables.KINDS])
 
 
 def _appended(array: Array, more: Array) -> Array:

@@ -12,3 +12,4 @@ from limitsurf.refine.recursion import RefinedMesh as RefinedMesh
 from limitsurf.refine.recursion import refined as refined
 from limitsurf.refine.recursion import refuse_levels as refuse_levels
 from limitsurf.refine.stages import refinement_stages as refinement_stages
+from limitsurf.refine.stages import stage_rows as stage_rows

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from copy import copy
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -150,6 +150,15 @@ def identity(n: int, number: NumberType) -> Any:
     return sparse_operator(every, every, number.full(n, number.one), (n, n))
 
 
+class SparseRows(NamedTuple):
+    """A sparse matrix by its rows, as `csr` takes it."""
+
+    indptr: Array
+    indices: Array
+    data: Array
+    shape: tuple[int, int]
+
+
 def csr(starts: Array, columns: Array, values: Array, shape: tuple[int, int]) -> csr_array[Any]:
     """A sparse matrix by its rows, with indices of 32 bits if these suffice."""
     from scipy.sparse import csr_array
@@ -217,7 +226,9 @@ def on_one_pattern(operators: list[Any]) -> list[Any]:
     first, width = operators[0], operators[0].shape[1]
     parts = list(map(entries, operators))
     keys = [rows.astype(np.int64) * width + columns for rows, columns, _ in parts]
-    every = np.unique(np.concatenate(keys))  # (ascending, as all of them are)
+    every = np.concatenate(keys)
+    every.sort(kind="stable")  # which is fast where parts ascend, as most of them do
+    every = every[np.diff(every, prepend=-1) != 0]
     number, filled = numbers.type_of(parts[0][2]), []
     for key, (_, _, values) in zip(keys, parts, strict=True):
         filled.append(number.full(len(every), number.zero))

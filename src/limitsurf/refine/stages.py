@@ -14,7 +14,7 @@ from limitsurf import _kernels, numbers, tables
 from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.mesh import Mesh, kept
 from limitsurf.numbers import NumberType
-from limitsurf.refine.operators import csr, sparse_operator
+from limitsurf.refine.operators import SparseRows, csr, sparse_operator
 from limitsurf.rules import DART, Rules, Sharpness
 from limitsurf.topology import child_vertices, vertex_numbers
 
@@ -30,6 +30,18 @@ def refinement_stages(
 ) -> tuple[Any, Any]:
     """One level of refinement as two sparse operators.
 
+    See `stage_rows`.
+    """
+    stages = stage_rows(mesh, rules, sharpness, number, compiled)
+    faces, stage = (csr(*x) if isinstance(x, SparseRows) else x for x in stages)
+    return faces, stage
+
+
+def stage_rows(
+    mesh: Mesh, rules: Rules, sharpness: Sharpness, number: NumberType, compiled: bool | None = None
+) -> tuple[Any, Any]:
+    """One level of refinement as two sparse operators, or the `SparseRows` of such.
+
     The first gives the face points from the vertices, (F, V); the second the refined points from
     vertices and face points, (V + E + F, V + F). A face of n corners costs n entries in each; in
     their product it would cost n^2. Where faces have no points F is 0.
@@ -44,7 +56,7 @@ def refinement_stages(
     if compiled is None:
         compiled = not number.exact and _kernels.compiled(mesh.n_corners, 5)
     if compiled and centres:
-        faces = csr(mesh.offsets, mesh.indices, corner_weights, shapes[0])
+        faces = SparseRows(mesh.offsets, mesh.indices, corner_weights, shapes[0])
         return faces, _compiled_stage(mesh, vertices, edges, parts)
     # by corner: the edge neighbours and the face points around vertices, what is across edges
     tail, head = mesh.indices, mesh.indices[mesh.next_corner]
@@ -196,11 +208,14 @@ def _single_entries(
         (V + every[:E], mesh.edges[:, 1], edges.ends[1]),
         (V + E + every[:F], V + every[:F], number.full(F, number.one)),
     ]
-    end, other, along = vertices.end, vertices.other, vertices.along
+    order = np.argsort(vertices.end, kind="stable")
+    end, other, along = (x[order] for x in (vertices.end, vertices.other, vertices.along))
     while len(end):
-        found, here = np.unique(end, return_index=True)
-        parts.append((found, other[here], along[here]))
-        end, other, along = (np.delete(x, here) for x in (end, other, along))
+        again = np.zeros(len(end), dtype=bool)
+        np.equal(end[1:], end[:-1], out=again[1:])
+        first = ~again
+        parts.append((end[first], other[first], along[first]))
+        end, other, along = end[again], other[again], along[again]
     return parts
 
 
@@ -209,8 +224,8 @@ def _compiled_stage(
     vertices: _VertexMasks,
     edges: _EdgeMasks,
     parts: list[tuple[Array, Array, Array]],
-) -> csr_array[Any]:
-    """The second operator of `refinement_stages`, its entries by corner filled in by a kernel."""
+) -> SparseRows | csr_array[Any]:
+    """The second operator of `stage_rows`, its entries by corner filled in by a kernel."""
     from limitsurf._kernels import refinement
 
     V, E, F = mesh.n_vertices, mesh.n_edges, mesh.n_faces
@@ -228,11 +243,13 @@ def _compiled_stage(
         place[rows] += 1
     known = mesh.indices, mesh.connectivity.varying_offsets, mesh.corner_edge
     refinement.operator_rows(*known, vertices.weights, edges.towards, place, columns, values)
-    stage = csr(starts, columns, values, (V + E + F, V + F))
+    made = SparseRows(starts, columns, values, (V + E + F, V + F))
     if mesh.connectivity.repeats or (vertices.smooth[vertices.end] != 0).any():
         # an edge neighbour may be met twice
+        stage = csr(*made)
         stage.sum_duplicates()
-    return stage
+        return stage
+    return made
 
 
 def _corner_weights(mesh: Mesh, rules: Rules, number: NumberType) -> Array:
@@ -241,25 +258,38 @@ def _corner_weights(mesh: Mesh, rules: Rules, number: NumberType) -> Array:
         return number.full(0, number.zero)
     size = mesh.connectivity.uniform_size
     if size:
-        one = tables.corner_weights(rules.scheme, np.array([size]), number)
-        return np.tile(one, mesh.n_faces)
+        return np.tile(_face_weights(rules, size, number), mesh.n_faces)
     return tables.corner_weights(rules.scheme, mesh.sizes, number)
+
+
+@lru_cache(maxsize=64)
+def _face_weights(rules: Rules, size: int, number: NumberType) -> Array:
+    """Weight of every corner of a face of so many in its face point, (size,)."""
+    return read_only(tables.corner_weights(rules.scheme, np.array([size]), number))
 
 
 def _vertex_weights(mesh: Mesh, rules: Rules, rough: Array, number: NumberType) -> Array:
     """Smooth masks by number of faces at a vertex, (largest + 1, n); 0 where all are `rough`."""
     most, valences = smooth_valences(mesh, rough)
-    width = 1 + len(rules.scheme.lattice.orbits)
-    table = np.zeros((most + 1, width), dtype=number.dtype)
     try:
-        table[valences] = tables.vertex_weights(rules.scheme, np.array(valences, dtype=int), number)
+        return _weights_table(rules, most, tuple(valences), number)
     except TypeError:
+        table = _weights_table(rules, most, (), number).copy()
         for faces in valences:
             try:
                 table[faces] = tables.vertex_weights(rules.scheme, np.array([faces]), number)
             except TypeError:
                 _refuse_irrational(mesh, rules, faces, rough)
     return table
+
+
+@lru_cache(maxsize=64)
+def _weights_table(rules: Rules, most: int, valences: tuple[int, ...], number: NumberType) -> Array:
+    """Smooth masks of some numbers of faces, (most + 1, n), 0 for the others."""
+    table = np.zeros((most + 1, 1 + len(rules.scheme.lattice.orbits)), dtype=number.dtype)
+    faces = np.array(valences, dtype=int)
+    table[faces] = tables.vertex_weights(rules.scheme, faces, number)
+    return read_only(table)
 
 
 def _refuse_irrational(mesh: Mesh, rules: Rules, faces: int, rough: Array) -> None:

@@ -222,20 +222,27 @@ def edge_weights(scheme: Scheme, first: Array, second: Array, number: NumberType
     return np.asarray(number.array(table).reshape(-1, 3)[kind])
 
 
+@lru_cache(maxsize=256)
 def rule_weights(scheme: Scheme, number: NumberType) -> tuple[Array, Array, Array]:
-    """Edge mask (2,), boundary edge mask (1,), boundary vertex mask (2,)."""
-    return (
-        number.array(list(scheme.regular_edge)),
-        number.array([scheme.boundary_edge]),
-        number.array(list(scheme.boundary_vertex)),
-    )
+    """Edge mask (2,), boundary edge mask (1,), boundary vertex mask (2,), all read-only."""
+    edge, half = number.array(list(scheme.regular_edge)), number.array([scheme.boundary_edge])
+    vertex = number.array(list(scheme.boundary_vertex))
+    for mask in (edge, half, vertex):
+        mask.flags.writeable = False
+    return edge, half, vertex
 
 
+@lru_cache(maxsize=256)
 def edge_face_weights(scheme: Scheme, smooth_triangles: bool, number: NumberType) -> Array:
-    """What a triangle and what another face contributes to the face weight of its edges, (2,)."""
+    """What a triangle and what another face contributes to the face weight of its edges, (2,).
+
+    Read-only.
+    """
     face = scheme.regular_edge[1]
     triangle = scheme.smooth_triangle if smooth_triangles else None
-    return number.array([face if triangle is None else triangle, face])
+    weights = number.array([face if triangle is None else triangle, face])
+    weights.flags.writeable = False
+    return weights
 
 
 def chaikin_weights(number: NumberType) -> Array:
