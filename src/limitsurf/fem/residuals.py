@@ -96,7 +96,8 @@ def element_residuals(
             raise ValueError(f"f must give one number for each point, got arrays of shape {shape}")
         local, made = own[block.controls], block.values()
         off = values.reshape(at.area.shape)
-        for nu, c in {(0, 0): -reaction, **at.laplacian()}.items():
+        laplacian = {nu: c / at.unit / at.unit for nu, c in at.laplacian().items()}
+        for nu, c in {(0, 0): -reaction, **laplacian}.items():
             off = off + c * np.einsum("fpc,fc->fp", made[nu], local)
         squares = np.maximum((off * off * at.measure).sum(axis=1), 0)
         return block.face, np.sqrt(at.measure.sum(axis=1) * squares)
