@@ -6,6 +6,7 @@ import zoo
 
 import limitsurf as ls
 from limitsurf.fem import supports
+from limitsurf.fem.parents import traced_sides
 from limitsurf.fem.supports import at, clamped, fixed, rigid_modes_removed, symmetric
 
 
@@ -307,7 +308,7 @@ def test_supports_hold_along_whole_edges():
         faces = np.arange(3) if levels == 0 else side.ravel()
         place = [surface.limit_faces.at_edge([k, k + 1], t) for k in range(3)]
         del faces, place
-        first = supports.traced_sides(space, np.array([[0, 1], [1, 2], [2, 3]]))
+        first = traced_sides(space, np.array([[0, 1], [1, 2], [2, 3]]))
         assert len(first) == 3 * 2**levels
         where = space.surface.limit_faces.along(first[:, None], t)
         assert np.abs(moved.evaluate(*where)).max() < 1e-12 * np.abs(x).max()

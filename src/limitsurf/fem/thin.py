@@ -709,6 +709,20 @@ class ShellSolution:
         Forces of the supports on each unknown; their sum is the force on the whole.
     energy : float
         What is stored: half the work of the loads.
+
+    Examples
+    --------
+    A square plate, held along one side and pulled at the other:
+
+    >>> import limitsurf as ls
+    >>> from limitsurf.fem.supports import clamped
+    >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    >>> space = ls.Space(ls.LimitSurface(square), levels=1)
+    >>> shell = ls.ThinShell(space, young=100, poisson=0, thickness=0.1)
+    >>> pull = shell.load(points=[(2, 0, 0, [1, 0, 0]), (1, 0, 0, [1, 0, 0])])
+    >>> found = shell.solve(pull, clamped(where=lambda x: x[:, 0] < 1e-9))
+    >>> found.reactions.sum(axis=0).round(9)[0]
+    np.float64(-2.0)
     """
 
     shell: ThinShell
