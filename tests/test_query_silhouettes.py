@@ -281,6 +281,15 @@ def test_what_is_no_view_or_angle_is_refused():
         ls.silhouette(surface, UP, tolerance=0)
 
 
+def test_isophotes_need_one_side_that_is_up():
+    points, faces = zoo.grid(2, 2)[:2]
+    faces = [faces[0], *(face[::-1] for face in faces[1:])]
+    surface = made((points, faces))
+    with pytest.raises(ValueError, match=r"an angle other than 90 needs .* of vertices 1 and 4"):
+        ls.isophote(surface, UP, 30)
+    ls.isophote(surface, UP, 90)
+
+
 def test_the_command_writes_silhouettes(tmp_path):
     points, faces = zoo.cube()
     cage, target = tmp_path / "cage.obj", tmp_path / "a.csv"

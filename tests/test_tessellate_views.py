@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import zoo
 from test_tessellate_tolerance import CASES, CUBE, apart, check_cover, check_edges, made
 
 import limitsurf as ls
@@ -183,3 +184,11 @@ def test_what_views_refuse(bad, message):
     given = {"position": (3, -2, 2), "target": (0.5, 0.5, 0.5)} | bad
     with pytest.raises(ValueError, match=message):
         ls.View(**given)
+
+
+@pytest.mark.parametrize("scheme", ls.schemes)
+def test_what_has_no_normals_is_not_divided_for_their_angles(scheme):
+    """Of a cage that is squeezed into a line."""
+    points, faces = zoo.octahedron() if "loop" in scheme or scheme == "linear" else zoo.cube()
+    surface = made(np.asarray(points) * [1, 0, 0], faces, scheme=scheme)
+    assert len(ls.tessellate(surface, angle=10).faces) < 5000

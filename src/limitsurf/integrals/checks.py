@@ -42,16 +42,11 @@ def refuse_open(surface: LimitSurface, who_needs: str) -> None:
     mesh, known = surface.mesh, surface.patches.with_limit
     if not known.any():
         raise ValueError(f"{who_needs} a closed surface, but no face has a limit")
-    whole = np.ones(mesh.n_faces, dtype=bool)
-    whole[surface.limit_faces.face[~known]] = False
-    corner = np.flatnonzero(whole[mesh.corner_face])
-    start, end = mesh.indices[corner], mesh.indices[mesh.next_corner[corner]]
-    edge, forward = mesh.corner_edge[corner], np.where(start < end, 1, -1)
-    balance = np.bincount(edge, forward, minlength=mesh.n_edges)
+    balance, sides = _passed(surface)
     bad = np.flatnonzero(balance != 0)
     if not len(bad):
         return
-    sides = np.bincount(edge, minlength=mesh.n_edges)[bad[0]]
+    sides = sides[bad[0]]
     a, b = sorted(mesh.edges[bad[0]].tolist())
     on = (
         "has a face on one side only (holes and faces without a limit count as none)"
@@ -65,6 +60,37 @@ def refuse_open(surface: LimitSurface, who_needs: str) -> None:
         f"{who_needs} a closed surface whose faces are consistently oriented, but the edge of "
         f"vertices {a} and {b} {on}{more}: close it, or turn faces over"
     )
+
+
+def refuse_turned(surface: LimitSurface, who_needs: str) -> None:
+    """Refuse a surface some faces of which are turned over beside their neighbours.
+
+    Raises
+    ------
+    ValueError
+        With the first edge that two faces pass the same way, after what begins the message.
+    """
+    balance, sides = _passed(surface)
+    bad = np.flatnonzero((sides == 2) & (balance != 0))
+    if len(bad):
+        a, b = sorted(surface.mesh.edges[bad[0]].tolist())
+        more = f", and {len(bad) - 1} more edges are like it" if len(bad) > 1 else ""
+        raise ValueError(
+            f"{who_needs} faces that are consistently oriented, but the edge of vertices {a} and "
+            f"{b} is passed the same way by faces on both sides{more}: turn faces over"
+        )
+
+
+def _passed(surface: LimitSurface) -> tuple[Array, Array]:
+    """How often edges are passed by faces with limits, one way less the other, and both, (E,)."""
+    mesh, known = surface.mesh, surface.patches.with_limit
+    whole = np.ones(mesh.n_faces, dtype=bool)
+    whole[surface.limit_faces.face[~known]] = False
+    corner = np.flatnonzero(whole[mesh.corner_face])
+    start, end = mesh.indices[corner], mesh.indices[mesh.next_corner[corner]]
+    edge, forward = mesh.corner_edge[corner], np.where(start < end, 1, -1)
+    n = mesh.n_edges
+    return np.bincount(edge, forward, minlength=n), np.bincount(edge, minlength=n)
 
 
 def chosen_faces(surface: LimitSurface, face: ArrayLike | None) -> Array:

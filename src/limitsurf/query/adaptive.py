@@ -241,7 +241,8 @@ class Division:
         parts = Parts(face, place, step, *known)
         wide = np.flatnonzero(self.wanted.turned(turn) > 1)
         if len(wide):
-            turn[wide[self.too_deep(parts[wide])]] = np.nan
+            never = self.too_deep(parts[wide]) | self.turning.nowhere(points[wide])
+            turn[wide[never]] = np.nan
         return parts
 
     def _second(self, points: Array) -> tuple[Array, Array]:

@@ -48,6 +48,11 @@ class Turning:
         """Coefficients (L, m, 3) of normals of polynomials (L, n, 3), and their errors (L,)."""
         return crossed(self._form, self._crossed, points)
 
+    def nowhere(self, points: Array) -> Array:
+        """Which parts have no normal but for rounding, (L,): those that are curves, or points."""
+        normals, noise = self.normals(points)
+        return np.asarray(length(normals).max(axis=1) <= noise)
+
     def whole(self, points: Array) -> Array:
         """The largest angle from any triangle between the corners of parts, (L,), in radians."""
         form = self._form

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf.engine.protocol import threads
+from limitsurf.integrals.checks import refuse_turned
 from limitsurf.query.borders import Borders
 from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.normals import Angle, Facing, OfNormals
@@ -137,7 +138,8 @@ def isophote(
     Raises
     ------
     TypeError, ValueError, MemoryError
-        As `silhouette` does; for an angle that is not between 0 and 180.
+        As `silhouette` does; for an angle that is not between 0 and 180; for one other than 90 on a
+        surface whose faces are not consistently oriented, with the first edge that says so.
 
     Notes
     -----
@@ -166,6 +168,8 @@ def isophote(
     degrees = float(angle)
     if not 0 < degrees < 180:
         raise ValueError(f"angle must be between 0 and 180 degrees, exclusive, got {angle!r}")
+    if degrees != 90:
+        refuse_turned(surface, "an angle other than 90 needs")
     cells = Cells.of(surface, threads(workers))
     toward = _unit(toward)
     scalar: OfNormals
