@@ -130,7 +130,8 @@ def closest_point(
     coefficients of the squared distance say that they are too far, or have one foot, which Newton's
     method finds; so nothing nearer is missed.
     (Where faces are squeezed into a curve, along which there are feet without end, small cells are
-    left to Newton's method alone.) A point that is as far from many places, as the centre of a
+    left to Newton's method alone; where they are 1000 times as long as wide, or more, distances
+    may be off by 1e-8.) A point that is as far from many places, as the centre of a
     ball, costs more: from 2000 cells of one point on, its cells that cannot be nearer by more than
     rounding are left to Newton's method as well, and for every 2000 more by twice that. So a
     search ends, and what it found is nearest up to that, 2e-12 after 20 000 cells.
