@@ -92,8 +92,8 @@ for lattice, degree in ((QUADS, 3), (TRIANGLES, 4)):
 # $D = \lvert w \rvert^2 + y \cdot (y + 2 w)$: what tells places of a small cell apart is not
 # swamped by how far the cell is. Rounding of $D$ is of the order of $\epsilon$ times the size of
 # the cell squared, so that a distance of its root, $10^{-8}$ of the size, is lost in it:
-# coefficients decide only of cells that are at least a quarter of their size away, and Newton's method, on $x$
-# itself, of those that are nearer.
+# coefficients decide only of cells that are at least a quarter of their size away, and Newton's
+# method, on $x$ itself, of those that are nearer.
 #
 # ## 2. One foot
 #
