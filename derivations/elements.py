@@ -272,10 +272,11 @@ assert 3074 + 2 * added[8] + 16 * added[3] == 4226
 # Three layers help by a factor and not by an order: from ring $k$ on each ring has as many cells
 # across, and with those of a constant relative error what is within ring $k$ still is of the order
 # $\lambda^{(3 - m) k}$. To regain the order rings near $k$ need smaller cells than those inside.
-# With cells of $h_n$ of ring $n$ in size, squared errors are sums of $\lambda^{2 n (3 - m)} h_n^{2
-# (4 - m)}$ and unknowns are sums of $h_n^{-2}$. Errors are least at a given number where $h_n^{2 (4
-# - m) + 2} \lambda^{2 n (3 - m)}$ is the same for each ring: then numbers fall geometrically from
-# ring to ring, and errors are as $N^{-(4 - m) / 2}$, at every valence.
+# With cells of $h_n$ of ring $n$ in size, squared errors are sums of
+# $\lambda^{2 n (3 - m)} h_n^{2 (4 - m)}$ and unknowns are sums of $h_n^{-2}$. Errors are least at a
+# given number where $h_n^{2 (4 - m) + 2} \lambda^{2 n (3 - m)}$ is the same for each ring: then
+# numbers fall geometrically from ring to ring, and errors are as $N^{-(4 - m) / 2}$, at every
+# valence.
 
 # %%
 for valence in (5, 8, 20):

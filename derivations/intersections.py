@@ -51,6 +51,7 @@ rng = np.random.default_rng(1)
 # is $A^{-1}$ times $(x_s \cdot n, x_t \cdot n)$. Lengths change by $\lVert D \rVert$, at most its
 # Frobenius norm. The angle $\alpha$ between $n$ and any normal of the cell has the gradient as
 # its tangent:
+#
 # $$\tan \alpha \le \lVert D \rVert_F \, \sqrt{z_s^2 + z_t^2} / (1 - \epsilon).$$
 
 # %%
@@ -77,7 +78,9 @@ for _ in range(200):
 # Let the normals of one cell be within $\alpha$ of a unit vector $n$, those of the other within
 # $\beta$ of $m$, and the lines of $n$ and $m$ have the angle $\theta \le \pi / 2$. A curve in
 # which they meet has the tangent $n' \times m'$, and by Lagrange's identity
+#
 # $$(n' \times m') \cdot (n \times m) = (n' \cdot n)(m' \cdot m) - (n' \cdot m)(m' \cdot n).$$
+#
 # The first product is $\cos \alpha \cos \beta$ at least, the second $\cos(\theta - \alpha)
 # \cos(\theta - \beta)$ at most in size. If $\alpha + \beta < \theta$, then $\beta < \theta -
 # \alpha$ and $\alpha < \theta - \beta$, so the first is larger: all tangents go one way along $n

@@ -70,7 +70,7 @@ def eigen_table(scheme: Scheme, sector: Sector) -> EigenTable:
 
     Raises a ValueError, `UnsupportedSpectrum`, for masks that do not converge there.
     """
-    text = _text(scheme, sector)
+    text = json.dumps(_key(scheme, sector), sort_keys=True)
     if text not in _memory:
         made, cached = _assembled(scheme, sector)
         if cached and not _holds(made):
@@ -125,11 +125,6 @@ def _assembled(scheme: Scheme, sector: Sector, derived: bool = False) -> tuple[E
 
 def _ring_key(scheme: Scheme, sector: Sector) -> dict[str, Any]:
     return _key(scheme, replace(sector, position=0)) | {"position": "all"}
-
-
-@lru_cache(maxsize=4096)
-def _text(scheme: Scheme, sector: Sector) -> str:
-    return json.dumps(_key(scheme, sector), sort_keys=True)
 
 
 def _ring_text(scheme: Scheme, sector: Sector) -> str:

@@ -421,7 +421,7 @@ def write(
     but other programs do not.
 
     **NPZ.** Operators of Bezier extraction are arrays by the names of `BezierExtraction`, those of
-    what remains with "rest_" before, and version, degree and tensor.
+    what remains with ``rest_`` before, and version, degree and tensor.
 
     Parameters
     ----------
