@@ -74,7 +74,7 @@ def test_tables():
         ),
         (
             lambda s: ls.intersect(s, [[[0.4, 0.5, 5], [9, 9, 9]]], [0, 0, -1.0]),
-            "RayHits(2 rays, 1 hits)",
+            "RayHits(2 rays, 1 hit)",
             ["hit", "t", "face", "u", "v", "point", "normal", "True"],
         ),
         (

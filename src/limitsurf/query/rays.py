@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from limitsurf import html, numbers
+from limitsurf.cage.checks import count
 from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.integrals.checks import refuse_open
@@ -55,7 +56,7 @@ class RayHits:
     >>> import limitsurf as ls
     >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
     >>> ls.intersect(ls.LimitSurface(square), [[0.5, 0.5, 2.0], [0.5, 3, 2]], [0.0, 0, -1])
-    RayHits(2 rays, 1 hits)
+    RayHits(2 rays, 1 hit)
     """
 
     hit: Array
@@ -72,8 +73,8 @@ class RayHits:
         return html.table({**flat, **ends}, repr(self))
 
     def __repr__(self) -> str:
-        n = self.hit.size
-        return f"RayHits({n} ray{'s' * (n != 1)}, {np.count_nonzero(self.hit)} hits)"
+        hits = int(np.count_nonzero(self.hit))
+        return f"RayHits({count(self.hit.size, 'ray')}, {count(hits, 'hit')})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,7 +97,7 @@ class AllRayHits:
     >>> import limitsurf as ls
     >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
     >>> ls.intersect_all(ls.LimitSurface(square), [[0.5, 0.5, 2.0]], [[0.0, 0, -1]])
-    AllRayHits(1 hits of 1 ray)
+    AllRayHits(1 hit of 1 ray)
     """
 
     offsets: Array
@@ -114,8 +115,8 @@ class AllRayHits:
         return html.table({"hit of ray": html.runs(self.offsets), **columns}, repr(self))
 
     def __repr__(self) -> str:
-        n = len(self.offsets) - 1
-        return f"AllRayHits({len(self.t)} hits of {n} ray{'s' * (n != 1)})"
+        rays = count(len(self.offsets) - 1, "ray")
+        return f"AllRayHits({count(len(self.t), 'hit')} of {rays})"
 
 
 def intersect(
