@@ -54,7 +54,8 @@ def pipeline(line):
                 data = file.read()
             del arguments[place : place + 2]
         result = run(*arguments, stdin=data)
-        assert (result.exit_code, result.stderr) == (0, ""), f"{part}: {result.output}"
+        told = f"{part}: {result.output} {result.exception!r}"
+        assert (result.exit_code, result.stderr) == (0, ""), told
         data = result.stdout_bytes
     return data
 

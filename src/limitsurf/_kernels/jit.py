@@ -85,6 +85,8 @@ class _Cache(NullCache):  # type: ignore[misc]
 
     def __init__(self, function: Callable[..., Any]) -> None:
         code = function.__code__
+        # of those that others write by these decorators nothing is marked
+        self._marked = function.__module__.startswith(f"{__package__}.")
         name = f"{Path(code.co_filename).stem}.{function.__qualname__}-{code.co_firstlineno}"
         self._name = "".join(c for c in name if c not in "<>")  # which some systems do not allow
         constants = [x for x in code.co_consts if not hasattr(x, "co_code")]
@@ -106,22 +108,26 @@ class _Cache(NullCache):  # type: ignore[misc]
         """The compiled kernel; None if it is to be compiled."""
         target_context.refresh()
         name = self._file(sig, target_context.codegen())
-        used.setdefault(name)
+        if self._marked:
+            used.setdefault(name)
         content = disk_cache.read(name, _MOST)
         if content is None or content[:32] != _digest(name, content[32:]):
             return None
         try:
-            used[name] = CompileResult._rebuild(target_context, *pickle.loads(content[32:]))
-            return used[name]
+            found = CompileResult._rebuild(target_context, *pickle.loads(content[32:]))
         except Exception:  # whatever the right bytes may lead to in surroundings that are not right
             return None
+        if self._marked:
+            used[name] = found
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a compiled kernel, where that is possible."""
         if data.library.has_dynamic_globals:  # addresses in this process
             return
         name = self._file(sig, data.codegen)
-        used[name] = data
+        if self._marked:
+            used[name] = data
         _keep(name, data)
 
     def _file(self, sig: Any, codegen: Any) -> str:
