@@ -204,24 +204,32 @@ def check_page(chromium, address):
 
 def check_scene(chromium, address):
     """A scene draws itself, and turns when it is dragged."""
+    from selenium.common.exceptions import TimeoutException
     from selenium.webdriver import ActionChains
     from selenium.webdriver.common.by import By
     from selenium.webdriver.support.ui import WebDriverWait
 
-    chromium.get(address)
-    wait = WebDriverWait(chromium, 60)
-    canvas = wait.until(lambda _: chromium.find_elements(By.TAG_NAME, "canvas"))[0]
-    wait.until(lambda _: drawn(canvas) > 10, f"{address} draws nothing")
-    before = canvas.screenshot_as_png
-
-    def turned(_):
+    def turned(canvas, before, _):
         drag = ActionChains(chromium).move_to_element(canvas).click_and_hold()
         for _ in range(5):
             drag.move_by_offset(30, 10).pause(0.1)
         drag.release().perform()
         return canvas.screenshot_as_png != before
 
-    wait.until(turned, f"{address} does not turn")
+    # drawn by processors alone, on a busy machine, a page now and then misses what is done to it:
+    # then it is loaded again
+    wait, last = WebDriverWait(chromium, 40), 2
+    for attempt in range(last + 1):
+        chromium.get(address)
+        canvas = wait.until(lambda _: chromium.find_elements(By.TAG_NAME, "canvas"))[0]
+        wait.until(lambda _, it=canvas: drawn(it) > 10, f"{address} draws nothing")
+        before = canvas.screenshot_as_png
+        try:
+            wait.until(functools.partial(turned, canvas, before), f"{address} does not turn")
+            break
+        except TimeoutException:
+            if attempt == last:
+                raise
     assert drawn(canvas) > 10
     said = complaints(chromium)
     assert not said, f"{address} says {said}"
