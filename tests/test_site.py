@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
@@ -204,32 +205,33 @@ def check_page(chromium, address):
 
 def check_scene(chromium, address):
     """A scene draws itself, and turns when it is dragged."""
-    from selenium.common.exceptions import TimeoutException
-    from selenium.webdriver import ActionChains
     from selenium.webdriver.common.by import By
     from selenium.webdriver.support.ui import WebDriverWait
 
-    def turned(canvas, before, _):
-        drag = ActionChains(chromium).move_to_element(canvas).click_and_hold()
-        for _ in range(5):
-            drag.move_by_offset(30, 10).pause(0.1)
-        drag.release().perform()
+    # told to the page itself: drags by the driver do not always reach the viewer
+    drag = """
+        const box = arguments[0].getBoundingClientRect();
+        const tell = (name, k) => arguments[0].dispatchEvent(new PointerEvent(name, {
+            bubbles: true, isPrimary: true, pointerId: 1, pointerType: "mouse", button: 0,
+            buttons: name == "pointerup" ? 0 : 1,
+            clientX: box.x + box.width / 2 + 20 * k, clientY: box.y + box.height / 2 + 8 * k,
+        }));
+        tell("pointerdown", 0);
+        for (let k = 1; k < 9; k++) tell("pointermove", k);
+        tell("pointerup", 8);
+    """
+
+    def turned(_):
+        chromium.execute_script(drag, canvas)
+        time.sleep(1)
         return canvas.screenshot_as_png != before
 
-    # drawn by processors alone, on a busy machine, a page now and then misses what is done to it:
-    # then it is loaded again
-    wait, last = WebDriverWait(chromium, 40), 2
-    for attempt in range(last + 1):
-        chromium.get(address)
-        canvas = wait.until(lambda _: chromium.find_elements(By.TAG_NAME, "canvas"))[0]
-        wait.until(lambda _, it=canvas: drawn(it) > 10, f"{address} draws nothing")
-        before = canvas.screenshot_as_png
-        try:
-            wait.until(functools.partial(turned, canvas, before), f"{address} does not turn")
-            break
-        except TimeoutException:
-            if attempt == last:
-                raise
+    chromium.get(address)
+    wait = WebDriverWait(chromium, 60)
+    canvas = wait.until(lambda _: chromium.find_elements(By.TAG_NAME, "canvas"))[0]
+    wait.until(lambda _: drawn(canvas) > 10, f"{address} draws nothing")
+    before = canvas.screenshot_as_png
+    wait.until(turned, f"{address} does not turn")
     assert drawn(canvas) > 10
     said = complaints(chromium)
     assert not said, f"{address} says {said}"
