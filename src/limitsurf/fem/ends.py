@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from limitsurf.cage.mesh import Mesh
 from limitsurf.cage.selection import selected
 from limitsurf.options import Rules
+from limitsurf.tables.masks import is_infinite
 
 if TYPE_CHECKING:
     from limitsurf.scheme.scheme import Scheme
 
 Array = NDArray[Any]
-
-_SHARP = 10  # sharpness from which on it is infinite
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +65,7 @@ class Rim:
         good[edges[inside]] = False
         sharp = np.zeros(n, dtype=mesh.corners[1].dtype)
         sharp[mesh.corners[0]] = mesh.corners[1]
-        pointed = (sharp >= _SHARP) | (rules.boundary == "edge_and_corner")
+        pointed = is_infinite(sharp) | (rules.boundary == "edge_and_corner")
         good &= np.where(faces == 1, pointed, sharp == 0).astype(bool)
         on = np.unique(np.concatenate([start, end]))
         return cls(sides, loop, on[~good[on]], faces)

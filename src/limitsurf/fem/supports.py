@@ -301,22 +301,32 @@ def _along(rows: Any, directions: Array) -> Any:
     return csr_array((data.ravel(), column.ravel(), 3 * rows.indptr.astype(np.int64)), shape=shape)
 
 
-def turning(space: Space, corners: Array, t: ArrayLike) -> tuple[Any, Array]:
-    """Rows of how far the shell turns about sides from corners of the mesh on, at t along each.
+def tangents(space: Space, corners: Array, t: ArrayLike) -> tuple[Array, Array, Array, Array]:
+    """Derivatives (k, 3) by u, by v and along sides by t, and the units (k, 1) that they are in.
 
-    By ``-n . du/dc``, where c is across (``derivations/thin_shells.py``, 5); rows of zeros where
-    there is no normal. Also the derivatives (k, 3) of the surface along the sides by t.
+    At t along the sides that begin at corners of the mesh.
     """
-    surface, side = space.surface, space.surface.limit_faces.along
-    face, u, v = side(corners, t)
-    jet, n = surface.jet(face, u, v, order=1), surface.normal(face, u, v)
+    side = space.surface.limit_faces.along
+    jet = space.surface.jet(*side(corners, t), order=1)
     du, dv = jet[1, 0], jet[0, 1]
     unit = power_of_two(np.stack([du, dv], axis=1), (1, 2))[:, 0]
     du, dv = du / unit, dv / unit
     # two places on one side of the middle of an edge, for in n-gons its halves are of two faces
     low = np.where(np.asarray(t) <= 0.5, 0.0, 0.75)
     (_, u0, v0), (_, u1, v1) = side(corners, low), side(corners, low + 0.25)
-    along = 4 * ((u1 - u0)[:, None] * du + (v1 - v0)[:, None] * dv)
+    return du, dv, 4 * ((u1 - u0)[:, None] * du + (v1 - v0)[:, None] * dv), unit
+
+
+def turning(space: Space, corners: Array, t: ArrayLike) -> tuple[Any, Array]:
+    """Rows of how far the shell turns about sides from corners of the mesh on, at t along each.
+
+    By ``-n . du/dc``, where c is across (``derivations/thin_shells.py``, 5); rows of zeros where
+    there is no normal. Also the derivatives (k, 3) of the surface along the sides by t.
+    """
+    surface = space.surface
+    face, u, v = surface.limit_faces.along(corners, t)
+    n = surface.normal(face, u, v)
+    du, dv, along, unit = tangents(space, corners, t)
     with np.errstate(invalid="ignore", divide="ignore"):
         across = np.cross(n, along / np.linalg.norm(along, axis=1, keepdims=True))
         e, f, g = (np.einsum("ij,ij->i", a, b) for a, b in ((du, du), (du, dv), (dv, dv)))

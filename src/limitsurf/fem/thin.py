@@ -24,10 +24,12 @@ from limitsurf.fem.supports import (
     described,
     null_space,
     rigid_motions,
+    tangents,
     turning,
     values_at,
 )
 from limitsurf.integrals.sums import cross
+from limitsurf.tables.masks import is_infinite
 
 if TYPE_CHECKING:
     from limitsurf.fem.basis import Block
@@ -37,7 +39,6 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 Function: TypeAlias = Callable[[Array, Array], ArrayLike]
 
-SHARP = 10  # sharpness from which on it is infinite
 _ALONG = 4  # Gauss points along creases that keep their angle
 _PENALTY = 10.0
 # the least eigenvalue, relative to the norm, that is no rounding
@@ -228,7 +229,7 @@ class ThinShell:
         edges, sharpness = mesh.creases
         corners = mesh.edge_corners[mesh.edge_numbers(edges)]
         within = (corners >= 0).all(axis=1) & whole[mesh.corner_face[corners]].all(axis=1)
-        return corners[within & np.asarray(sharpness >= SHARP, dtype=bool)]
+        return corners[within & is_infinite(sharpness)]
 
     # --- Matrices
 
@@ -307,12 +308,10 @@ class ThinShell:
 
     def _across(self, corners: Array) -> Array:
         """How far it is across faces (k, 2) from the middle of a side: area by its length."""
-        surface, flat = self.space.surface, corners.ravel()
-        face, u, v = surface.limit_faces.along(flat, 0.25)
-        jet = surface.jet(face, u, v, order=1)
-        area = np.linalg.norm(np.cross(jet[1, 0], jet[0, 1]), axis=1)
-        _, along = turning(self.space, flat, 0.25)
-        return np.asarray(area / np.linalg.norm(along, axis=1)).reshape(corners.shape)
+        du, dv, along, unit = tangents(self.space, corners.ravel(), 0.25)
+        area = np.linalg.norm(np.cross(du, dv), axis=1)
+        found = area / np.linalg.norm(along, axis=1) * unit[:, 0]
+        return np.asarray(found).reshape(corners.shape)
 
     def mass(self, *, workers: int = 1) -> Any:
         """The mass matrix (3 n, 3 n): density times thickness times area, of translations only.

@@ -14,7 +14,7 @@ from limitsurf.engine.protocol import threads
 from limitsurf.query.crossings import inside
 from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.pairing import Pairs, Parts, simple_pairs
-from limitsurf.query.records import Rows
+from limitsurf.query.records import Polylines, Rows
 from limitsurf.query.sections import scaled_tolerance, sources
 from limitsurf.query.slices import Meets, Slices, on_sides
 from limitsurf.query.tracing import Spans, chained
@@ -28,7 +28,7 @@ _REACH = 64  # so many times the size of what is undecided is where curves may e
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class IntersectionCurves:
+class IntersectionCurves(Polylines):
     """Curves where two surfaces meet, as `intersect_surfaces` finds them.
 
     Attributes
@@ -65,14 +65,6 @@ class IntersectionCurves:
     other_face: Array
     other_u: Array
     other_v: Array
-
-    def __len__(self) -> int:
-        return len(self.closed)
-
-    def __repr__(self) -> str:
-        n, m = len(self), len(self.face)
-        what = f"{n} curve{'s' * (n != 1)} of {m} points, {int(self.closed.sum())} closed"
-        return f"{type(self).__name__}({what})"
 
 
 def intersect_surfaces(

@@ -1,4 +1,4 @@
-"""Records of arrays of one length, of which searches keep many."""
+"""Records of arrays: of one length, of which searches keep many, and of polylines."""
 
 from __future__ import annotations
 
@@ -29,6 +29,21 @@ class Rows:
             return parts[0]
         columns = ([getattr(part, name) for part in parts] for name in cls.__slots__)
         return cls(*map(np.concatenate, columns))
+
+
+class Polylines:
+    """What is alike of records of curves: which are `closed`, and the `face` of each point."""
+
+    closed: Array
+    face: Array
+
+    def __len__(self) -> int:
+        return len(self.closed)
+
+    def __repr__(self) -> str:
+        n, m = len(self), len(self.face)
+        what = f"{n} curve{'s' * (n != 1)} of {m} points, {int(self.closed.sum())} closed"
+        return f"{type(self).__name__}({what})"
 
 
 R = TypeVar("R", bound=Rows)

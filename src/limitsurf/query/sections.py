@@ -17,6 +17,7 @@ from limitsurf.engine.protocol import threads
 from limitsurf.query.index import Cells, checked_surface
 from limitsurf.query.leaves import Parting
 from limitsurf.query.overlay import Column, Overlay
+from limitsurf.query.records import Polylines
 from limitsurf.query.scalars import Height, Scalar, SquaredDistance, Subdivided
 from limitsurf.query.tracing import Adjacency, Network, Nodes, Spans, chained
 from limitsurf.surface import LimitSurface
@@ -29,7 +30,7 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Curves:
+class Curves(Polylines):
     """Curves on a surface as polylines of points on it, as `section` and `contour` find them.
 
     Attributes
@@ -63,18 +64,10 @@ class Curves:
     u: Array
     v: Array
 
-    def __len__(self) -> int:
-        return len(self.closed)
-
     def _repr_html_(self) -> str:
         first = self.point[self.offsets[:-1]]
         columns = {"points": np.diff(self.offsets), "closed": self.closed, "value": self.value}
         return html.table({**columns, "first point": first}, repr(self))
-
-    def __repr__(self) -> str:
-        n, m = len(self), len(self.face)
-        what = f"{n} curve{'s' * (n != 1)} of {m} points, {int(self.closed.sum())} closed"
-        return f"{type(self).__name__}({what})"
 
 
 def section(
