@@ -1,9 +1,10 @@
-"""Compare schemes with each other, and Loop's refinement with trimesh; prints JSON.
+"""Compare schemes with each other, and Loop's refinement with other programs; prints JSON.
 
     python tests/bench/beside.py 310 > beside.json
 
 The cage is the N x N torus of ``bench.py`` with 5 % extraordinary vertices, for Loop cut into
-triangles. One thread, compiled kernels, processor time: the least of some rounds, in which all take
+triangles. Loop's refinement stands beside that of trimesh, libigl and Open3D, those that are
+installed. One thread, compiled kernels, processor time: the least of some rounds, in which all take
 turns. Nanoseconds a query, seconds a refinement.
 """
 
@@ -12,13 +13,17 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
 import click
 import numpy as np
 from bench import Queries, bare, cut_up, draw, odd_vertices, torus
+from numpy.typing import NDArray
 
 import limitsurf as ls
+
+Array = NDArray[Any]
 
 
 def least(jobs: dict[str, Callable[[], Any]], runs: int) -> dict[str, float]:
@@ -58,6 +63,34 @@ def of_scheme(scheme: str, mesh: ls.Mesh, count: int) -> dict[str, Callable[[], 
     return jobs
 
 
+def of_peers(points: Array, faces: Array) -> dict[str, Callable[[], Any]]:
+    """One step of Loop's by each of the other programs that is installed."""
+
+    def of_trimesh() -> Callable[[], Any]:
+        remesh = import_module("trimesh.remesh")
+        return lambda: remesh.subdivide_loop(points, faces, iterations=1)
+
+    def of_libigl() -> Callable[[], Any]:
+        igl = import_module("igl")
+        return lambda: igl.loop(points, faces, 1)
+
+    def of_open3d() -> Callable[[], Any]:
+        geometry, utility = map(import_module, ("open3d.geometry", "open3d.utility"))
+        mesh = geometry.TriangleMesh(
+            utility.Vector3dVector(points.copy()),
+            utility.Vector3iVector(faces.astype(np.int32).copy()),
+        )
+        return lambda: mesh.subdivide_loop(number_of_iterations=1)
+
+    found: dict[str, Callable[[], Any]] = {}
+    for name, peer in (("trimesh", of_trimesh), ("libigl", of_libigl), ("open3d", of_open3d)):
+        try:
+            found[f"{name}: refined once"] = peer()
+        except ImportError:
+            continue
+    return found
+
+
 @click.command()
 @click.argument("size", type=int, default=310)
 @click.option("--runs", default=5)
@@ -76,13 +109,7 @@ def main(size: int, runs: int, queries: int) -> None:
         return fine.points, fine.indices
 
     refining: dict[str, Callable[[], Any]] = {"loop: refined once": refined}
-    try:
-        from trimesh.remesh import subdivide_loop
-    except ImportError:
-        pass
-    else:
-        points, faces = triangles.points, np.asarray(triangles.uniform)
-        refining["trimesh: refined once"] = lambda: subdivide_loop(points, faces, iterations=1)
+    refining |= of_peers(triangles.points, np.asarray(triangles.uniform))
     found |= least(refining, runs)
     sizes = {"quads": quads.n_faces, "triangles": triangles.n_faces}
     print(json.dumps(sizes | {"times": found}, indent=1))

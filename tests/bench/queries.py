@@ -119,8 +119,9 @@ def rows(path: Path, n: int, peers: tuple[str, ...]) -> Iterator[dict[str, Any]]
                 continue
             few = tuple(x[: n // 20 + 1] for x in job) if peer == "trimesh" else job
             found, us = timed(call, *few)
-            both = np.isfinite(found) & np.isfinite(truth[name][: len(found)])
-            off = np.abs(found - truth[name][: len(found)])[both].max(initial=0)
+            true = truth[name][: len(found)]
+            both = np.isfinite(found) & np.isfinite(true)
+            off = np.abs(found[both] - true[both]).max(initial=0)
             off = float(off / (1 if len(job) == 2 else size))
             yield {"cage": path.stem, "job": name, "by": peer, "us": us, "off": off}
 
