@@ -93,6 +93,11 @@ def test_tables():
             ["points", "closed", "value", "first point"],
         ),
         (
+            lambda s: ls.intersect_surfaces(s, s.with_points(s.points + 0.3)),
+            "IntersectionCurves(1 curve of ",
+            ["points", "closed", "first point"],
+        ),
+        (
             lambda s: ls.quadrature(s, points=2),
             "Quadrature(",
             ["face", "u", "v", "weights", "0"],

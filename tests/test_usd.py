@@ -391,6 +391,8 @@ def test_frames_of_an_animation(tmp_path):
     still = tmp_path / "still.usda"
     ls.write(still, ls.Mesh(POINTS, FACES))
     assert [time for time, _ in ls.frames(still)] == [0]
+    with pytest.raises(ValueError, match="only USD and glTF files have frames"):
+        ls.frames(tmp_path / "a.obj")  # before the first is asked for
 
 
 def test_frames_are_read_at_once(tmp_path, monkeypatch):

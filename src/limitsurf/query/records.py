@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from limitsurf import html
 
 Array = NDArray[Any]
 
@@ -32,10 +34,17 @@ class Rows:
 
 
 class Polylines:
-    """What is alike of records of curves: which are `closed`, and the `face` of each point."""
+    """What is alike of records of curves: `offsets`, which are `closed`, and points with a place.
 
+    Of each curve there may be something more: arrays named in `_of_curves`.
+    """
+
+    offsets: Array
     closed: Array
+    point: Array
     face: Array
+
+    _of_curves: ClassVar[tuple[str, ...]] = ()
 
     def __len__(self) -> int:
         return len(self.closed)
@@ -44,6 +53,11 @@ class Polylines:
         n, m = len(self), len(self.face)
         what = f"{n} curve{'s' * (n != 1)} of {m} points, {int(self.closed.sum())} closed"
         return f"{type(self).__name__}({what})"
+
+    def _repr_html_(self) -> str:
+        columns = {"points": np.diff(self.offsets), "closed": self.closed}
+        columns |= {name: getattr(self, name) for name in self._of_curves}
+        return html.table({**columns, "first point": self.point[self.offsets[:-1]]}, repr(self))
 
 
 R = TypeVar("R", bound=Rows)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limitsurf import html, numbers
+from limitsurf import numbers
 from limitsurf.cage.checks import checked_number
 from limitsurf.engine.protocol import threads
 from limitsurf.query.index import Cells, checked_surface
@@ -64,10 +64,7 @@ class Curves(Polylines):
     u: Array
     v: Array
 
-    def _repr_html_(self) -> str:
-        first = self.point[self.offsets[:-1]]
-        columns = {"points": np.diff(self.offsets), "closed": self.closed, "value": self.value}
-        return html.table({**columns, "first point": first}, repr(self))
+    _of_curves = ("value",)
 
 
 def section(

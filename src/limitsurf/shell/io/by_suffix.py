@@ -272,9 +272,9 @@ def frames(
         transforms are given, or 0 where nothing moves. Between them USD interpolates, and glTF
         says how.
 
-    Yields
-    ------
-    (time, points (n_vertices, 3))
+    Returns
+    -------
+    iterator of (time, points (n_vertices, 3))
         As ``read(file, prim=prim, time=time).points`` has them; of glTF, the points of the cage
         ``read(file)``, each moved as the first of those that it joins. A file is read once, or as
         often as frames fill 32 MiB.
@@ -284,7 +284,7 @@ def frames(
     MeshError
         Faces that change from frame to frame, and whatever `read` raises.
     ValueError
-        A file of another format.
+        A file of another format, at once; the others when frames are asked for.
 
     Examples
     --------
@@ -299,7 +299,13 @@ def frames(
     name, kind = _named(file, None, "")
     if kind not in (*formats.USD, ".usdz", ".glb", ".gltf"):
         raise ValueError(f"{name}: only USD and glTF files have frames that are read")
-    left = None if times is None else [float(time) for time in times]
+    return _frames(name, kind, file, prim, None if times is None else [float(x) for x in times])
+
+
+def _frames(
+    name: str, kind: str, file: Path, prim: str | None, left: list[float] | None
+) -> Iterator[tuple[float, NDArray[np.float64]]]:
+    """Frames of a file as they are asked for; of all times if none are `left`."""
     first: dict[str, Any] | None = None
     while left is None or left:
         with warnings.catch_warnings(), _on_disk(file, name, kind, None) as (path, folder):
