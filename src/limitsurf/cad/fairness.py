@@ -233,7 +233,8 @@ def metric(lattice: Lattice) -> Array:
     """The inverse metric (2, 2) of determinant 1 that turns of the domain do not change."""
     turns = np.array(lattice.turns, dtype=float)[:, 1:]  # rows along s and t
     mean = np.einsum("kri,krj->ij", turns, turns)
-    return np.asarray(mean / np.sqrt(np.linalg.det(mean)))
+    (a, b), (c, d) = mean
+    return np.asarray(mean / np.sqrt(a * d - b * c))
 
 
 @lru_cache(maxsize=64)
