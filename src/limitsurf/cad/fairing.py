@@ -11,6 +11,8 @@ from limitsurf.cad.fairness import Energy, fairness
 from limitsurf.cad.solving import minimum
 from limitsurf.cage.mesh import Mesh
 from limitsurf.integrals.checks import is_exact
+from limitsurf.options import Rules
+from limitsurf.scheme import schemes
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -112,7 +114,7 @@ def fair(
 
 
 def as_surface(mesh: Any, what: str) -> LimitSurface:
-    """A surface of float64 points from a cage or itself."""
+    """A surface of float64 points from a cage or itself, whose cage is tagged with its rules."""
     if isinstance(mesh, Mesh):
         mesh = LimitSurface(mesh)
     if not isinstance(mesh, LimitSurface):
@@ -122,7 +124,13 @@ def as_surface(mesh: Any, what: str) -> LimitSurface:
             f"{what} needs float64 points, got exact ones: it solves in float64; convert the "
             "points of the cage by astype(float)"
         )
-    return mesh
+    tagged = vars(Rules.resolve(mesh.mesh))
+    other = {name: rule for name, rule in mesh.rules.items() if rule != tagged[name]}
+    if not other:
+        return mesh
+    if "scheme" in other and schemes.get(other["scheme"].name) == other["scheme"]:
+        other["scheme"] = other["scheme"].name  # which files can hold
+    return LimitSurface(mesh.mesh.with_tags(**other), engine=mesh.engine)
 
 
 def chosen_vertices(name: str, given: ArrayLike | None, n: int) -> NDArray[np.int64]:

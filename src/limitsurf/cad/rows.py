@@ -21,7 +21,7 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """A cage after some refinements, and places on it.
+    """A cage after some refinements, by the rules that it is tagged with, and places on it.
 
     Attributes
     ----------
@@ -50,9 +50,8 @@ class Level:
 
     def _step(self) -> tuple[Level, Any]:
         """The next level, with the operator from this one."""
-        rules = self.surface.rules
-        mesh, step = refined(self.mesh, 1, operator=True, **rules)
-        return Level(LimitSurface(mesh, **rules), step, *self._children()), step
+        mesh, step = refined(self.mesh, 1, operator=True)
+        return Level(LimitSurface(mesh), step, *self._children()), step
 
     def _children(self) -> tuple[Array, Array, Array]:
         """The places on limit faces of the refined cage."""
@@ -122,7 +121,7 @@ class Level:
 
 def at_vertices(surface: LimitSurface) -> Level:
     """The places of all vertices, -1 and NaN of those without a limit."""
-    cage = refined(surface.mesh, 0, **surface.rules)
+    cage = refined(surface.mesh, 0)
     return Level(surface, None, cage.parent_face, cage.parent_u, cage.parent_v)
 
 
