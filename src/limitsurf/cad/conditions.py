@@ -166,6 +166,13 @@ class Conditions:
         total[~self._fixed] = found
         return total.reshape(self.start.shape)
 
+    def placed(self, found: Array) -> Array:
+        """Points (n, d) as those of the cage are; fixed ones to the last digit."""
+        points = self.level.mesh.points
+        fixed = self._fixed.reshape(len(found), -1)[:, :1]
+        total = np.where(fixed, points.reshape(found.shape), found + self.centre)
+        return total.reshape(points.shape)
+
     def reason(self) -> str:
         """Why conditions are not met as they are."""
         rows, _ = self._free

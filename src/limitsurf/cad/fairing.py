@@ -107,10 +107,10 @@ def fair(
     total, scale = sprung(form, pull)
     load = (scale * pull + SPRING)[:, None] * points
     load = load[free] - total[free][:, kept] @ points[kept]
-    found = points.copy()
+    found = cage.points.reshape(points.shape).copy()
     none = total[:0][:, free]
-    found[free] = minimum(total[free][:, free], load, none, load[:0])
-    return cage.with_points((found + centre).reshape(cage.points.shape))
+    found[free] = minimum(total[free][:, free], load, none, load[:0]) + centre
+    return cage.with_points(found.reshape(cage.points.shape))
 
 
 def as_surface(mesh: Any, what: str) -> LimitSurface:

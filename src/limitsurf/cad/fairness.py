@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import memory, tables
+from limitsurf import memory, rings, tables
 from limitsurf.fem.elements import Group
 from limitsurf.fem.pattern import Pattern, pairs
 from limitsurf.integrals.checks import is_exact
 from limitsurf.integrals.rules import Rule
 from limitsurf.numbers import FLOAT64
-from limitsurf.patches import STRIP, PatchTable
+from limitsurf.patches import REGULAR, STRIP, PatchTable
 from limitsurf.pieces import cover
 from limitsurf.pieces.bernstein import Bernstein, is_tensor
 from limitsurf.pieces.cover import Cover
@@ -202,10 +202,12 @@ def _elements(
     Integrals of squares of derivatives of order m are 4^(m - 1) times as large on half the size.
     """
     number = patches.kind[covered.patch]
-    rings = np.where([k in patches.rings for k in range(1 + int(number.max(initial=0)))], _RINGS, 1)
+    shared = np.where(
+        [k in patches.rings for k in range(1 + int(number.max(initial=0)))], _RINGS, 1
+    )
     local = LocalWeights(patches, scheme, FLOAT64)
     strips = local.strips
-    for g in cover.grouped(patches, covered, rings[number], *strips)[1]:
+    for g in cover.grouped(patches, covered, shared[number], *strips)[1]:
         scale = np.ldexp(1.0, 2 * (order - 1) * covered.level[g.members])
         if g.kind > STRIP and g.kind not in patches.rings:
             sector = patches.sectors[g.kind]
@@ -217,13 +219,40 @@ def _elements(
         if g.kind > STRIP:  # by (u, v), with less weight on each ring
             size = np.full_like(size, 0.5)
         forms = np.stack([cell_form(scheme, order, tuple(x)) for x in size.tolist()])
-        width = patches.control_points(g.kind, g.rows[:1]).shape[1]
-        each = max(1, _AT_ONCE // (forms.shape[0] * forms.shape[1] * width))
-        for begin in range(0, len(g.rows), each if g.kind else len(g.rows)):
-            stop = begin + each if g.kind else len(g.rows)
-            for here, ids, weights in local.of(g, slice(begin, min(stop, len(g.rows)))):
-                found = (weights.swapaxes(-1, -2) @ forms @ weights).sum(axis=-3)
-                yield ids, scale[here], found
+        for ids, here, found in _cells(local, g, forms):
+            yield ids, scale[here], found
+
+
+def _cells(
+    local: LocalWeights, g: cover.Group, forms: Array
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Control points of patches of polynomial cells, which they are of a group, and matrices."""
+
+    def of(part: slice) -> Iterator[tuple[Array, Array, Array]]:
+        for here, ids, weights in local.of(g, part):
+            yield ids, here, (weights.swapaxes(-1, -2) @ forms @ weights).sum(axis=-3)
+
+    patches, n = local.patches, len(g.rows)
+    if g.kind == REGULAR:
+        yield from of(slice(0, n))
+        return
+    sector = patches.sectors[g.kind]
+    width = patches.control_points(g.kind, g.rows[:1]).shape[1]
+    if sector is None or sector.open or sector.kind == "dart":
+        each = max(1, _AT_ONCE // (len(forms) * forms.shape[1] * width))
+        for begin in range(0, n, each):
+            yield from of(slice(begin, min(begin + each, n)))
+        return
+    # faces around a smooth vertex are alike, but for where their ring begins
+    position = patches.rings[g.kind].position[g.rows]
+    ids = patches.control_points(g.kind, g.rows)
+    ((_, _, found),) = of(slice(0, 1))
+    first, _ = rings.columns(sector, int(position[0]))
+    found = found[0][np.ix_(first, first)]
+    for p in np.unique(position).tolist():
+        here = np.flatnonzero(position == p)
+        own, _ = rings.columns(sector, p)
+        yield ids[here][:, own], here, found
 
 
 # ---------------------------------------------------------------- polynomials

@@ -188,7 +188,7 @@ def interpolate(
             if reason:
                 text = f"{reason}: the cage was refined {_times(count)}"
                 warnings.warn(text, UserWarning, stacklevel=2)
-            return _record(surface, conditions, found, count)
+            return _record(conditions, found, count)
         reason = conditions.reason()
     if not most:
         advice = "give finite weights"
@@ -199,7 +199,7 @@ def interpolate(
     conditions.refuse_missed(found, reason)
     text = f"{reason}, even though the cage was refined {_times(most)}: they are met all the same"
     warnings.warn(text, UserWarning, stacklevel=2)
-    return _record(surface, conditions, found, most)
+    return _record(conditions, found, most)
 
 
 def _levels(refine: Refine, surface: LimitSurface, asked: Wanted) -> tuple[int, int]:
@@ -223,9 +223,7 @@ def _levels(refine: Refine, surface: LimitSurface, asked: Wanted) -> tuple[int, 
     return count, count
 
 
-def _record(
-    surface: LimitSurface, conditions: Conditions, found: Array, count: int
-) -> Interpolation:
+def _record(conditions: Conditions, found: Array, count: int) -> Interpolation:
     """The record of a cage, with a warning of normals that are reversed."""
     asked = conditions.asked
     errors, angles = np.full((2, asked.given), np.nan)
@@ -234,11 +232,10 @@ def _record(
     if len(bad):
         text = f"normal {bad[0]} (and {len(bad) - 1} more) came out reversed"
         warnings.warn(f"{text}: the surface folds there", UserWarning, stacklevel=3)
-    mesh = surface.mesh if not count else conditions.level.mesh
-    tail = surface.mesh.points.shape[1:]
+    mesh = conditions.level.mesh
     hard = errors[asked.number[asked.hard]]
     return Interpolation(
-        mesh.with_points((found + conditions.centre).reshape(-1, *tail)),
+        mesh.with_points(conditions.placed(found)),
         count,
         errors,
         float(hard.max(initial=0) / asked.size) if asked.size else float(hard.max(initial=0)),

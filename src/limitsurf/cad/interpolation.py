@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from limitsurf.caching import cached_property
 from limitsurf.cad.fairing import chosen_vertices
-from limitsurf.cad.rows import Level, at_vertices
+from limitsurf.cad.rows import Level, at_vertices, has_limit
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -174,7 +174,7 @@ def _at_places(surface: LimitSurface, places: Any) -> Level:
         raise ValueError("places: face, u and v must be of one shape, (m,)") from None
     surface.evaluate(face, u, v)  # complains of what is no place
     u, v = np.asarray(u, dtype=float), np.asarray(v, dtype=float)
-    bad = np.flatnonzero(np.isnan(u) | np.isnan(v) | ~surface.patches.with_limit[face])
+    bad = np.flatnonzero(np.isnan(u) | np.isnan(v) | ~has_limit(surface, face))
     if len(bad):
         raise ValueError(
             f"places: the surface has no limit at place {bad[0]} (and at {len(bad) - 1} more)"

@@ -120,9 +120,16 @@ class Level:
 
 
 def at_vertices(surface: LimitSurface) -> Level:
-    """The places of all vertices, -1 and NaN of those without a limit."""
+    """The places of all vertices; face -1 of those without a limit."""
     cage = refined(surface.mesh, 0)
-    return Level(surface, None, cage.parent_face, cage.parent_u, cage.parent_v)
+    face = np.where(has_limit(surface, cage.parent_face), cage.parent_face, -1)
+    return Level(surface, None, face, cage.parent_u, cage.parent_v)
+
+
+def has_limit(surface: LimitSurface, face: Array) -> Array:
+    """Whether limit faces have a limit, (m,) bool; not -1."""
+    without = surface.topology.rules.without_limit(surface.mesh)
+    return np.asarray((face >= 0) & ~without[surface.limit_faces.face[face]])
 
 
 @lru_cache(maxsize=32)
