@@ -158,6 +158,40 @@ def test_energies_do_not_depend_on_points_or_corners():
         assert abs(one - two).max() < 1e-12 * abs(one).max()
 
 
+def test_channels_and_threads():
+    rng = np.random.default_rng(0)
+    mesh = torus(5, 6)
+    cut = np.arange(120)  # a value at each corner: all edges are seams
+    channels = {
+        "cut": (rng.random((120, 2)), cut, "all"),
+        "whole": (rng.random((31, 2)), mesh.indices + 1, "boundaries"),
+        "apart": (rng.random((120, 2)), cut, "corners_only"),
+    }
+    surface = ls.LimitSurface(mesh.with_tags(channels=channels))
+    E = ls.fairness(surface, "membrane")
+    whole = ls.fairness(surface, "membrane", channel="whole")
+    assert abs(whole[1:][:, 1:] - E).max() < 1e-15
+    assert whole[:1].nnz == 0
+    single = ls.Mesh(rng.random((4, 1)), [[0, 1, 2, 3]], boundary="edge_only")
+    one = ls.fairness(ls.LimitSurface(single), "membrane").toarray()
+    apart = ls.fairness(surface, "membrane", channel="apart").toarray()
+    corners = cut.reshape(-1, 4)
+    for face in corners[:3]:
+        block = apart[np.ix_(face, face)]
+        rest = np.setdiff1d(cut, face)
+        assert np.abs(block @ np.ones(4)).max() < 1e-14
+        assert not apart[np.ix_(face, rest)].any()
+        assert block.shape == one.shape
+    assert ls.fairness(surface, "membrane", channel="cut").shape == (120, 120)
+    big = ls.LimitSurface(torus(130, 130))
+    one, two = (ls.fairness(big, workers=n) for n in (1, 2))
+    assert (one != two).nnz == 0
+    with pytest.raises(ValueError, match="workers"):
+        ls.fairness(big, workers=0)
+    with pytest.raises(ValueError, match="st"):
+        ls.fairness(big, channel="st")
+
+
 def test_wide_rings():
     n = 70
     angle = 2 * np.pi * np.arange(n) / n

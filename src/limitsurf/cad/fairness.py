@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import memory, rings, tables
+from limitsurf.engine.packing import over_chunks
+from limitsurf.engine.protocol import threads
 from limitsurf.fem.elements import Group
 from limitsurf.fem.pattern import Pattern, pairs
 from limitsurf.integrals.checks import is_exact
@@ -28,7 +30,7 @@ from limitsurf.pieces import cover
 from limitsurf.pieces.bernstein import Bernstein, is_tensor
 from limitsurf.pieces.cover import Cover
 from limitsurf.pieces.weights import LocalWeights
-from limitsurf.refine import stacked
+from limitsurf.refine import over_values, stacked
 from limitsurf.surface import LimitSurface
 
 if TYPE_CHECKING:
@@ -48,7 +50,13 @@ _AT_ONCE = 1 << 21  # entries of elements
 _RINGS = 48  # where more faces meet than there are eigenbases for: eigenvalues are below 0.67
 
 
-def fairness(surface: LimitSurface, energy: Energy | None = None) -> csr_array[Any]:
+def fairness(
+    surface: LimitSurface,
+    energy: Energy | None = None,
+    *,
+    channel: str | None = None,
+    workers: int = 1,
+) -> csr_array[Any]:
     """The matrix E of a fairness energy: ``sum(x @ E @ x)`` over the columns x of the points.
 
     Parameters
@@ -61,6 +69,10 @@ def fairness(surface: LimitSurface, energy: Energy | None = None) -> csr_array[A
         the integral of the squares of all first, second, or third derivatives: for f of x and y
         ``f_x^2 + f_y^2``; ``f_xx^2 + 2 f_xy^2 + f_yy^2``;
         ``f_xxx^2 + 3 f_xxy^2 + 3 f_xyy^2 + f_yyy^2``.
+    channel : str, optional
+        A face-varying channel, whose values take the place of the vertices.
+    workers : int
+        Threads, as for `LimitSurface.evaluate`; matrices are the same for any number.
 
     Returns
     -------
@@ -76,9 +88,9 @@ def fairness(surface: LimitSurface, energy: Energy | None = None) -> csr_array[A
     TypeError
         For what is no surface, and for exact points: the matrix is of float64.
     ValueError
-        For an unknown energy, and one of derivatives that are not square integrable: second ones in
-        schemes whose faces meet at angles ("bilinear", "linear"), third ones in those of degree 2
-        ("doo-sabin").
+        For an unknown energy or channel, and an energy of derivatives that are not square
+        integrable: second ones in schemes whose faces meet at angles ("bilinear", "linear"), third
+        ones in those of degree 2 ("doo-sabin").
     MemoryError
         At once, for vertices of so many faces that the matrix, dense among all around each of them,
         takes more memory than there is.
@@ -121,7 +133,18 @@ def fairness(surface: LimitSurface, energy: Energy | None = None) -> csr_array[A
             "fairness needs float64 points, got exact ones: its matrix is of float64; convert the "
             "points of the cage by astype(float)"
         )
-    patches = surface.patches
+    own = surface.of_channel(channel)
+    found = _matrix(own.patches, scheme, order, threads(workers))
+    if channel is not None:
+        values = surface.mesh.channels[channel]
+        for _ in range(2):
+            found = over_values(found.T, own.mesh, values)
+        found = ((found + found.T) / 2).tocsr()
+    return _without_constants(found)
+
+
+def _matrix(patches: PatchTable, scheme: Scheme, order: int, workers: int) -> Any:
+    """The sum over all patches, over the vertices of the cage."""
     covered = Cover.of(patches, np.arange(patches.n_limit_faces))
     elements = list(_elements(patches, covered, scheme, order))
     n = patches.n_vertices + sum(x.shape[0] for x in patches.extras)
@@ -129,13 +152,12 @@ def fairness(surface: LimitSurface, energy: Energy | None = None) -> csr_array[A
     groups = [Group(none, controls.astype(np.int32), False) for controls, _, _ in elements]
     entries = sum(g.controls.size * (g.controls.shape[1] + 1) // 2 for g in groups)
     memory.refuse_beyond(entries, 40, "entries of elements", "have fewer faces meet at a vertex")
-    pattern = Pattern(n, groups)
-    whole = pattern.symmetric(_parts(elements))
-    if patches.extras:
-        over_cage = _operator(patches)
-        whole = over_cage.T @ whole @ over_cage
-        whole = ((whole + whole.T) / 2).tocsr()
-    return _without_constants(whole)
+    whole = Pattern(n, groups).symmetric(_parts(elements, workers))
+    if not patches.extras:
+        return whole
+    over_cage = _operator(patches)
+    whole = over_cage.T @ whole @ over_cage
+    return ((whole + whole.T) / 2).tocsr()
 
 
 def usual_energy(surface: LimitSurface) -> Energy:
@@ -180,18 +202,29 @@ def _operator(patches: PatchTable) -> Any:
     return total
 
 
-def _parts(elements: list[tuple[Array, Array, Array]]) -> Iterator[tuple[int, Array, Array]]:
+def _parts(
+    elements: list[tuple[Array, Array, Array]], workers: int
+) -> Iterator[tuple[int, Array, Array]]:
     """Upper triangles of the matrices of elements, some at a time."""
-    for number, (controls, scale, form) in enumerate(elements):
+    parts = []
+    for number, (controls, _, _) in enumerate(elements):
+        each = max(1, _AT_ONCE // len(pairs(controls.shape[1])[0]))
+        parts += [
+            (number, np.arange(begin, min(begin + each, len(controls))))
+            for begin in range(0, len(controls), each)
+        ]
+
+    def work(part: slice) -> tuple[int, Array, Array]:
+        number, rows = parts[part.start]
+        controls, scale, form = elements[number]
         i, j = pairs(controls.shape[1])
-        each = max(1, _AT_ONCE // len(i))
-        for begin in range(0, len(controls), each):
-            rows = np.arange(begin, min(begin + each, len(controls)))
-            own = form[rows] if form.ndim == 3 else form[None]
-            values = scale[rows, None] * own[:, i, j]
-            # a vertex that is there twice has both entries of the pair on the diagonal
-            values[(controls[rows][:, i] == controls[rows][:, j]) & (i != j)] *= 2
-            yield number, rows, values
+        own = form[rows] if form.ndim == 3 else form[None]
+        values = scale[rows, None] * own[:, i, j]
+        # a vertex that is there twice has both entries of the pair on the diagonal
+        values[(controls[rows][:, i] == controls[rows][:, j]) & (i != j)] *= 2
+        return number, rows, values
+
+    return over_chunks(len(parts), workers, work, 1)
 
 
 def _elements(
