@@ -208,6 +208,14 @@ def test_wide_rings():
     assert abs(E[turned][:, turned] - E).max() < 1e-13 * sizes[-1]
 
 
+def test_holes_alone_have_no_energy():
+    mesh = ls.Mesh(*zoo.cube(), holes=range(6))
+    assert ls.fairness(ls.LimitSurface(mesh)).nnz == 0
+    assert (ls.fair(mesh, fixed=[0]).points == mesh.points).all()
+    with pytest.raises(ValueError, match="there is no point to pass through"):
+        ls.interpolate(mesh)
+
+
 def test_bad_input():
     mesh = ls.Mesh(*zoo.prism(5))
     surface = ls.LimitSurface(mesh)

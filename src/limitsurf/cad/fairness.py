@@ -145,8 +145,12 @@ def fairness(
 
 def _matrix(patches: PatchTable, scheme: Scheme, order: int, workers: int) -> Any:
     """The sum over all patches, over the vertices of the cage."""
+    from scipy.sparse import csr_array
+
     covered = Cover.of(patches, np.arange(patches.n_limit_faces))
     elements = list(_elements(patches, covered, scheme, order))
+    if not elements:  # of holes alone
+        return csr_array((patches.n_vertices, patches.n_vertices))
     n = patches.n_vertices + sum(x.shape[0] for x in patches.extras)
     none = np.zeros(0, dtype=np.int64)
     groups = [Group(none, controls.astype(np.int32), False) for controls, _, _ in elements]
