@@ -6,6 +6,8 @@ import zoo
 from command_line import facts, fail, succeed
 
 import limitsurf as ls
+from limitsurf.cad import fairness
+from limitsurf.shell.cli import interpolating
 
 
 @pytest.fixture
@@ -13,6 +15,10 @@ def cage(tmp_path):
     path = tmp_path / "prism.obj"
     ls.write(path, ls.Mesh(*zoo.prism(5), creases={(0, 1): 2.0}))
     return path
+
+
+def test_energies_are_those_of_the_library():
+    assert interpolating.ENERGIES == fairness.ENERGIES
 
 
 def limits(path, count=10):

@@ -8,7 +8,6 @@ import click
 import numpy as np
 
 import limitsurf as ls
-from limitsurf.cad.fairness import ENERGIES
 from limitsurf.shell import terminal
 from limitsurf.shell.cli.program import (
     PATH,
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
 Answer = Literal["auto", "yes", "no"]
 
 REFINE: dict[str, Literal["auto"] | bool] = {"auto": "auto", "yes": True, "no": False}
+ENERGIES = ("membrane", "thin_plate", "variation")
 AT = ("face", "u", "v")
 
 
