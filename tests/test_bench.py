@@ -141,3 +141,14 @@ def test_queries_are_measured() -> None:
     assert min(own.values()) > 0
     for row in rows:
         assert row.get("off", 0) < 0.02
+
+
+def test_interpolation_is_measured() -> None:
+    (small, large) = json.loads(run("interpolation.py", "40 200 --refined 50"))
+    assert small["vertices"] == 40
+    for row in (small, large):
+        assert row["residual"] < 1e-14
+        assert row["condition"] < 10
+        assert min(row[name] for name in ("interpolate", "fairness", "fair")) > 0
+    assert "refined" in small
+    assert "refined" not in large

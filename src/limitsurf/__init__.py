@@ -12,6 +12,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from limitsurf.cad.fairing import fair as fair
+    from limitsurf.cad.fairness import fairness as fairness
+    from limitsurf.cad.interpolate import Interpolation as Interpolation
+    from limitsurf.cad.interpolate import interpolate as interpolate
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
@@ -210,15 +214,19 @@ _HOME = {
     "eigenmodes": "fem.modes",
     "element_residuals": "fem.residuals",
     "extended": "fem.ends",
+    "fair": "cad.fairing",
+    "fairness": "cad.fairness",
     "feet": "query.closest",
     "frames": "shell.io.by_suffix",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",
     "inertia": "integrals.body",
+    "interpolate": "cad.interpolate",
     "integrate": "integrals.body",
     "intersect": "query.rays",
     "intersect_all": "query.rays",
     "intersect_surfaces": "query.intersections",
+    "Interpolation": "cad.interpolate",
     "IntersectionCurves": "query.intersections",
     "isophote": "query.silhouettes",
     "levels_of_detail": "query",

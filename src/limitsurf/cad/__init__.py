@@ -1,0 +1,1 @@
+"""To CAD and back: spline faces, solids, interpolation, fitting, fairing, offsets."""
