@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from limitsurf.cad.fairness import fairness as fairness
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
@@ -210,6 +211,7 @@ _HOME = {
     "eigenmodes": "fem.modes",
     "element_residuals": "fem.residuals",
     "extended": "fem.ends",
+    "fairness": "cad.fairness",
     "feet": "query.closest",
     "frames": "shell.io.by_suffix",
     "from_pyvista": "shell.io.vtk",
