@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from limitsurf.cad.fairness import fairness as fairness
+    from limitsurf.cad.fit import Fit as Fit
+    from limitsurf.cad.fit import fit as fit
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
@@ -178,6 +180,7 @@ _HOME = {
     "Eigenmodes": "fem.modes",
     "ExactOperator": "refine",
     "Faces": "cage.faces",
+    "Fit": "cad.fit",
     "FeetOfPoints": "query.closest",
     "LimitSurface": "surface",
     "Mesh": "cage.mesh",
@@ -213,6 +216,7 @@ _HOME = {
     "extended": "fem.ends",
     "fairness": "cad.fairness",
     "feet": "query.closest",
+    "fit": "cad.fit",
     "frames": "shell.io.by_suffix",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",

@@ -77,15 +77,18 @@ def followed(surface: LimitSurface, points: Array, feet: Feet, workers: int) -> 
 def _newton(jet: Any, gap: Array) -> tuple[Array, Array]:
     """Newton's step for the squared distance, Gauss's where that is not convex; NaN far beyond."""
     a, b = jet[1, 0], jet[0, 1]
-    dot = lambda x, y: np.einsum("nd,nd->n", x, y)  # noqa: E731
     with np.errstate(all="ignore"):
-        first = dot(a, a), dot(a, b), dot(b, b)
-        second = (dot(gap, jet[nu]) for nu in ((2, 0), (1, 1), (0, 2)))
+        first = _dot(a, a), _dot(a, b), _dot(b, b)
+        second = (_dot(gap, jet[nu]) for nu in ((2, 0), (1, 1), (0, 2)))
         p, q, r = (x - y for x, y in zip(first, second, strict=True))
         convex = (p > 0) & (p * r - q * q > _FLAT * np.abs(p * r))
         p, q, r = (np.where(convex, x, y) for x, y in zip((p, q, r), first, strict=True))
-        g, h, det = dot(gap, a), dot(gap, b), p * r - q * q
+        g, h, det = _dot(gap, a), _dot(gap, b), p * r - q * q
         return (r * g - q * h) / det, (p * h - q * g) / det
+
+
+def _dot(x: Array, y: Array) -> Array:
+    return np.asarray(np.einsum("nd,nd->n", x, y))
 
 
 class SharpEdges:
@@ -105,14 +108,13 @@ class SharpEdges:
         face, side = face[alive], side[alive]
         mesh, n = surface.mesh, lattice.face_size
         first, corner = mesh.offsets[known.face[face]], known.corner[face]
-        # of a part of an n-gon, side 0 is half of the edge at its corner, the last of the one before
-        half = np.where(corner < 0, first + side, first + np.maximum(corner, 0))
-        half = np.where(
-            (corner >= 0) & (side == n - 1), mesh.previous_corner[np.minimum(half, len(
-                mesh.indices) - 1)], half,
-        )  # fmt: skip
+        # a part of an n-gon begins with half of the edge at its corner, and ends with half of the
+        # edge before
+        start = first + np.maximum(corner, 0)
+        half = np.where(side == n - 1, mesh.previous_corner[start], start)
+        half = np.where(corner < 0, first + side, half)
         edge = mesh.corner_edge[half]
-        begins = np.where(corner < 0, -1, mesh.indices[first + np.maximum(corner, 0)])
+        begins = np.where(corner < 0, -1, mesh.indices[start])
         _, one = np.unique(np.stack([edge, begins], axis=1), axis=0, return_index=True)
         one = _not_twice(edge, begins, one)
         self.face, self.side = face[one], side[one]

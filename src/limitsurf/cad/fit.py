@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import html
+from limitsurf.cad.fairness import fairness as energy_of
 from limitsurf.cad.feet import Feet
-from limitsurf.cad.levenberg import LOSSES, Loss, Problem, State, solved
+from limitsurf.cad.levenberg import LOSSES, Loss, Problem, Steps
 from limitsurf.cad.parts import Parts
-from limitsurf.cad.targets import Target, detected
+from limitsurf.cad.targets import Target
 from limitsurf.cage.checks import checked_integer, checked_number, users_level
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.protocol import threads
+from limitsurf.fem.checks import reals
+from limitsurf.fem.places import vertex_places
 from limitsurf.query.index import checked_surface
 from limitsurf.surface import LimitSurface
 
@@ -29,6 +32,7 @@ _LEVELS = 6  # of refinement, at most
 _GAIN = 0.8  # what a refinement must make of the error of a part to be followed by another
 _FAR = 20  # sizes, of the larger one, between the boxes of cage and points, that make no sense
 _SUPPORTED = 1e-12  # of the largest sum of squared weights: vertices with less are not seen
+_LARGEST = 1e300
 _FAIRNESS = 1e-6  # where points do not determine the cage
 
 
@@ -131,9 +135,9 @@ def fit(
     weights : (n,) array_like, optional
         How much squared distances count, >= 0; only their ratios matter.
     edges : "auto", "detect", (n,) array_like or None
-        Points that lie on a boundary or a sharp crease, whose distances are those from such edges of
-        the surface: an array of truth values, or of "", "boundary" and "crease", which then go to
-        their like. "auto" knows them where `points` are a surface, and takes points as if none were
+        Points that lie on a boundary or a sharp crease, whose distances are those from such edges
+        of the surface: an array of truth values, or of "", "boundary" and "crease", which then go
+        to their like. "auto" knows them where `points` are a surface, and takes points as if none were
         on an edge; "detect" takes points for boundary ones that have no neighbour in 160 degrees of
         the plane through their 24 nearest ones, which puts the boundary some quarter of the
         spacing of the points too far inward; None has none. Without them boundaries follow points
@@ -331,18 +335,20 @@ def _free(surface: LimitSurface, fixed: Any) -> Array | None:
 
 def _run(surface: LimitSurface, target: Target, options: _Options) -> Fit:
     """Fit a cage, and its refinements."""
-    known = np.flatnonzero(np.isfinite(target.points).all(axis=1))
+    given, known = target.points, np.flatnonzero(np.isfinite(target.points).all(axis=1))
     target = target.some(known).on_edges_of(surface)
     frame = _Frame.of(target.points, surface)
     history: list[float] = []
     levels: list[int] = []
-    before, converged = np.full(len(target.points), np.inf), False
+    before = np.full(len(target.points), 1e300)
     enough = options.tolerance * 2.0**-frame.power
     pinned = options.corners
     for level in range(_LEVELS + 1):
         problem = _problem(surface, target, options, frame, pinned)
         scaled = surface.with_points(frame.scaled(surface.points))
-        run, rms, converged = solved(problem, scaled, options.steps, enough)
+        run = Steps(problem, scaled)
+        _with_energy(run, surface, options.fairness)
+        rms, converged = run.to_end(options.steps, enough)
         history += rms[level > 0 :]
         levels += [level] * (len(rms) - (level > 0))
         surface = surface.with_points(frame.back(run.state.surface.points))
@@ -360,7 +366,7 @@ def _run(surface: LimitSurface, target: Target, options: _Options) -> Fit:
             UserWarning,
             stacklevel=users_level(),
         )
-    return _record(surface, target, known, run, frame, history, levels, converged)
+    return _record(surface, given, known, run, frame, (history, levels, converged))
 
 
 @dataclass(frozen=True)
@@ -380,7 +386,9 @@ class _Frame:
         apart = float(np.maximum(low / 2 - upper / 2, lower / 2 - high / 2).max())
         if half == 0:
             raise ValueError("the cage and the points have no extent: all are at one place each")
-        if apart > 2 * _FAR * half or not half < 2.0**1000:
+        if not half < _LARGEST:
+            raise ValueError(f"coordinates differ by up to {2 * half:g}, need less than 1e300")
+        if apart > 2 * _FAR * half:
             raise ValueError(
                 f"the points are {apart / half:.3g} times the size of the larger of both away from "
                 "the cage: units, axes or origins differ; move the cage to the points first"
@@ -404,8 +412,6 @@ def _problem(
     pinned: tuple[Array, Array],
 ) -> Problem:
     """What is to be solved for a cage."""
-    from limitsurf.fem.places import vertex_places
-
     n = len(target.points)
     weights = np.full(n, 1 / n)
     if target.weights is not None:
@@ -417,37 +423,38 @@ def _problem(
         number = np.cumsum(surface.mesh.vertex_faces > 0) - 1
         at = Feet(*vertex_places(surface))[number[vertices]]
     moves = np.arange(surface.mesh.n_vertices) if options.free is None else options.free
-    problem = Problem(
+    return Problem(
         frame.scaled(target.points), weights, target.normals, target.kinds, options.loss,
         options.scale * 2.0**-frame.power, None, (at, frame.scaled(places)), moves,
         options.workers,
     )  # fmt: skip
-    strength = options.fairness
-    unseen = _unseen(surface, problem, frame)
-    if unseen and not strength:
-        done = f"; fairness={_FAIRNESS:g} is added" if strength is None else ""
+
+
+def _with_energy(run: Steps, surface: LimitSurface, fairness: float | None) -> None:
+    """Add to what is minimized the energy that was asked for, or that it takes."""
+    unseen = _unseen(run)
+    if unseen and not fairness:
+        done = f"; fairness={_FAIRNESS:g} is added" if fairness is None else ""
         warnings.warn(f"{unseen}{done}", UserWarning, stacklevel=users_level())
-        strength = _FAIRNESS if strength is None else strength
-    if not strength:
-        return problem
-    energy = _energy(surface) * (strength / len(surface.limit_faces))
-    return replace(problem, energy=energy)
+        fairness = _FAIRNESS if fairness is None else fairness
+    if fairness:
+        energy = _energy(surface) * (fairness / len(surface.limit_faces))
+        run.problem = replace(run.problem, energy=energy)
 
 
 def _energy(surface: LimitSurface) -> Any:
     """Thin plates, or membranes where these have no finite energy."""
     try:
-        return fairness_matrix(surface, "thin_plate")
+        return energy_of(surface, "thin_plate")
     except ValueError:
-        return fairness_matrix(surface, "membrane")
+        return energy_of(surface, "membrane")
 
 
-def _unseen(surface: LimitSurface, problem: Problem, frame: _Frame) -> str:
+def _unseen(run: Steps) -> str:
     """What says that points do not determine the vertices that move; nothing if they seem to."""
-    scaled = surface.with_points(frame.scaled(surface.points))
-    feet = sought(scaled, problem.points, problem.workers)
+    surface, problem, feet = run.state.surface, run.problem, run.state.feet
     W = surface.weights(feet.face, feet.u, feet.v, workers=problem.workers)
-    support = (W.multiply(W)).T @ (problem.weights > 0).astype(float)
+    support = W.multiply(W).T @ (problem.weights > 0).astype(float)
     used = surface.mesh.vertex_faces[problem.free] > 0
     loose = problem.free[used & ~(support[problem.free] > _SUPPORTED * support.max(initial=0))]
     if len(loose):
@@ -459,8 +466,8 @@ def _unseen(surface: LimitSurface, problem: Problem, frame: _Frame) -> str:
     held += np.count_nonzero(problem.kinds)
     if held < 3 * int(used.sum()):
         return (
-            f"{len(problem.points)} points are too few for {int(used.sum())} vertices: each says "
-            "one number, and a vertex has three"
+            f"{held} distances are too few for {int(used.sum())} vertices, which have three "
+            "coordinates each: they do not say where all are to be"
         )
     return ""
 
@@ -479,12 +486,10 @@ def _finer(
     squares = run.squares()
     error = np.sqrt(np.bincount(owner, counted * squares, len(parts)) / np.maximum(share, 1e-300))
     last = np.bincount(owner, counted * before, len(parts)) / np.maximum(share, 1e-300)
-    vertices = np.zeros(len(parts))
-    corners = surface.mesh.corner_face
-    part_of_vertex = np.zeros(surface.mesh.n_vertices, dtype=np.int64)
-    part_of_vertex[surface.mesh.indices] = parts.of_face[corners]
-    used = surface.mesh.vertex_faces > 0
-    vertices = np.bincount(part_of_vertex[used], minlength=len(parts))
+    mesh = surface.mesh
+    of_vertex, used = np.zeros(mesh.n_vertices, dtype=np.int64), mesh.vertex_faces > 0
+    of_vertex[mesh.indices] = parts.of_face[mesh.corner_face]
+    vertices = np.bincount(of_vertex[used], minlength=len(parts))
     points = np.bincount(owner, counted > 0, len(parts))
     # (a refinement has about four times as many vertices)
     wanted = (error > enough) & (error < _GAIN * last) & (points >= 12 * vertices)
@@ -501,8 +506,6 @@ def _same_places(
     """Vertices of a refinement whose limits are those of some vertices."""
     from scipy.spatial import cKDTree
 
-    from limitsurf.fem.places import vertex_places
-
     if not len(pinned[0]):
         return pinned
     was, now = (x.evaluate(*vertex_places(x)) for x in (old, new))
@@ -513,16 +516,21 @@ def _same_places(
 
 def _record(
     surface: LimitSurface,
-    target: Target,
+    given: Array,
     known: Array,
     run: Steps,
     frame: _Frame,
-    history: list[float],
-    levels: list[int],
-    converged: bool,
+    course: tuple[list[float], list[int], bool],
 ) -> Fit:
     """What was found, in units of the points."""
-    n, feet = len(target.points), run.state.feet
-    error = np.full(n, np.nan)
-    face = np.full(n, -1)
-    ...
+    history, levels, converged = course
+    error, u, v = np.full((3, len(given)), np.nan)
+    face = np.full(len(given), -1)
+    feet = run.state.feet
+    error[known] = np.ldexp(run.state.distance, frame.power)
+    face[known], u[known], v[known] = feet.face, feet.u, feet.v
+    mesh = surface.mesh
+    return Fit(
+        mesh, surface, np.ldexp(np.array(history), frame.power), np.array(levels), error, face, u,
+        v, given, converged,
+    )  # fmt: skip

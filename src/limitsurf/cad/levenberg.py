@@ -9,7 +9,7 @@ directions in which the foot slides along, and what curvature leaves of these
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -24,11 +24,11 @@ Loss: TypeAlias = Literal["linear", "huber", "soft_l1", "cauchy"]
 
 LOSSES: tuple[Loss, ...] = get_args(Loss)
 _ASIDE = 1e-6  # of a residual: what is along the surface where the foot cannot go on
-_OFTEN = 4  # steps after which feet are sought on the whole surface
+_OFTEN = 8  # steps after which feet are sought on the whole surface
 _TRIES = 12  # of dampings in a step
-_DAMPING, _LEAST, _MOST = 1e-3, 1e-9, 1e6
+_DAMPING, _LEAST, _MOST, _LESS = 1e-3, 1e-10, 1e6, 0.02
 _ROUNDING = 1e-14  # distances, of the size
-_GAINED = 1e-9  # of the sum of squares: less is nothing
+_GAINED = 1e-3  # of the sum of squares: less is nothing
 _MAD = 1.4826  # standard deviations of a normal distribution in a median of distances
 _ON, _BOUNDARY, _CREASE = 0, 1, 2
 
@@ -191,7 +191,7 @@ class Steps:
                 if after < before:
                     self.state = trial
                     gain = (before - after) / promised if promised > 0 else 0
-                    less = max(0.1, 1 - (2 * gain - 1) ** 3) if gain > 0 else 1
+                    less = max(_LESS, 1 - (2 * gain - 1) ** 3) if gain > 0 else 1
                     return max(damping * less, _LEAST), before, True
             if damping >= _MOST:
                 break
@@ -205,44 +205,39 @@ class Steps:
         nearer = old.distance - self.state.distance > 1e-9 * old.distance + _ROUNDING
         return bool(nearer.any())
 
+    def squares(self) -> Array:
+        """Squared distances (n,) as the loss counts them."""
+        return _rho(self.problem.loss, self.state.distance, self.scale)[0]
+
     def renew(self) -> None:
         """Take scale and counted points from where the surface is now."""
         self.scale, self.counted = self._scale(), self._counted()
 
+    def to_end(self, steps: int, enough: float) -> tuple[list[float], bool]:
+        """Steps until nothing is gained, the rms is below `enough`, or there were so many.
 
-def solved(
-    problem: Problem, surface: LimitSurface, steps: int, enough: float
-) -> tuple[Steps, list[float], bool]:
-    """Steps until nothing is gained, the rms is below `enough`, or there were so many.
-
-    Returns what there is at the end, the rms before and after each step, and whether it ended
-    before it had to.
-    """
-    run = Steps(problem, surface)
-    history, damping, converged = [run.rms], _DAMPING, False
-    for count in range(steps):
-        if run.rms <= max(enough, _ROUNDING):
-            converged = True
-            break
-        damping, before, moved = run.step(damping, count % _OFTEN == 0)
-        gained = before - run.cost(run.state)
-        if moved:
-            run.renew()
-            history.append(run.rms)
-        if not moved or gained <= _GAINED * before:
-            # what feet say that were followed may not be all
-            if run.settle():
-                run.renew()
+        Returns the rms before and after each step, and whether it ended before it had to.
+        """
+        history, damping, least = [self.rms], _DAMPING, max(enough, _ROUNDING)
+        converged = history[0] <= least
+        for count in range(0 if converged else steps):
+            damping, before, moved = self.step(damping, count % _OFTEN == 0)
+            gained = before - self.cost(self.state)
+            if moved:
+                self.renew()
+                history.append(self.rms)
+            converged = history[-1] <= least
+            if not converged and (not moved or gained <= _GAINED * before):
+                # what feet say that were followed may not be all
+                converged = not self.settle()
+                self.renew()
                 damping = _DAMPING
-                continue
-            converged = True
-            break
-    else:
-        converged = run.rms <= max(enough, _ROUNDING)
-    run.settle()
-    run.renew()
-    history[-1] = run.rms
-    return run, history, converged
+            if converged:
+                break
+        self.settle()
+        self.renew()
+        history[-1] = self.rms
+        return history, converged
 
 
 def _rho(loss: Loss, distance: Array, scale: float) -> tuple[Array, Array]:
@@ -260,9 +255,7 @@ def _rho(loss: Loss, distance: Array, scale: float) -> tuple[Array, Array]:
     return scale**2 * np.log1p(z), 1 / (1 + z)
 
 
-def metrics(
-    surface: LimitSurface, feet: Feet, gap: Array, kinds: Array, workers: int
-) -> Array:
+def metrics(surface: LimitSurface, feet: Feet, gap: Array, kinds: Array, workers: int) -> Array:
     """M of each point, (n, 6) in the order of `PAIRS`.
 
     ``n n^T + c1 d1 d1^T + c2 d2 d2^T`` with the principal directions and
@@ -279,9 +272,7 @@ def metrics(
     found = _outer(normal)
     bent = np.flatnonzero(~held & (distance > _ROUNDING))
     if len(bent):
-        known = surface.curvature(
-            feet.face[bent], feet.u[bent], feet.v[bent], workers=workers
-        )
+        known = surface.curvature(feet.face[bent], feet.u[bent], feet.v[bent], workers=workers)
         for k, way in ((known.k1, known.d1), (known.k2, known.d2)):
             with np.errstate(all="ignore"):
                 x = -along[bent] * k
@@ -312,7 +303,8 @@ def _on_sharp(surface: LimitSurface, feet: Feet) -> tuple[Array, Array, Array]:
     else:
         on = np.stack([v == 0, u == 1, v == 1, u == 0], axis=1)
     on &= surface.topology.sharp_sides[feet.face]
-    return on.any(axis=1), on.sum(axis=1) > 1, on.argmax(axis=1)
+    count = on.sum(axis=1)
+    return count > 0, count > 1, on.argmax(axis=1)
 
 
 def _tangents(surface: LimitSurface, feet: Feet, side: Array) -> Array:

@@ -44,11 +44,11 @@ class Parts:
 
         Where not all of them are, those that are come first, and vertices of no face are left out.
         """
-        if which.all():
-            return refined(self.mesh, 1, **rules).with_tags()
         here = which[self.of_face]
-        finer = refined(selected(self.mesh, here), 1, **rules).with_tags()
-        return joined(finer, selected(self.mesh, ~here))
+        chosen = self.mesh if here.all() else selected(self.mesh, here)
+        own = {name: getattr(self.mesh, name) for name in CHOICES}
+        finer: Mesh = refined(chosen, 1, **rules).with_tags(**own)
+        return finer if here.all() else joined(finer, selected(self.mesh, ~here))
 
 
 def joined(first: Mesh, second: Mesh) -> Mesh:

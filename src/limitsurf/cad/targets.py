@@ -50,7 +50,7 @@ class Target:
         if not len(found):
             raise ValueError("points must be one or more, got none")
         n = len(found)
-        finite = np.isfinite(found).all(axis=1)
+        finite = np.asarray(np.isfinite(found).all(axis=1))
         if not finite.any():
             raise ValueError(f"points must be finite, got {n} of which none is")
         if weights is not None:
@@ -74,7 +74,10 @@ class Target:
                 )
             normals = np.nan_to_num(normals, posinf=0, neginf=0)
         return cls(
-            found, weights, normals, _kinds(found, finite, edges),
+            found,
+            weights,
+            normals,
+            _kinds(found, finite, edges),
             not isinstance(edges, str),
         )
 
@@ -157,7 +160,7 @@ def _kinds(points: Array, finite: Array, edges: Any) -> Array:
         if len(wrong):
             known = ", ".join(map(repr, KINDS))
             raise ValueError(
-                f"edges of points must be one of {known}, got {given[wrong[0]]!r} of point "
+                f"edges of points must be one of {known}, got {str(given[wrong[0]])!r} of point "
                 f"{wrong[0]}"
             )
         for name, kind in KINDS.items():
