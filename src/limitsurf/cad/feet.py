@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.query.closest import closest_point
+from limitsurf.query.closest import feet as feet_of
 from limitsurf.query.crossings import inside
 from limitsurf.query.records import Rows
 from limitsurf.query.tracing import Adjacency
@@ -19,6 +20,7 @@ Array = NDArray[Any]
 _STEPS = 6  # of Newton's method, at most
 _SETTLED = 1e-7  # steps in (u, v) after which the next one, by its square, is rounding
 _FLAT = 1e-6  # determinants, of the product of both second derivatives, that say nothing
+_REACH = 0.5  # within which places on the same side are sought
 _SEEDS = 16  # places on a side from which its feet are sought
 _NEAREST = 6  # of these places that are tried
 
@@ -32,13 +34,29 @@ class Feet(Rows):
     v: Array
 
 
-def sought(surface: LimitSurface, points: Array, workers: int) -> Feet:
-    """The places that are nearest to points (n, 3)."""
+def sought(surface: LimitSurface, points: Array, normals: Array | None, workers: int) -> Feet:
+    """The places that are nearest to points (n, 3), of about unit size.
+
+    With normals (n, 3) they are, where there are such within `_REACH`, places on the same side.
+    """
     found = closest_point(surface, points, workers=workers)
-    return Feet(found.face, found.u, found.v)
+    nearest = Feet(found.face, found.u, found.v)
+    if normals is None:
+        return nearest
+    against = np.flatnonzero(_dot(found.normal, normals) < 0)
+    if len(against):
+        every = feet_of(surface, points[against], within=_REACH, workers=workers)
+        owner = np.repeat(np.arange(len(against)), np.diff(every.offsets))
+        fits = np.flatnonzero(_dot(every.normal, normals[against[owner]]) > 0)
+        which, first = np.unique(owner[fits], return_index=True)
+        at, to = fits[first], against[which]
+        nearest.face[to], nearest.u[to], nearest.v[to] = every.face[at], every.u[at], every.v[at]
+    return nearest
 
 
-def followed(surface: LimitSurface, points: Array, feet: Feet, workers: int) -> Feet:
+def followed(
+    surface: LimitSurface, points: Array, normals: Array | None, feet: Feet, workers: int
+) -> Feet:
     """Feet of points (n, 3) on a surface that has moved a little since they were at `feet`.
 
     Newton's method moves them within their limit faces. Those that would leave these, or do not
@@ -69,7 +87,7 @@ def followed(surface: LimitSurface, points: Array, feet: Feet, workers: int) -> 
     lost = np.flatnonzero(~(settled & (last <= start * (1 + 1e-9))))
     found = Feet(feet.face.copy(), u, v)
     if len(lost):
-        again = sought(surface, points[lost], workers)
+        again = sought(surface, points[lost], None if normals is None else normals[lost], workers)
         found.face[lost], found.u[lost], found.v[lost] = again.face, again.u, again.v
     return found
 

@@ -94,10 +94,11 @@ class Steps:
         kinds = self.problem.kinds
         feet = Feet(np.full(len(points), -1), *np.full((2, len(points)), np.nan))
         on = np.flatnonzero(kinds == _ON)
+        normals = None if self.problem.normals is None else self.problem.normals[on]
         if before is None:
-            found = sought(surface, points[on], workers)
+            found = sought(surface, points[on], normals, workers)
         else:
-            found = followed(surface, points[on], before[on], workers)
+            found = followed(surface, points[on], normals, before[on], workers)
         parts = [(on, found)]
         if self.edges is not None:
             for kind in range(1, 4):
