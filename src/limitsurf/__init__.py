@@ -12,6 +12,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from limitsurf.cad.curves import SplineCurves as SplineCurves
+    from limitsurf.cad.curves import fit_curve as fit_curve
     from limitsurf.cad.fairness import fairness as fairness
     from limitsurf.cad.fit import Fit as Fit
     from limitsurf.cad.fit import fit as fit
@@ -194,6 +196,7 @@ _HOME = {
     "ShellSolution": "fem.thin",
     "Space": "fem.space",
     "SpectralAnalysis": "spectra",
+    "SplineCurves": "cad.curves",
     "ThinShell": "fem.thin",
     "SurfaceIndex": "query.index",
     "Tessellation": "query",
@@ -217,6 +220,7 @@ _HOME = {
     "fairness": "cad.fairness",
     "feet": "query.closest",
     "fit": "cad.fit",
+    "fit_curve": "cad.curves",
     "frames": "shell.io.by_suffix",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",

@@ -67,8 +67,8 @@ class Fit:
     >>> import limitsurf as ls
     >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
     >>> points = ls.sample(ls.LimitSurface(square), 50, rng=1).point
-    >>> ls.fit(square, points + [0, 0, 1])
-    Fit(50 points, rms 1 -> 0 in 2 steps, converged)
+    >>> ls.fit(square, points + [0, 0, 1], tolerance=1e-9)
+    Fit(50 points, rms 1 -> ... in 2 steps, converged)
     """
 
     mesh: Mesh
