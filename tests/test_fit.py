@@ -314,13 +314,13 @@ def test_vertices_at_no_point_are_told():
 
 def test_too_few_points_are_told_and_fair():
     points = ls.sample(ls.LimitSurface(CUBE), 6, rng=21).point
-    with pytest.warns(UserWarning, match="6 distances are too few for 8 vertices.*fairness=1e-06"):
+    with pytest.warns(UserWarning, match="6 distances are too few for 8 vertices.*smoothing=1e-06"):
         found = ls.fit(CUBE, points + 0.05)
     assert found.rms < 1e-3
     assert np.abs(found.mesh.points).max() < 2
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        ls.fit(CUBE, points, fairness=1e-4)
+        ls.fit(CUBE, points, smoothing=1e-4)
 
 
 def test_fairness_smooths():
@@ -328,8 +328,8 @@ def test_fairness_smooths():
     points = ls.sample(ls.LimitSurface(SHEET), 200, rng=23).point + 0.02 * rng.normal(size=(200, 3))
     E = ls.fairness(ls.LimitSurface(SHEET), "thin_plate")
     energies = []
-    for fairness in (0.0, 1e-4, 1e-2):
-        P = ls.fit(SHEET, points, fairness=fairness, max_iterations=15).mesh.points
+    for smoothing in (0.0, 1e-4, 1e-2):
+        P = ls.fit(SHEET, points, smoothing=smoothing, max_iterations=15).mesh.points
         energies.append((P * (E @ P)).sum())
     assert energies[0] > energies[1] > energies[2]
 
@@ -384,7 +384,8 @@ POINTS = np.random.default_rng(26).random((20, 3))
         (ValueError, "cannot be fixed", POINTS, {"fixed": [0], "refine": "auto"}),
         (ValueError, "loss must be one of", POINTS, {"loss": "l1"}),
         (ValueError, "refine must be", POINTS, {"refine": "all"}),
-        (ValueError, "fairness must be", POINTS, {"fairness": -1.0}),
+        (ValueError, "smoothing must be", POINTS, {"smoothing": -1.0}),
+        (ValueError, "energy must be one of", POINTS, {"fairness": "plate"}),
         (ValueError, "scale must be", POINTS, {"scale": 0.0}),
         (ValueError, "tolerance must be", POINTS, {"tolerance": 0.0}),
         (ValueError, "max_iterations must be", POINTS, {"max_iterations": -1}),

@@ -14,9 +14,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from limitsurf.cad.curves import SplineCurves as SplineCurves
     from limitsurf.cad.curves import fit_curve as fit_curve
+    from limitsurf.cad.fairing import fair as fair
     from limitsurf.cad.fairness import fairness as fairness
     from limitsurf.cad.fit import Fit as Fit
     from limitsurf.cad.fit import fit as fit
+    from limitsurf.cad.interpolate import Interpolation as Interpolation
+    from limitsurf.cad.interpolate import interpolate as interpolate
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
@@ -217,6 +220,7 @@ _HOME = {
     "eigenmodes": "fem.modes",
     "element_residuals": "fem.residuals",
     "extended": "fem.ends",
+    "fair": "cad.fairing",
     "fairness": "cad.fairness",
     "feet": "query.closest",
     "fit": "cad.fit",
@@ -225,10 +229,12 @@ _HOME = {
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",
     "inertia": "integrals.body",
+    "interpolate": "cad.interpolate",
     "integrate": "integrals.body",
     "intersect": "query.rays",
     "intersect_all": "query.rays",
     "intersect_surfaces": "query.intersections",
+    "Interpolation": "cad.interpolate",
     "IntersectionCurves": "query.intersections",
     "isophote": "query.silhouettes",
     "levels_of_detail": "query",

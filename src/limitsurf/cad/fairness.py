@@ -48,7 +48,7 @@ _AT_ONCE = 1 << 21  # entries of elements
 _RINGS = 48  # where more faces meet than there are eigenbases for: eigenvalues are below 0.67
 
 
-def fairness(surface: LimitSurface, energy: Energy = "thin_plate") -> csr_array[Any]:
+def fairness(surface: LimitSurface, energy: Energy | None = None) -> csr_array[Any]:
     """The matrix E of a fairness energy: ``sum(x @ E @ x)`` over the columns x of the points.
 
     Parameters
@@ -56,8 +56,9 @@ def fairness(surface: LimitSurface, energy: Energy = "thin_plate") -> csr_array[
     surface : LimitSurface
         Its faces and rules count, its points do not: energies are those of parameters, in which
         each regular face is a unit square, or an equilateral triangle of area 1/2.
-    energy : {"membrane", "thin_plate", "variation"}
-        The integral of the squares of all first, second, or third derivatives: for f of x and y
+    energy : {"membrane", "thin_plate", "variation"}, optional
+        By default "thin_plate", or in schemes that have not more ("bilinear") "membrane". It is
+        the integral of the squares of all first, second, or third derivatives: for f of x and y
         ``f_x^2 + f_y^2``; ``f_xx^2 + 2 f_xy^2 + f_yy^2``;
         ``f_xxx^2 + 3 f_xxy^2 + 3 f_xyy^2 + f_yyy^2``.
 
@@ -112,6 +113,7 @@ def fairness(surface: LimitSurface, energy: Energy = "thin_plate") -> csr_array[
     """
     if not isinstance(surface, LimitSurface):
         raise TypeError(f"fairness needs a LimitSurface, got {type(surface).__name__}")
+    energy = usual_energy(surface) if energy is None else energy
     scheme, order = surface.topology.rules.scheme, checked_energy(energy)
     refuse_rough(scheme, order, energy)
     if is_exact(surface):
@@ -134,6 +136,11 @@ def fairness(surface: LimitSurface, energy: Energy = "thin_plate") -> csr_array[
         whole = over_cage.T @ whole @ over_cage
         whole = ((whole + whole.T) / 2).tocsr()
     return _without_constants(whole)
+
+
+def usual_energy(surface: LimitSurface) -> Energy:
+    """That of the plate, where there is one."""
+    return "membrane" if surface.topology.rules.scheme.local else "thin_plate"
 
 
 def checked_energy(energy: str) -> int:
@@ -226,7 +233,8 @@ def metric(lattice: Lattice) -> Array:
     """The inverse metric (2, 2) of determinant 1 that turns of the domain do not change."""
     turns = np.array(lattice.turns, dtype=float)[:, 1:]  # rows along s and t
     mean = np.einsum("kri,krj->ij", turns, turns)
-    return np.asarray(mean / np.sqrt(np.linalg.det(mean)))
+    (a, b), (c, d) = mean
+    return np.asarray(mean / np.sqrt(a * d - b * c))
 
 
 @lru_cache(maxsize=64)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import html
+from limitsurf.cad.fairness import Energy, checked_energy, refuse_rough
 from limitsurf.cad.fairness import fairness as energy_of
 from limitsurf.cad.feet import Feet
 from limitsurf.cad.levenberg import LOSSES, Loss, Problem, Steps
@@ -33,7 +34,7 @@ _GAIN = 0.8  # what a refinement must make of the error of a part to be followed
 _FAR = 20  # sizes, of the larger one, between the boxes of cage and points, that make no sense
 _SUPPORTED = 1e-12  # of the largest sum of squared weights: vertices with less are not seen
 _LARGEST = 1e300
-_FAIRNESS = 1e-6  # where points do not determine the cage
+_SMOOTHING = 1e-6  # where points do not determine the cage
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -108,7 +109,8 @@ def fit(
     edges: ArrayLike | str | None = "auto",
     corners: Mapping[int, ArrayLike] | None = None,
     fixed: ArrayLike | None = None,
-    fairness: float | None = None,
+    fairness: Energy | None = None,
+    smoothing: float | None = None,
     loss: Loss = "linear",
     scale: float | None = None,
     tolerance: float | None = None,
@@ -147,11 +149,13 @@ def fit(
         Where the surface is to be at vertices of the cage; together they count as all points do.
     fixed : (n_vertices,) bool or sequence of int, optional
         Vertices that do not move; not together with `refine`.
-    fairness : float, optional
-        What is added to the mean of squared distances: so many times the thin plate energy
-        (`ls.fairness`; membranes, where that is not finite), as a mean over the limit faces. It has
-        no unit: 1e-4 smooths visibly, 1e-8 fills holes. By default 0; 1e-6, with a warning, where
-        the points are too few or too one-sided to say where all vertices are.
+    fairness : {"thin_plate", "membrane", "variation"}, optional
+        The energy that a surface without bumps has little of (`ls.fairness`); by default the first
+        of these that is finite.
+    smoothing : float, optional
+        What is added to the mean of squared distances: so many times the energy, as a mean over the
+        limit faces. It has no unit: 1e-4 smooths visibly, 1e-8 fills holes. By default 0; 1e-6,
+        with a warning, where points are too few or too one-sided to say where all vertices are.
     loss : {"linear", "huber", "soft_l1", "cauchy"}
         How squares of distances d count: as they are; or, with z = (d / scale)^2, as z up to 1 and
         2 sqrt(z) - 1 beyond; 2 (sqrt(1 + z) - 1); log(1 + z). So few points that are far off have
@@ -225,8 +229,8 @@ def fit(
     surface = _checked_cage(mesh)
     target = Target.of(points, normals, weights, edges, rng)
     options = _Options.of(
-        surface, target, corners, fixed, fairness, loss, scale, tolerance, refine, max_iterations,
-        threads(workers),
+        surface, target, corners, fixed, fairness, smoothing, loss, scale, tolerance, refine,
+        max_iterations, threads(workers),
     )  # fmt: skip
     return _run(surface, target, options)
 
@@ -247,7 +251,8 @@ class _Options:
 
     corners: tuple[Array, Array]  # vertices (c,), places (c, 3)
     free: Array | None  # vertices that move; None of all
-    fairness: float | None
+    fairness: Energy | None
+    smoothing: float | None
     loss: Loss
     scale: float
     tolerance: float
@@ -260,7 +265,7 @@ class _Options:
         cls, surface: LimitSurface, target: Target, corners: Any, fixed: Any, *rest: Any
     ) -> _Options:
         """Those that `fit` was given, in its order."""
-        fairness, loss, scale, tolerance, refine, steps, workers = rest
+        fairness, smoothing, loss, scale, tolerance, refine, steps, workers = rest
         if loss not in LOSSES:
             raise ValueError(f"loss must be one of {', '.join(LOSSES)}, got {loss!r}")
         if refine not in (None, *get_args(Refine)):
@@ -268,7 +273,10 @@ class _Options:
         if refine and fixed is not None:
             raise ValueError("vertices cannot be fixed where the cage is to be refined")
         if fairness is not None:
-            fairness = checked_number("fairness", fairness, least=0, below=np.inf)
+            order = checked_energy(fairness)
+            refuse_rough(surface.topology.rules.scheme, order, fairness)
+        if smoothing is not None:
+            smoothing = checked_number("smoothing", smoothing, least=0, below=np.inf)
         if scale is not None:
             scale = checked_number("scale", scale, above=0, below=np.inf)
         if tolerance is None:
@@ -280,7 +288,16 @@ class _Options:
         steps = checked_integer("max_iterations", steps, 0)
         pinned, free = _pinned(surface, corners), _free(surface, fixed)
         return cls(
-            pinned, free, fairness, loss, scale or 0.0, tolerance, bool(refine), steps, workers
+            pinned,
+            free,
+            fairness,
+            smoothing,
+            loss,
+            scale or 0.0,
+            tolerance,
+            bool(refine),
+            steps,
+            workers,
         )
 
 
@@ -349,7 +366,7 @@ def _run(surface: LimitSurface, target: Target, options: _Options) -> Fit:
         problem = _problem(surface, target, options, frame, pinned)
         scaled = surface.with_points(frame.scaled(surface.points))
         run = Steps(problem, scaled)
-        _with_energy(run, surface, options.fairness)
+        _with_energy(run, surface, options)
         rms, converged = run.to_end(options.steps, enough)
         history += rms[level > 0 :]
         levels += [level] * (len(rms) - (level > 0))
@@ -427,24 +444,24 @@ def _problem(
     )  # fmt: skip
 
 
-def _with_energy(run: Steps, surface: LimitSurface, fairness: float | None) -> None:
+def _with_energy(run: Steps, surface: LimitSurface, options: _Options) -> None:
     """Add to what is minimized the energy that was asked for, or that it takes."""
-    unseen = _unseen(run)
-    if unseen and not fairness:
-        done = f"; fairness={_FAIRNESS:g} is added" if fairness is None else ""
+    unseen, share = _unseen(run), options.smoothing
+    if unseen and not share:
+        done = f"; smoothing={_SMOOTHING:g} is added" if share is None else ""
         warnings.warn(f"{unseen}{done}", UserWarning, stacklevel=users_level())
-        fairness = _FAIRNESS if fairness is None else fairness
-    if fairness:
-        energy = _energy(surface) * (fairness / len(surface.limit_faces))
+        share = _SMOOTHING if share is None else share
+    if share:
+        energy = _energy(surface, options.fairness) * (share / len(surface.limit_faces))
         run.problem = replace(run.problem, energy=energy)
 
 
-def _energy(surface: LimitSurface) -> Any:
-    """Thin plates, or membranes where these have no finite energy."""
-    try:
-        return energy_of(surface, "thin_plate")
-    except ValueError:
-        return energy_of(surface, "membrane")
+def _energy(surface: LimitSurface, wanted: Energy | None) -> Any:
+    """The matrix of an energy; of plates, or of membranes where these have none that is finite."""
+    if wanted is None:
+        scheme = surface.topology.rules.scheme
+        wanted = "membrane" if scheme.local else "thin_plate"
+    return energy_of(surface, wanted)
 
 
 def _unseen(run: Steps) -> str:

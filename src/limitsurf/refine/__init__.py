@@ -1,5 +1,6 @@
 """Recursive refinement: mesh and masks to refined mesh and sparse refinement operator."""
 
+from limitsurf.refine.masks import tangent_rows as tangent_rows
 from limitsurf.refine.operators import ExactOperator as ExactOperator
 from limitsurf.refine.operators import eliminated as eliminated
 from limitsurf.refine.operators import merged as merged

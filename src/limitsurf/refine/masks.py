@@ -223,3 +223,19 @@ def all_limit_normals(mesh: Mesh, rules: Rules, points: Array, rounded: bool) ->
         result[near.corners[own]] = normals[own]
     result.reshape(-1, rules.scheme.lattice.face_size, 3)[masks.without] = np.nan
     return result
+
+
+def tangent_rows(mesh: Mesh, rules: Rules, corners: Array) -> tuple[Any, Array]:
+    """Operator (2 n, n_vertices) onto two tangent vectors at corners of regular faces, by sectors.
+
+    To all first ones, then to all second ones. Also whether general points have a tangent plane
+    there, (n,) bool.
+    """
+    sharpness = Sharpness.of(mesh, rules, numbers.FLOAT64)
+    sectors = Sectors.of(sharpness, rules.scheme.lattice)
+    fan, n = sectors.fans.fan[corners], len(sectors.fans.vertex)
+    wanted = np.zeros(n, dtype=bool)
+    wanted[fan] = True
+    both = sector_operator(sharpness, rules, wanted, _pair, 2)
+    found = both[np.concatenate([fan, fan + n])]
+    return found, np.diff(found.indptr)[: len(corners)] > 0
