@@ -136,8 +136,8 @@ assert held.rank() == 2
 # $\mu$ large enough $F$ falls. It is promised to fall by
 # $-2\,\delta \cdot \nabla F - \delta^T H \delta$ (of twice $F$); what of that came is how $\mu$ is
 # chosen for the next step. If all distances vanish at the end, $M = n n^T$ there, and what $H$
-# lacks vanishes too, so that steps converge quadratically as $\mu$ goes to 0. An example: a parabola
-# $y = P_0 + P_1 u + P_2 u^2$, and points of another.
+# lacks vanishes too, so that steps converge quadratically as $\mu$ goes to 0. An example: a
+# parabola $y = P_0 + P_1 u + P_2 u^2$, and points of another.
 
 
 # %%
