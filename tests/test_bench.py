@@ -141,3 +141,10 @@ def test_queries_are_measured() -> None:
     assert min(own.values()) > 0
     for row in rows:
         assert row.get("off", 0) < 0.02
+
+
+def test_fits_are_compared() -> None:
+    found = json.loads(run("fits.py", "--points 500 --grid 12"))
+    assert found["known cage"]["largest distance of the size"] < 1e-10
+    assert {"limitsurf", "FITPACK"} <= {row["who"] for row in found["curve"]}
+    assert found["patch"][0]["rms"] < 0.01
