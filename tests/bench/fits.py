@@ -72,7 +72,7 @@ def wave(n: int) -> np.ndarray:
 
 
 def distances(evaluate: Callable[[np.ndarray], Any], points: np.ndarray) -> np.ndarray:
-    """Distances of points (n, 3) from a patch over the unit square, found on finer and finer grids."""
+    """Distances of points (n, 3) from a patch over the unit square, found on ever finer grids."""
     t = np.linspace(0, 1, 201)
     grid = np.stack(np.meshgrid(t, t, indexing="ij"), axis=-1).reshape(-1, 2)
     at = grid[cKDTree(evaluate(grid)).query(points)[1]]
