@@ -190,7 +190,8 @@ def fit(
         For what is no cage, exact points, points and weights that are no real numbers.
     ValueError
         For arrays of other shapes, no point or none that is finite, negative weights, vertices that
-        do not exist, unknown options, edges that the cage has not, a surface without limit faces;
+        do not exist, unknown options, edges that the cage has not, a surface without limit faces,
+        normals that all point to the other side;
         for points that are more than 20 sizes away from the cage, in which case units or axes
         differ.
 

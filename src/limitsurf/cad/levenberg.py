@@ -85,6 +85,11 @@ class Steps:
         self.state = self._at(surface, None)
         self.scale = self._scale()
         self.counted = self._counted()
+        if not self.counted.any():
+            raise ValueError(
+                "no point has a normal at most 90 degrees from that of a place near it: normals "
+                "are to point outward, as those of the cage do; turn them, or leave them out"
+            )
 
     # ------------------------------------------------------------------ feet and what they cost
 
