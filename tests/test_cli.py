@@ -86,6 +86,7 @@ def test_every_command_has_help_with_examples_that_work(command, cage, tmp_path,
         ("tessellate", ls.tessellate, {"n": "n"}),
         ("closest", ls.closest_point, {"max_distance": "max_distance"}),
         ("sample", ls.sample, {"method": "method"}),
+        ("fit", ls.fit, {name: name for name in ("loss", "scale", "tolerance", "max_iterations")}),
         ("refine", ls.refined, {"levels": "levels"}),
         ("interpolate", ls.interpolate, {"fairness": "fairness", "refine": "refine"}),
         ("validate", ls.validate, {"levels": "levels"}),
@@ -341,6 +342,7 @@ def test_keys_of_json_are_documented(cage, tmp_path):
         "evaluate": [cage, "--grid", 2, "-o", tmp_path / "a.npy"],
         "sample": [cage, "-n", 20, "--method", "blue_noise", "-o", tmp_path / "b.csv"],
         "closest": [cage, "--points", tmp_path / "b.csv", "-o", tmp_path / "c.npz"],
+        "fit": [cage, tmp_path / "b.csv", "--smoothing", 1e-6, "-o", target],
     }.items():
         help = " ".join(succeed(command, "--help").split())
         _, _, documented = re.split("(Keys of|With) --json", help)

@@ -12,8 +12,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from limitsurf.cad.curves import SplineCurves as SplineCurves
+    from limitsurf.cad.curves import fit_curve as fit_curve
     from limitsurf.cad.fairing import fair as fair
     from limitsurf.cad.fairness import fairness as fairness
+    from limitsurf.cad.fit import Fit as Fit
+    from limitsurf.cad.fit import fit as fit
     from limitsurf.cad.interpolate import Interpolation as Interpolation
     from limitsurf.cad.interpolate import interpolate as interpolate
     from limitsurf.cage.checks import MeshError as MeshError
@@ -181,6 +185,7 @@ _HOME = {
     "Eigenmodes": "fem.modes",
     "ExactOperator": "refine",
     "Faces": "cage.faces",
+    "Fit": "cad.fit",
     "FeetOfPoints": "query.closest",
     "LimitSurface": "surface",
     "Mesh": "cage.mesh",
@@ -194,6 +199,7 @@ _HOME = {
     "ShellSolution": "fem.thin",
     "Space": "fem.space",
     "SpectralAnalysis": "spectra",
+    "SplineCurves": "cad.curves",
     "ThinShell": "fem.thin",
     "SurfaceIndex": "query.index",
     "Tessellation": "query",
@@ -217,6 +223,8 @@ _HOME = {
     "fair": "cad.fairing",
     "fairness": "cad.fairness",
     "feet": "query.closest",
+    "fit": "cad.fit",
+    "fit_curve": "cad.curves",
     "frames": "shell.io.by_suffix",
     "from_pyvista": "shell.io.vtk",
     "from_trimesh": "shell.io.by_trimesh",

@@ -17,6 +17,7 @@ from limitsurf import memory
 from limitsurf.shell import files, terminal
 from limitsurf.shell.cli import curves, places
 from limitsurf.shell.cli.analysis import spectrum as spectrum_command
+from limitsurf.shell.cli.fitting import fit
 from limitsurf.shell.cli.interpolating import interpolate
 from limitsurf.shell.cli.measures import measure
 from limitsurf.shell.cli.modes import modes
@@ -355,6 +356,7 @@ main.add_command(places.closest)
 main.add_command(curves.section)
 main.add_command(places.sample)
 main.add_command(interpolate)
+main.add_command(fit)
 
 
 @main.command()

@@ -8,7 +8,7 @@ here.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
@@ -53,6 +53,22 @@ def parse(name: str, data: bytes, *, strict: bool = False) -> Mesh:
     mesh = mesh_of(points, sizes, indices, losses, uv=uv, rows=rows, merge=uv is not None)
     losses.warn(3)
     return mesh
+
+
+def vertices(name: str, data: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Points (n, 3) of a PLY file, which may have no faces, and normals (n, 3) if it has any."""
+    with np.errstate(invalid="ignore"):
+        values = _Ply(name, data).values
+
+    def columns(names: Sequence[str]) -> NDArray[np.float64] | None:
+        found = [values.get(("vertex", n)) for n in names]
+        whole = [x for x in found if isinstance(x, np.ndarray)]
+        return np.stack(whole, axis=1) if len(whole) == len(names) else None
+
+    points = columns("xyz")
+    if points is None:
+        raise MeshError(f"{name}: need elements 'vertex' with the properties x, y, z")
+    return points, columns(["nx", "ny", "nz"])
 
 
 def _faces(name: str, values: dict[tuple[str, str], Any]) -> tuple[IntArray, IntArray]:
