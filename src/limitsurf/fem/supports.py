@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf.fem.checks import power_of_two, reals
+from limitsurf.fem.grading import Grading
 from limitsurf.fem.parents import traced_sides
+from limitsurf.fem.phantoms import Phantoms
 
 if TYPE_CHECKING:
     from limitsurf.fem.space import Space
@@ -343,7 +345,8 @@ def turning(space: Space, corners: Array, t: ArrayLike) -> tuple[Any, Array]:
 
 def _sides(space: Space, support: Support) -> tuple[Array, Array]:
     """Corners of the space's mesh that sides begin at, and at which ends (k, 2) a spline ends."""
-    surface = space.surface
+    grading = space.grading
+    surface = space.surface if isinstance(grading, Grading) else space.refined_surface
     mesh = surface.mesh
     if surface.topology.lattice.dual:
         raise ValueError(
@@ -351,19 +354,15 @@ def _sides(space: Space, support: Support) -> tuple[Array, Array]:
             "support places by limitsurf.fem.supports.at"
         )
     whole = surface.patches.with_limit[surface.limit_faces.first]
-    grading = space.grading
     if support.edges is not None:
-        if grading is not None:
-            raise ValueError(
-                f"{support.kind}: edges are not followed into graded spaces: say which boundary "
-                "edges are meant by where="
-            )
         corners = traced_sides(space, support.edges)
+        if isinstance(grading, Grading):
+            corners = np.flatnonzero(np.isin(grading.sides[0], corners))
     else:
         both = mesh.edge_corners
         there = (both >= 0) & whole[mesh.corner_face[both]]
         corners = both[(there.sum(axis=1) == 1)[:, None] & there]
-        if grading is not None:
+        if isinstance(grading, Grading):
             corners = corners[grading.rim[corners]]
         if support.where is not None:
             corners = corners[_chosen(surface, corners, support.where)]
@@ -375,16 +374,19 @@ def _sides(space: Space, support: Support) -> tuple[Array, Array]:
     if not len(corners):
         what = "no boundary edge" if support.edges is None else "no edge"
         raise ValueError(f"{support.kind}: {what} of the surface is meant")
-    if grading is not None and len(np.unique(grading.level[mesh.corner_face[corners]])) > 1:
+    several = isinstance(grading, Grading) and np.ptp(grading.level[mesh.corner_face[corners]])
+    if several and support.kind != "fixed":
         raise ValueError(
-            f"{support.kind}: the boundary edges that are meant are of several levels of a graded "
-            "space, along which it is not known how many conditions hold: refine all along there"
+            f"{support.kind}: the edges that are meant are of several levels of a graded space, "
+            "along which it is not known how many conditions hold: refine all along there"
         )
     ends = np.stack([mesh.indices[corners], mesh.indices[mesh.next_corner[corners]]], axis=1)
     n = mesh.n_vertices
     faces = np.bincount(mesh.indices[whole[mesh.corner_face]], minlength=n)
     last = (np.bincount(ends.ravel(), minlength=n) != 2) | (faces == 1)
     last[mesh.corners[0]] = True
+    if isinstance(grading, Phantoms):
+        return grading.placed(corners), last[ends]
     return corners, last[ends]
 
 
