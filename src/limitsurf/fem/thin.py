@@ -23,6 +23,8 @@ from limitsurf.fem.supports import (
     Support,
     conditions,
     described,
+    independent,
+    motions_left,
     null_space,
     rigid_motions,
     values_at,
@@ -406,8 +408,8 @@ class ThinShell:
         f = self._checked_loads(loads)
         free, left = self._free(supports)
         if left is not None:
-            unbalanced = np.abs(left.T @ f)
-            if (unbalanced > 1e-9 * np.abs(left).max(axis=0) * np.abs(f).sum()).any():
+            unbalanced, most = np.abs(left.T @ f), abs(left).max(axis=0).toarray()
+            if (unbalanced > 1e-9 * most * np.abs(f).sum()).any():
                 raise ValueError(
                     "loads do not balance: there are supports against rigid motions alone "
                     "(rigid_modes_removed), which bear nothing"
@@ -431,20 +433,14 @@ class ThinShell:
             raise ValueError("loads are all zero: nothing would move")
         return f.ravel()
 
-    def _free(self, supports: Sequence[Support], modes: bool = False) -> tuple[Any, Array | None]:
+    def _free(self, supports: Sequence[Support], modes: bool = False) -> tuple[Any, Any]:
         """What supports leave free, and rigid motions that were removed, if they were."""
-        from scipy.linalg import qr
-        from scipy.sparse import csr_array, vstack
+        from scipy.sparse import csr_array, diags_array, vstack
 
         rows = conditions(self.space, supports)
         rigid = rigid_motions(self.space)
-        left = np.eye(rigid.shape[1])
-        if rows.shape[0]:
-            scaled = abs(rows).sum(axis=1)
-            held = (rows @ rigid) / np.where(scaled > 0, scaled, 1)[:, None]
-            _, s, turn = np.linalg.svd(held, full_matrices=True)
-            rank = int(np.count_nonzero(s > 1e-9))
-            left = turn[rank:].T
+        scaled = abs(rows).sum(axis=1)
+        left = motions_left(diags_array(1 / np.where(scaled > 0, scaled, 1)) @ (rows @ rigid))
         if not left.shape[1] or modes:
             return null_space(rows), None
         if not any(one.kind == "rigid modes" for one in supports):
@@ -453,7 +449,7 @@ class ThinShell:
                 f"{described(left)}; hold it, or give rigid_modes_removed() where loads balance"
             )
         motions = rigid @ left
-        pivot = qr(motions.T, mode="r", pivoting=True)[1][: left.shape[1]]
+        pivot = independent(motions)
         here = np.arange(len(pivot))
         more = csr_array((np.ones(len(pivot)), (here, pivot)), shape=(len(pivot), 3 * self.space.n))
         return null_space(vstack([rows, more], format="csr")), motions
