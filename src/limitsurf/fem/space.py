@@ -26,7 +26,7 @@ from limitsurf.fem.pattern import Pattern
 from limitsurf.fem.phantoms import Phantoms
 from limitsurf.fem.places import vertex_places
 from limitsurf.integrals.checks import checked, is_exact
-from limitsurf.integrals.quadrature import Quadrature, quadrature
+from limitsurf.integrals.quadrature import Quadrature, quadrature, refuse_infinite
 from limitsurf.integrals.tails import Kind
 from limitsurf.surface import LimitSurface
 
@@ -587,6 +587,8 @@ class Space:
         if quadrature is not None:
             return self.basis(quadrature, order)
         if integrand not in self._rules:
+            if integrand == "curvature":
+                refuse_infinite(self.surface)
             points = self.surface.topology.rules.scheme.spline.degree + 1
             self._rules[integrand] = _default(self.surface, points, integrand)
         key = integrand, order
