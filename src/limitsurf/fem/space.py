@@ -433,7 +433,7 @@ class Space:
             face, u, v = vertex_places(self.surface)
         rows = self.rows(face, u, v)
         normals = self.surface.normal(face, u, v)
-        values, shape = forms.given(f, self.surface.evaluate(face, u, v), normals)
+        values, shape = forms.given(f, rows @ self.points, normals)
         if len(face) == self.n:
             factors = forms.factors(rows, symmetric=False)
             forms.refuse_dependent(abs(factors.U.diagonal()))
