@@ -110,7 +110,8 @@ assert expand(last - (4 * c - 2 * new_p - 2 * new_q + own)) == 0
 
 # %% [markdown]
 # So at every level, and in the limit, both cages have the same faces. Beside other boundary
-# vertices there are no such points ([creases](creases.py)): `extended` refuses these.
+# vertices there are no such points ([creases](creases.py)): `extended` refuses these, and spaces
+# are natural there.
 #
 # As functions of their own ghosts span what the boundary rules leave out. On the line across the
 # boundary the second derivative there is $g - 2 b + i$, 0 for reflections: a function $f$ is
@@ -127,6 +128,60 @@ pieces = [  # cubic B-splines over the knots -1, 0, 1 at x in [0, h]
 ]
 line = sum(k * n for k, n in zip((g, b, i, Symbol("j")), pieces, strict=True))
 assert expand(line.diff(x, 2).subs(x, 0)) == 0
+
+# %% [markdown]
+# Where a boundary has a vertex that is not regular, ghosts elsewhere still are free, if those on
+# which faces at this vertex depend are reflections. On a face beside them, over $[0, 1]^2$ with the
+# vertex far to the right, a free ghost at the left end of its sixteen control points has weights
+# $u^3 / 6$ of the distance $u$ from the edge to the next face: they vanish there with two
+# derivatives, so that functions stay smooth.
+
+# %%
+far = pieces[3].subs(x, h)
+assert [pieces[3].diff(x, k).subs(x, 0) for k in range(3)] == [0, 0, 0]
+assert far == Rational(1, 6)
+
+# %% [markdown]
+# An infinitely sharp crease is a boundary of what is on either side, where both have one value. Let
+# $b$ be a control point of one side there, $i$ inside and $g = 2 b - i + d$ beyond. The curve of
+# the crease is a cubic spline with control points $s = (i + 4 b + g) / 6 = b + d / 6$: it is the
+# same for both sides if $s$ is, whatever $d$ on each. Unknowns are $s$ for both sides, and for each
+# of them $2 s - i + d$, which is a point like others, since constants have equal unknowns.
+
+# %%
+bend = Symbol("d")
+beyond = 2 * b - i + bend
+assert expand((i + 4 * b + beyond) / 6 - (b + bend / 6)) == 0
+
+# %% [markdown]
+# Where creases meet in a sharp corner $c$ of a face $(c, p, e, q)$, with $d_p$ and $d_q$ of the
+# ghosts beyond $c$ along $p$ and along $q$, and $D$ the last ghost, the curve along $p$ begins with
+# control points $s_{-1}$ and $s_0$, its second difference is $\delta_p$, and the value $v$ at the
+# corner is $s_0 + \delta_p / 6$. Given $v$, $\delta_p$ and $\delta_q$, which faces share, a face
+# has one more, $c$; $d_p$, $d_q$ and $D$ follow.
+
+# %%
+v, dp, dq, last = symbols("v delta_p delta_q D")
+c, p, e, q, rp, rq = symbols("c p e q r_p r_q")  # r: ghosts of p beyond c p, and of q beyond c q
+along_q, along_p = 6 * (v - c) - dp, 6 * (v - c) - dq  # deviations d_q and d_p
+ghost_q, ghost_p = 2 * c - q + along_q, 2 * c - p + along_p
+total = last + 4 * ghost_p + rq + 4 * (ghost_q + 4 * c + q) + rp + 4 * p + e
+(found,) = [36 * v - (total - last)]
+for ghosts, middle, ends in (
+    ((found, ghost_p, rq), (ghost_q, c, q), (rp, p, e)),  # along p, from before c to p
+    ((found, ghost_q, rp), (ghost_p, c, p), (rq, q, e)),
+):
+    curve = [(k[0] + 4 * k[1] + k[2]) / 6 for k in (ghosts, middle, ends)]
+    delta = dp if ends[1] == p else dq
+    assert expand(curve[0] - 2 * curve[1] + curve[2] - delta) == 0
+    assert expand(curve[1] + delta / 6 - v) == 0
+
+# %% [markdown]
+# A cube with all edges sharp has 8 values, $2 \cdot 12$ differences and one point for each of 24
+# corners: 56 functions, as many as continuous ones of six faces of $4 \times 4$ functions.
+
+# %%
+assert 8 + 2 * 12 + 24 == (8 + 12 * 2) + 6 * (16 - 12)
 
 # %% [markdown]
 # ## 2. Functions that vanish

@@ -492,7 +492,7 @@ def test_ends_that_cannot_be_free():
     square_ = ls.Mesh(*SQUARE, boundary="edge_only")
     with pytest.raises(ValueError, match=r"boundary vertex 0 with 1 face .* is not regular"):
         ls.extended(square_)
-    with pytest.warns(UserWarning, match=r"natural ends along 1 boundary.* 4 boundary vertices"):
+    with pytest.warns(UserWarning, match=r"natural ends at 4 boundary vertices"):
         space = ls.Space(ls.LimitSurface(square_), levels=1)
     assert space.n == 9
     with pytest.raises(ValueError, match="ghost faces are those of squares"):
@@ -581,3 +581,38 @@ def test_other_tags_have_other_functions():
         coarse.assemble([])
     with pytest.raises(TypeError, match="need a function"):
         coarse.load(1.0)
+
+
+def test_deep_rings_at_any_corner():
+    # rings of a pole of valence 12 that u and v cannot tell from the corner (1, 1)
+    first = two_poles(12)
+    faces = np.reshape(first.mesh.indices, (-1, 4))
+    found = []
+    for k in (0, 2):
+        space = ls.Space(ls.LimitSurface(ls.Mesh(first.mesh.points, np.roll(faces, k, axis=1))))
+        q = ls.quadrature(space.surface, integrand="curvature", face=[0], points=2)
+        assert ((q.u == 1) | (q.v == 1)).any() == (k > 0)
+        found.append(space.bilaplace(quadrature=q))
+    assert abs(found[0]).max() > 1
+    assert abs(found[1] - found[0]).max() < 1e-12 * abs(found[0]).max()
+
+
+def test_energies_that_are_infinite():
+    points, faces = zoo.prism(4)
+    points, faces = np.asarray(points, float), np.asarray([list(x) for x in faces])
+    away = np.linalg.norm(points - points[0], axis=1).argmax()
+    other = np.where(faces == 0, away, faces + len(points))
+    both = ls.Mesh(
+        np.concatenate([points, points - points[0] + points[away]]), np.concatenate([faces, other])
+    )
+    touching = ls.LimitSurface(ls.selected(both, np.arange(12)))
+    assert touching.mesh.nonmanifold_vertex.sum() == 1
+    spike = ls.LimitSurface(ls.Mesh(points, faces, corners={0: np.inf}))
+    for cage, several in ((touching, (0, 1)), (spike, (0,))):
+        for levels in several:
+            space = ls.Space(cage, levels=levels)
+            assert np.isclose(space.mass().sum(), ls.area(cage), rtol=1e-6)
+            with pytest.raises(ValueError, match=r"infinite around a corner of limit face"):
+                space.bilaplace()
+            with pytest.raises(ValueError, match="energies of second derivatives are infinite"):
+                ls.ThinShell(space, young=1.0, poisson=0.3, thickness=0.1)

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import spsolve
 from test_fem import closed, errors, gradient, square, two_poles, u
 
 import limitsurf as ls
-from limitsurf.fem.supports import at, clamped, fixed
+from limitsurf.fem.supports import at, clamped, fixed, turning
 
 SPLIT = [name for name in ls.schemes if not ls.schemes[name].lattice.dual]
 
@@ -140,7 +140,9 @@ def test_creases_and_boundaries_keep_their_limit(ends):
     found = ls.closest_point(surface, graded.surface.evaluate(*places(graded.surface)))
     assert found.distance.max() < 1e-11
     assert np.isclose(ls.area(graded.surface), ls.area(surface), rtol=1e-9)
-    assert abs(graded.extraction @ graded.points - graded.surface.points).max() < 1e-13
+    here = places(graded.surface)
+    own = graded.function(graded.points).evaluate(*here)
+    assert abs(own - graded.surface.evaluate(*here)).max() < 1e-13
     assert set(np.unique(graded.parents)) == {*range(mesh.n_faces)} - {3} | {-1}
 
 
@@ -301,6 +303,75 @@ def test_rigid_motions_and_constant_strains_of_graded_shells():
     assert abs(bending).max() < 1e-8
 
 
+@pytest.mark.parametrize("scheme", ["catmull-clark", "loop", "bilinear", "linear"])
+def test_functions_of_given_values_in_graded_spaces(scheme):
+    space = ls.Space(closed(scheme), levels=1, near_poles=2)
+
+    def f(x, _):
+        return np.stack([x[:, 0], np.sin(2 * x[:, 1])], axis=1)
+
+    c = space.interpolate(f)
+    # the surface itself is of the space, and no other function has its values
+    assert abs(c[:, 0] - space.points[:, 0]).max() < 1e-9
+    found = space.function(c)
+    face, u, v = space.surface.limit_faces.at_vertex(np.flatnonzero(space.grading.told))
+    x = space.surface.evaluate(face, u, v)
+    assert len(face) > space.n / 2
+    assert abs(found.evaluate(face, u, v) - f(x, None)).max() < 1e-12
+
+
+def roof(where, **options):
+    """A sharp edge between two slopes, in a space of one level more on some faces."""
+    points = [[x, y, abs(x - 2) / 4] for y in range(4) for x in range(5)]
+    faces = [[a, a + 1, a + 6, a + 5] for a in range(15) if a % 5 < 4]
+    edges = {(2, 7): np.inf, (7, 12): np.inf, (12, 17): np.inf}
+    surface = ls.LimitSurface(ls.Mesh(points, faces, creases=edges))
+    space = ls.Space(surface, levels=1, where=where, ends="natural")
+    return ls.ThinShell(
+        space, young=1e6, poisson=0.3, thickness=0.1, density=1.0, stiff_creases=True
+    )
+
+
+def test_stiff_creases_between_faces_of_different_levels():
+    left = np.arange(12) % 4 < 2
+    some = np.isin(np.arange(12), [1, 6, 10])  # on both sides, here and there
+    energies = []
+    for where in (None, ~left, left, np.ones(12, bool)):
+        shell = roof(where)
+        values = shell.modes(8).eigenvalues
+        assert np.abs(values[:6]).max() < 1e-8 * values[6]
+        support = clamped([(0, 5), (5, 10), (10, 15)])  # edges of the cage
+        energies.append(shell.solve(shell.load(pressure=1.0), support).energy)
+    assert energies == sorted(energies)  # what has more functions gives way more
+    assert np.isclose(*energies[2:], rtol=1e-3)  # where it is held it is refined in both
+    # each piece of a crease once, whatever the levels beside it
+    from limitsurf.fem.creases import hinges
+
+    for where in (None, left, some):
+        found = hinges(roof(where).space)
+        _, along = turning(roof(where).space, found.corners[:, 0], 0.5)
+        length = np.linalg.norm(along, axis=1) @ found.share[:, 0]
+        assert np.isclose(length, 3, rtol=1e-2)
+        sides = roof(where).space.surface.limit_faces.along
+        at = found.at(0.3)
+        one, other = (
+            roof(where).space.surface.evaluate(*sides(found.corners[:, k], at[k])) for k in (0, 1)
+        )
+        assert abs(one - other).max() < 1e-12
+
+
+def test_fixed_edges_of_several_levels():
+    # displacements on them are zero all along, however many functions there are
+    space = ls.Space(square(), levels=2, where=None)
+    graded = space.finer(np.arange(len(space.surface.limit_faces)) == 0)
+    shell = ls.ThinShell(graded, young=1e6, poisson=0.3, thickness=0.05)
+    x = shell.solve(shell.load(pressure=1.0), fixed([(0, 1), (1, 2), (2, 3), (3, 0)]))
+    rim = np.flatnonzero(graded.grading.rim)
+    assert set(graded.grading.level[graded.surface.mesh.corner_face[rim]]) == {0, 1}
+    place = graded.surface.limit_faces.along(rim[:, None], np.linspace(0, 1, 7))
+    assert abs(x.displacement.evaluate(*place)).max() < 1e-10 * abs(x.coefficients).max()
+
+
 # ---------------------------------------------------------------------- bad input
 
 
@@ -322,21 +393,17 @@ def test_what_is_wrong_is_named():
         graded.finer([True])
     with pytest.raises(ValueError, match="on a limit face that has a limit"):
         graded.finer(np.zeros(len(graded.surface.limit_faces), dtype=bool))
-    with pytest.raises(ValueError, match="use project"):
-        graded.interpolate(lambda x, _: x)
     with pytest.raises(ValueError, match="prolongation from graded spaces"):
         space.prolongation(graded)
     shell = ls.ThinShell(graded, young=1.0, poisson=0.0, thickness=0.1)
-    with pytest.raises(ValueError, match="not followed into graded spaces"):
-        shell.solve(shell.load(pressure=1.0), fixed([(0, 1)]))
-    with pytest.raises(ValueError, match="stiff_creases"):
-        ls.ThinShell(graded, young=1.0, poisson=0.0, thickness=0.1, stiff_creases=True)
+    with pytest.raises(ValueError, match="of several levels of a graded"):
+        shell.solve(shell.load(pressure=1.0), clamped([(0, 1), (1, 2), (2, 3), (3, 0)]))
     corner = space.surface.evaluate(np.arange(len(space.surface.limit_faces)), 0.5, 0.5).max(
         axis=-1
     )
     edge = ls.ThinShell(space.finer(corner < 0.1), young=1.0, poisson=0.0, thickness=0.1)
     with pytest.raises(ValueError, match="of several levels of a graded space"):
-        edge.solve(edge.load(pressure=1.0), fixed(where=lambda x: x[:, 0] < 1e-9))
+        edge.solve(edge.load(pressure=1.0), clamped(where=lambda x: x[:, 0] < 1e-9))
     edge.solve(edge.load(pressure=1.0), at(0, [0, 1, 0.5], [0, 0, 0.5]))
     with pytest.raises(TypeError, match="needs a Space"):
         ls.element_residuals(surface, [0], lambda x, _: x[:, 0])

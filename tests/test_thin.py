@@ -521,3 +521,34 @@ def test_sheets_that_meet_are_hinged():
         shell = ls.ThinShell(space, young=1.0, poisson=0.3, thickness=0.1, density=1.0)
     values = shell.modes(9).eigenvalues
     assert np.abs(values[:8]).max() < 1e-9 * values[8]
+
+
+def many(count):
+    """Squares side by side, which share nothing."""
+    corner = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+    points = (corner + 2 * np.arange(count)[:, None, None] * [1, 0, 0]).reshape(-1, 3)
+    return ls.Mesh(points, np.arange(4 * count).reshape(-1, 4))
+
+
+def test_cages_of_many_parts():
+    from limitsurf.fem.supports import conditions, rigid_motions
+
+    mesh = many(60)
+    space = ls.Space(ls.LimitSurface(mesh))
+    shell = ls.ThinShell(space, young=1e3, poisson=0.3, thickness=0.1)
+    load = shell.load(pressure=1.0)
+    rigid = rigid_motions(space)
+    assert rigid.shape == (3 * space.n, 360)
+    assert rigid.nnz < 5 * 3 * space.n  # a few for each unknown, however many parts
+    # all parts but two are held at their left sides; those keep six and one
+    held = [(4 * k, 4 * k + 3) for k in range(60) if k not in (7, 50)]
+    supports = [clamped(held), at(50, [0, 0], [0, 1])]
+    with pytest.raises(ValueError, match=r"leave 7 rigid motions.* of part 7, .* and 1 more") as e:
+        shell.solve(load, *supports)
+    assert "turns about y of part 50" not in str(e.value)
+    left = np.linalg.svd((conditions(space, supports) @ rigid).toarray(), compute_uv=False)
+    assert np.count_nonzero(left < 1e-9) == 7
+    x = shell.solve(load, *supports[:1], at(7, 0, [0, 1]), at([7, 50], 1, 0.5), supports[1])
+    assert np.isclose(abs(x.reactions.sum(axis=0)), [0, 0, 60]).all()
+    first = x.displacement.evaluate(0, [0.3, 1.0], 0.5)
+    assert np.allclose(x.displacement.evaluate(40, [0.3, 1.0], 0.5), first, atol=1e-9)

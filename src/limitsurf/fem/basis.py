@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,6 +15,7 @@ from limitsurf.engine.orders import checked_order, orders_up_to
 from limitsurf.engine.protocol import Order
 from limitsurf.fem.elements import Elements, Group
 from limitsurf.fem.extraction import Places
+from limitsurf.fem.nearby import weights_nearby
 from limitsurf.integrals.quadrature import Quadrature
 from limitsurf.refine import sharing
 from limitsurf.surface import LimitSurface
@@ -201,15 +203,18 @@ class Basis:
         (f, c), p = controls.shape, points.shape[1]
         order = np.argsort(controls, axis=1, kind="stable")
         known = np.arange(f)[:, None] * n + np.take_along_axis(controls, order, axis=1)
-        row = np.repeat(np.arange(f * p), np.diff(found[0].indptr))
-        key = row // p * n + found[0].indices
-        place = np.minimum(np.searchsorted(known.ravel(), key), known.size - 1)
-        there = known.ravel()[place] == key
         values = np.zeros((len(self.orders), f * p, c))
-        column = order.ravel()[place[there]]
-        for to, one in zip(values, found, strict=True):
-            assert not one.data[~there].any()  # functions that vanish there
-            to[row[there], column] = one.data[there]
+        nearby = weights_nearby(self._surface, q, at, self.orders)
+        for rows, matrices in chain([(np.arange(f * p), found)], nearby):
+            values[:, rows] = 0
+            row = np.repeat(rows, np.diff(matrices[0].indptr))
+            key = row // p * n + matrices[0].indices
+            place = np.minimum(np.searchsorted(known.ravel(), key), known.size - 1)
+            there = known.ravel()[place] == key
+            column = order.ravel()[place[there]]
+            for to, one in zip(values, matrices, strict=True):
+                assert not one.data[~there].any()  # functions that vanish there
+                to[row[there], column] = one.data[there]
         return values.reshape(-1, f, p, c)
 
     @cached_property

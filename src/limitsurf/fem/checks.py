@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
 
@@ -35,3 +38,25 @@ def power_of_two(values: Array, axis: tuple[int, ...]) -> NDArray[np.float64]:
     most = np.abs(values).max(axis=axis, keepdims=True, initial=0)
     exponent = np.frexp(np.where(np.isfinite(most), most, 0))[1]
     return np.where(most > 0, np.ldexp(1.0, exponent - 1), 1.0)
+
+
+def refuse_dual(surface: LimitSurface) -> None:
+    """Refuse graded spaces of schemes whose finer faces are on several coarser ones."""
+    if surface.topology.lattice.dual:
+        raise ValueError(
+            "graded spaces need schemes by which faces are split, so that finer ones are in them, "
+            f"which {surface.topology.rules.scheme.name!r} does not: use levels="
+        )
+
+
+def checked_where(where: ArrayLike | None, n_faces: int) -> NDArray[np.int64]:
+    """How many levels more on each face of the cage."""
+    if where is None:
+        return np.zeros(n_faces, dtype=np.int64)
+    found = np.asarray(where)
+    if found.shape != (n_faces,) or found.dtype.kind not in "biu" or (found < 0).any():
+        raise ValueError(
+            f"where must be ({n_faces},) booleans, or numbers of levels not below 0, one for each "
+            f"face of the cage, got {found.dtype} of shape {found.shape}"
+        )
+    return found.astype(np.int64)

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from limitsurf.cage.mesh import Mesh
 from limitsurf.cage.selection import selected
+from limitsurf.fem.ghosts import Ghosts, cut
+from limitsurf.fem.sectors import Sectors
 from limitsurf.options import Rules
 from limitsurf.tables.masks import is_infinite
 
@@ -94,13 +96,16 @@ def extended(mesh: Mesh) -> Mesh:
     mesh : Mesh
         Of quads at its boundary, under a scheme such as Catmull and Clark's. Around each boundary
         vertex are two faces, or one where it is a sharp corner, and no creases inside end there.
-        Where holes are at a boundary nothing is added.
+        Where holes are at a boundary nothing is added. Infinitely sharp creases that part the mesh,
+        beside which there are two quads, or one where they meet, are boundaries of both sides: the
+        mesh is cut there.
 
     Returns
     -------
     Mesh
-        Vertices and faces as they were, then those that are new. Tags of the edges and vertices of
-        the old boundary, which have done their work, are gone; so are channels and data of faces.
+        Vertices and faces as they were, then those that are new; where the mesh is cut faces of one
+        side have copies of its vertices. Tags of the edges and vertices of the old boundary, which
+        have done their work, are gone; so are channels and data of faces.
 
     Raises
     ------
@@ -124,18 +129,35 @@ def extended(mesh: Mesh) -> Mesh:
     why = refusal(rules.scheme)
     if why is not None:
         raise ValueError(why)
+    sectors = Sectors.of(mesh, rules)
+    if sectors.creased.any() and not sectors.irregular.any():
+        return _parted(mesh, sectors)
     rim = Rim.of(mesh, rules)
     if len(rim.irregular):
         raise ValueError(
-            f"{described(mesh, rim)}: refine the cage if faces there are no quads, or add ghost "
-            "faces of your own as holes"
+            f"{described(mesh, rim.irregular)}: refine the cage if faces there are no quads, or "
+            "add ghost faces of your own as holes"
         )
     return with_ghosts(mesh, rim, np.ones(len(rim.sides), dtype=bool))[0]
 
 
-def described(mesh: Mesh, rim: Rim) -> str:
+def _parted(mesh: Mesh, sectors: Sectors) -> Mesh:
+    """A mesh cut along its creases, with ghost faces beyond all its rims."""
+    ghosts = Ghosts(mesh, sectors)
+    copies = mesh.points[sectors.vertex]
+    matrix = ghosts.reflected(len(copies)).tocoo()
+    flat = copies.reshape(len(copies), -1)
+    new = np.zeros((ghosts.count, flat.shape[1]), dtype=flat.dtype)
+    value = matrix.data.astype(np.int64) if flat.dtype == object else matrix.data
+    np.add.at(new, matrix.row, value.astype(flat.dtype)[:, None] * flat[matrix.col])
+    points = np.concatenate([copies, new.reshape(-1, *copies.shape[1:])])
+    found = cut(mesh, sectors, ghosts).with_points(points)
+    return found
+
+
+def described(mesh: Mesh, irregular: Array) -> str:
     """Which boundary vertices are not regular, and what is at the first."""
-    first, more = int(rim.irregular[0]), len(rim.irregular) - 1
+    first, more = int(irregular[0]), len(irregular) - 1
     others = f" (nor are {more} more)" if more else ""
     faces = int(mesh.vertex_faces[first])
     return (

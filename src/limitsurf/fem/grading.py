@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.cage.mesh import CHOICES, Mesh
+from limitsurf.caching import cached_property
+from limitsurf.cage.mesh import Mesh
 from limitsurf.cage.selection import selected
 from limitsurf.fem.elements import Elements
 from limitsurf.fem.ends import trimmed
+from limitsurf.fem.joining import joined
 from limitsurf.options import Rules
 from limitsurf.refine import refined
 from limitsurf.surface import LimitSurface
@@ -43,6 +45,8 @@ class Grading:
         beyond the first.
     rim : (n_corners,) bool
         Corners of `surface` at which sides on its boundary begin, not those between levels.
+    told : (n_vertices,) bool
+        Vertices of `surface` of elements of the level of which their own function is.
     """
 
     def __init__(
@@ -59,7 +63,7 @@ class Grading:
         self._steps: list[Any] = []
         self._active: list[Array] = []
         chain: Any = None
-        rows, parts = [], []
+        rows, parts, told = [], [], []
         self.chosen, self._children = chosen, max(_CHILDREN, int(mesh.sizes.max()))
         deepest = max(near_poles, int(more.max(initial=0)), len(chosen))
         for k in range(deepest + 1):
@@ -82,6 +86,7 @@ class Grading:
             if part is not None:
                 parts.append(part)
                 rows.append(chain[used])
+                told.append((covered & ~dropped)[used])
             if not finer.any():
                 break
             mesh, step = _step(mesh, finer, self._radix(k))
@@ -96,13 +101,40 @@ class Grading:
             for name in ("parent", "level", "number")
         )
         self.rim = np.concatenate([part.rim for part in parts])
-        found = _joined([part.mesh for part in parts])
+        self.told = np.concatenate(told)
+        self._base = surface.mesh
+        found = joined([part.mesh for part in parts])
         self.surface = LimitSurface(found, engine=surface.engine)
 
     @property
     def n(self) -> int:
         """Number of unknowns."""
         return int(self.extraction.shape[1])
+
+    @cached_property
+    def sides(self) -> tuple[Array, Array, Array]:
+        """Of each corner of `surface` the corner of the first cage on whose side its own side is.
+
+        -1 where it is on none. Also which part of that side, counted from 0, of 2 to what power:
+        of the first half of a side from the child at its start, of the other from that at its end.
+        """
+        mesh, base = self.surface.mesh, self._base
+        face = mesh.corner_face
+        number, level = self._number[face], self.level[face]
+        size, k = mesh.sizes[face], np.arange(mesh.n_corners) - mesh.offsets[face]
+        on, regular = self.parent[face] >= 0, self.surface.topology.lattice.face_size
+        part = np.zeros(mesh.n_corners, dtype=np.int64)
+        for step in range(int(level.max(initial=0)), 0, -1):
+            here = np.flatnonzero(level >= step)
+            above, child = np.divmod(number[here], self._radix(step - 1))
+            sides = base.sizes[above] if step == 1 else np.full(len(here), regular)
+            first, last = k[here] == 0, k[here] == size[here] - 1
+            on[here] &= (first | last) & (child < sides)
+            part[here] += np.where(last, 1 << (level[here] - step), 0)
+            k[here] = np.where(first, child, (child - 1) % sides)
+            size[here], number[here] = sides, above
+        corner = np.where(on, base.offsets[np.where(on, number, 0)] + k, -1)
+        return corner, part, level
 
     def _radix(self, k: int) -> int:
         """By what numbers of faces of level k are multiplied to have those of their children."""
@@ -264,27 +296,3 @@ def _step(mesh: Mesh, finer: Array, radix: int) -> tuple[Mesh, Any]:
     return fine.with_tags(face_data=data), operator @ eye_array(mesh.n_vertices, format="csr")[
         np.flatnonzero(used)
     ]
-
-
-def _joined(meshes: list[Mesh]) -> Mesh:
-    """Cages as the parts of one."""
-    vertices, faces = (
-        np.cumsum([0, *(getattr(mesh, name) for mesh in meshes[:-1])])
-        for name in ("n_vertices", "n_faces")
-    )
-
-    def shifted(arrays: list[Array], by: Array) -> Array:
-        return np.concatenate([x + n for x, n in zip(arrays, by, strict=True)])
-
-    def rows(arrays: list[Array]) -> Array:
-        return np.concatenate(arrays)
-
-    creases, corners = [mesh.creases for mesh in meshes], [mesh.corners for mesh in meshes]
-    return Mesh(
-        rows([mesh.points for mesh in meshes]),
-        (rows([mesh.sizes for mesh in meshes]), shifted([m.indices for m in meshes], vertices)),
-        creases=(shifted([x[0] for x in creases], vertices), rows([x[1] for x in creases])),
-        corners=(shifted([x[0] for x in corners], vertices), rows([x[1] for x in corners])),
-        holes=shifted([mesh.holes for mesh in meshes], faces),
-        **{name: getattr(meshes[0], name) for name in CHOICES},
-    )

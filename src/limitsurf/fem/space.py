@@ -15,6 +15,7 @@ from limitsurf.engine.protocol import Order, threads
 from limitsurf.fem import forms
 from limitsurf.fem import levels as cages
 from limitsurf.fem.basis import Basis, Block
+from limitsurf.fem.checks import checked_where, refuse_dual
 from limitsurf.fem.elements import Elements
 from limitsurf.fem.extraction import Extracted
 from limitsurf.fem.geometry import Geometry
@@ -22,9 +23,10 @@ from limitsurf.fem.grading import Grading
 from limitsurf.fem.levels import Ends
 from limitsurf.fem.parents import parent_faces
 from limitsurf.fem.pattern import Pattern
+from limitsurf.fem.phantoms import Phantoms
 from limitsurf.fem.places import vertex_places
 from limitsurf.integrals.checks import checked, is_exact
-from limitsurf.integrals.quadrature import Quadrature, quadrature
+from limitsurf.integrals.quadrature import Quadrature, quadrature, refuse_infinite
 from limitsurf.integrals.tails import Kind
 from limitsurf.surface import LimitSurface
 
@@ -53,11 +55,13 @@ class Space:
     levels : int
         How often the cage is refined.
     ends : {"free", "natural"}
-        Beyond boundaries ghost faces carry unknowns of their own, see `extended` (default); or
-        functions follow the boundary rules of the surface, by which second derivatives across
-        the boundary vanish: that costs orders of convergence, wherever solutions do not do so.
-        Where a boundary has a vertex that is not regular, all of this boundary is natural, with one
-        warning. In schemes whose faces depend on their own corners alone both are the same.
+        Beyond boundaries, and beyond infinitely sharp creases that part the cage, phantom points
+        are unknowns of their own, see `extended` (default); or functions follow the boundary rules
+        of the surface, by which second derivatives across the boundary vanish: that costs orders
+        of convergence, wherever solutions do not do so. Where a boundary has a vertex that is not
+        regular, ends are natural there, with one warning; in graded spaces along all of this
+        boundary and at creases. In schemes whose faces depend on their own corners alone both are
+        the same.
     near_poles : int
         Functions of so many more levels near special corners: of each level within three layers of
         faces of the one before. Coarse functions are dropped where finer ones take over.
@@ -137,29 +141,32 @@ class Space:
         if ends not in get_args(Ends):
             raise ValueError(f'ends must be "free" or "natural", got {ends!r}')
         near_poles = checked_integer("near_poles", near_poles, 0)
-        more = _checked_where(where, surface.mesh.n_faces)
+        more = checked_where(where, surface.mesh.n_faces)
         graded = near_poles > 0 or bool(more.any())
         if graded:
-            _refuse_dual(surface)
+            refuse_dual(surface)
         if not surface.patches.with_limit.any():
             raise ValueError("a space needs a face with a limit, but no limit face has one")
-        self.ends: Ends = ends
-        self.cage = surface
-        cage = surface.mesh
-        given = cage.with_tags(channels=None, face_data=None, **surface.rules)
-        mesh, self._begin = cages.begun(given, ends)
-        self._coarsest = mesh
-        for _ in range(levels):
-            mesh, _ = cages.refined_once(mesh, ends)
+        self._start(surface, levels, ends, not graded)
         if ends == "free":
-            cages.warn_of_natural_ends(mesh, 3)
-        self.levels = levels
-        self.surface = surface if mesh is given else LimitSurface(mesh, engine=surface.engine)
-        self.refined_surface = self.surface
-        self.grading: Grading | None = None
+            self._levels.warn_of_natural_ends(3)
         if graded:
             self._grade(near_poles, more, [])
         self._asked = near_poles, more
+
+    def _start(self, surface: LimitSurface, levels: int, ends: Ends, parted: bool) -> None:
+        """Have the cage refined."""
+        self.ends: Ends = ends
+        self.cage, self.levels = surface, levels
+        given = surface.mesh.with_tags(channels=None, face_data=None, **surface.rules)
+        self._levels = cages.Levels(given, levels, ends, parted)
+        mesh = self._levels.finest
+        found = surface if mesh is given else LimitSurface(mesh, engine=surface.engine)
+        self.refined_surface = self.surface = found
+        self.grading: Grading | Phantoms | None = self._levels.phantoms()
+        if isinstance(self.grading, Phantoms):
+            self.grading.build(parent_faces(self), surface.engine)
+            self.surface = self.grading.surface
         self._rules: dict[str, Quadrature] = {}
         self._bases: dict[tuple[str, int], Basis] = {}
 
@@ -216,17 +223,15 @@ class Space:
     @cached_property
     def operator(self) -> csr_array[Any]:
         """From values at the vertices of the cage to coefficients, (n, n_vertices)."""
-        total = self._chain(self._coarsest, self.levels)
-        if self._begin is not None:
-            total = (total @ self._begin).tocsr()
+        total = self._levels.operator(None, self.levels)
         return total if self.grading is None else self.grading.prolonged(total)
 
     def _grade(self, near_poles: int, more: Array, chosen: list[Array]) -> None:
         """Refine parts of the cage further."""
         base = self.refined_surface
         parent = parent_faces(self)
-        self.grading = Grading(base, parent, near_poles, more, chosen)
-        self.surface = self.grading.surface
+        grading = Grading(base, parent, near_poles, more, chosen)
+        self.grading, self.surface = grading, grading.surface
         self._asked = near_poles, more
 
     def finer(self, where: ArrayLike) -> Space:
@@ -268,25 +273,28 @@ class Space:
         chosen = chosen & self.surface.patches.with_limit
         if not chosen.any():
             raise ValueError("where must be true on a limit face that has a limit")
-        _refuse_dual(self.cage)
+        refuse_dual(self.cage)
         with warnings.catch_warnings():  # of ends: this space has said it
             warnings.simplefilter("ignore", UserWarning)
             found = Space(self.cage, levels=self.levels, ends=self.ends)
+        found._start(self.cage, self.levels, self.ends, False)
         near_poles, more = self._asked
         faces = np.unique(self.surface.limit_faces.face[chosen])
-        numbers = [faces] if self.grading is None else self.grading.and_chosen(faces)
+        if isinstance(self.grading, Grading):
+            numbers = self.grading.and_chosen(faces)
+        else:  # faces with a limit are in one order, whatever is beyond them
+            number = np.arange(self.refined_surface.mesh.n_faces)
+            if self.grading is not None:
+                corners = self.grading.own[self.surface.mesh.offsets[faces]]
+                faces = self.refined_surface.mesh.corner_face[corners]
+            one, other = (
+                x.patches.with_limit[x.limit_faces.first]
+                for x in (self.refined_surface, found.refined_surface)
+            )
+            number[one] = np.flatnonzero(other)
+            numbers = [np.sort(number[faces])]
         found._grade(near_poles, more, numbers)
         return found
-
-    def _chain(self, mesh: Any, levels: int) -> Any:
-        """The matrix from the vertices of a cage to those after some levels."""
-        from scipy.sparse import eye_array
-
-        total = eye_array(mesh.n_vertices, format="csr")
-        for _ in range(levels):
-            mesh, step = cages.refined_once(mesh, self.ends)
-            total = step @ total
-        return total.tocsr()
 
     def prolongation(self, coarser: Space) -> csr_array[Any]:
         """The matrix (n, coarser.n) from coefficients of a coarser space to those of this one.
@@ -318,17 +326,22 @@ class Space:
         if coarser.ends != self.ends:
             raise ValueError(f"ends differ: {coarser.ends!r} of the coarser space, {self.ends!r}")
         more = self.levels - coarser.levels
-        both = coarser._coarsest, self._coarsest
+        both = coarser._levels.coarsest, self._levels.coarsest
         if more < 0 or not _same_functions(coarser, self):
             raise ValueError(
                 f"the space of {coarser.levels} levels on {both[0].n_faces} faces is not coarser "
                 f"than this one, of {self.levels} levels on {both[1].n_faces}: both need one cage, "
                 "with the same tags and rules"
             )
-        if coarser.grading is not None:
+        if isinstance(coarser.grading, Grading):
             raise ValueError("prolongation from graded spaces is not available: take a uniform one")
-        found = self._chain(coarser.surface.mesh, more)
-        return found if self.grading is None else self.grading.prolonged(found)
+        if isinstance(self.grading, Grading) and coarser.grading is not None:
+            raise ValueError(
+                "the coarser space has phantom points along parts of boundaries or beyond creases, "
+                'which graded spaces have not: take ends="natural" for both'
+            )
+        found = self._levels.prolongation(coarser.refined_surface.mesh, more)
+        return self.grading.prolonged(found) if isinstance(self.grading, Grading) else found
 
     # ------------------------------------------------------------------ functions
 
@@ -382,7 +395,8 @@ class Space:
         """Coefficients of the function that has given values at the vertices of the refined cage.
 
         Where free ends leave more unknowns than there are vertices it is, of all functions that
-        have these values, the one nearest to `f` in L2.
+        have these values, the one nearest to `f` in L2. In graded spaces values are given at the
+        vertices of each level whose own functions are of the space.
 
         Parameters
         ----------
@@ -411,14 +425,15 @@ class Space:
         """
         from scipy.sparse import block_array
 
-        if self.grading is not None:
-            raise ValueError(
-                "functions of graded spaces are not told by values at vertices: use project"
-            )
-        face, u, v = vertex_places(self.surface)
-        rows = self.surface.weights(face, u, v)
+        if isinstance(self.grading, Grading):
+            face, u, v = vertex_places(self.surface, self.grading.told)
+        elif self.grading is not None:
+            face, u, v = self.grading.places(self.refined_surface)
+        else:
+            face, u, v = vertex_places(self.surface)
+        rows = self.rows(face, u, v)
         normals = self.surface.normal(face, u, v)
-        values, shape = forms.given(f, rows @ self.surface.points, normals)
+        values, shape = forms.given(f, rows @ self.points, normals)
         if len(face) == self.n:
             factors = forms.factors(rows, symmetric=False)
             forms.refuse_dependent(abs(factors.U.diagonal()))
@@ -572,6 +587,8 @@ class Space:
         if quadrature is not None:
             return self.basis(quadrature, order)
         if integrand not in self._rules:
+            if integrand == "curvature":
+                refuse_infinite(self.surface)
             points = self.surface.topology.rules.scheme.spline.degree + 1
             self._rules[integrand] = _default(self.surface, points, integrand)
         key = integrand, order
@@ -763,27 +780,6 @@ class Space:
             }
 
         return forms.matrix(basis, self.pattern, own, threads(workers), symmetric)
-
-
-def _refuse_dual(surface: LimitSurface) -> None:
-    if surface.topology.lattice.dual:
-        raise ValueError(
-            "graded spaces need schemes by which faces are split, so that finer ones are in them, "
-            f"which {surface.topology.rules.scheme.name!r} does not: use levels="
-        )
-
-
-def _checked_where(where: ArrayLike | None, n_faces: int) -> NDArray[np.int64]:
-    """How many levels more on each face of the cage."""
-    if where is None:
-        return np.zeros(n_faces, dtype=np.int64)
-    found = np.asarray(where)
-    if found.shape != (n_faces,) or found.dtype.kind not in "biu" or (found < 0).any():
-        raise ValueError(
-            f"where must be ({n_faces},) booleans, or numbers of levels not below 0, one for each "
-            f"face of the cage, got {found.dtype} of shape {found.shape}"
-        )
-    return found.astype(np.int64)
 
 
 def _same_functions(one: Space, other: Space) -> bool:

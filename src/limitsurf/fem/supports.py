@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf.fem.checks import power_of_two, reals
+from limitsurf.fem.grading import Grading
 from limitsurf.fem.parents import traced_sides
+from limitsurf.fem.phantoms import Phantoms
 
 if TYPE_CHECKING:
     from limitsurf.fem.space import Space
@@ -29,6 +31,7 @@ _AXES = {"x": 0, "y": 1, "z": 2}
 # which others imply; entries of solutions below are rounding
 _DEPENDENT, _NOTHING = 1e-10, 1e-13
 _NAMED = 6  # motions in messages
+_HELD = 1e-9  # how much of a motion, by which what is farthest moves by 1, is nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -343,7 +346,8 @@ def turning(space: Space, corners: Array, t: ArrayLike) -> tuple[Any, Array]:
 
 def _sides(space: Space, support: Support) -> tuple[Array, Array]:
     """Corners of the space's mesh that sides begin at, and at which ends (k, 2) a spline ends."""
-    surface = space.surface
+    grading = space.grading
+    surface = space.surface if isinstance(grading, Grading) else space.refined_surface
     mesh = surface.mesh
     if surface.topology.lattice.dual:
         raise ValueError(
@@ -351,19 +355,15 @@ def _sides(space: Space, support: Support) -> tuple[Array, Array]:
             "support places by limitsurf.fem.supports.at"
         )
     whole = surface.patches.with_limit[surface.limit_faces.first]
-    grading = space.grading
     if support.edges is not None:
-        if grading is not None:
-            raise ValueError(
-                f"{support.kind}: edges are not followed into graded spaces: say which boundary "
-                "edges are meant by where="
-            )
         corners = traced_sides(space, support.edges)
+        if isinstance(grading, Grading):
+            corners = np.flatnonzero(np.isin(grading.sides[0], corners))
     else:
         both = mesh.edge_corners
         there = (both >= 0) & whole[mesh.corner_face[both]]
         corners = both[(there.sum(axis=1) == 1)[:, None] & there]
-        if grading is not None:
+        if isinstance(grading, Grading):
             corners = corners[grading.rim[corners]]
         if support.where is not None:
             corners = corners[_chosen(surface, corners, support.where)]
@@ -375,16 +375,19 @@ def _sides(space: Space, support: Support) -> tuple[Array, Array]:
     if not len(corners):
         what = "no boundary edge" if support.edges is None else "no edge"
         raise ValueError(f"{support.kind}: {what} of the surface is meant")
-    if grading is not None and len(np.unique(grading.level[mesh.corner_face[corners]])) > 1:
+    several = isinstance(grading, Grading) and np.ptp(grading.level[mesh.corner_face[corners]])
+    if several and support.kind != "fixed":
         raise ValueError(
-            f"{support.kind}: the boundary edges that are meant are of several levels of a graded "
-            "space, along which it is not known how many conditions hold: refine all along there"
+            f"{support.kind}: the edges that are meant are of several levels of a graded space, "
+            "along which it is not known how many conditions hold: refine all along there"
         )
     ends = np.stack([mesh.indices[corners], mesh.indices[mesh.next_corner[corners]]], axis=1)
     n = mesh.n_vertices
     faces = np.bincount(mesh.indices[whole[mesh.corner_face]], minlength=n)
     last = (np.bincount(ends.ravel(), minlength=n) != 2) | (faces == 1)
     last[mesh.corners[0]] = True
+    if isinstance(grading, Phantoms):
+        return grading.placed(corners), last[ends]
     return corners, last[ends]
 
 
@@ -423,12 +426,17 @@ def null_space(rows: Any) -> Any:
     of_row, of_unknown = label[:m][by_row], label[m:][by_unknown]
     free = np.ones(n, dtype=bool)
     found: list[tuple[Array, Array, Array]] = []
+    entry = rows.tocoo()
+    entries = np.argsort(label[entry.row], kind="stable")
+    of_entry = label[entry.row][entries]
+    place, column = np.argsort(by_row), np.argsort(by_unknown)
     for part in np.unique(of_row).tolist():
-        some, columns = (
-            order[slice(*np.searchsorted(of, [part, part + 1]))]
-            for order, of in ((by_row, of_row), (by_unknown, of_unknown))
+        (r0, r1), (c0, c1), (e0, e1) = (
+            np.searchsorted(of, [part, part + 1]) for of in (of_row, of_unknown, of_entry)
         )
-        dense = rows[some][:, columns].toarray()
+        columns, own = by_unknown[c0:c1], entries[e0:e1]
+        dense = np.zeros((r1 - r0, c1 - c0))
+        dense[place[entry.row[own]] - r0, column[entry.col[own]] - c0] = entry.data[own]
         dense /= np.linalg.norm(dense, axis=1, keepdims=True)
         r, pivot = qr(dense, mode="r", pivoting=True)
         rank = int(np.count_nonzero(np.abs(np.diag(r)) > _DEPENDENT * abs(r[0, 0])))
@@ -445,39 +453,104 @@ def null_space(rows: Any) -> Any:
     return coo_array((data, places), shape=(n, len(kept))).tocsr()
 
 
-def rigid_motions(space: Space) -> Array:
+def rigid_motions(space: Space) -> Any:
     """Coefficients (3 n, 6 parts) of the motions of each connected part: three along, three about.
 
-    Turns are about the middle of a part, by as much as moves what is farthest by 1.
+    Sparse. Turns are about the middle of a part, by as much as moves what is farthest by 1.
     """
+    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     points = space.points
     count, part = connected_components(space.mass(), directed=False)
-    found = np.zeros((space.n, 3, count, 6))
     size = np.bincount(part, minlength=count)
     middle = np.stack([np.bincount(part, x, minlength=count) / size for x in points.T], axis=1)
     away = points - middle[part]
     length = np.zeros(count)
     np.maximum.at(length, part, np.linalg.norm(away, axis=1))
     away /= np.where(length > 0, length, 1)[part, None]
-    here = np.arange(space.n)
-    for k, axis in enumerate(np.eye(3)):
-        found[here, k, part, k] = 1
-        found[here, :, part, 3 + k] = np.cross(axis, away)
-    return found.reshape(3 * space.n, 6 * count)
+    along = np.broadcast_to(np.eye(3), (space.n, 3, 3))
+    about = np.stack([np.cross(axis, away) for axis in np.eye(3)], axis=2)
+    found = np.concatenate([along, about], axis=2)  # (n, 3, 6)
+    row = np.broadcast_to(np.arange(3 * space.n).reshape(-1, 3, 1), found.shape)
+    column = np.broadcast_to(6 * part[:, None, None] + np.arange(6), found.shape)
+    there = found != 0
+    shape = 3 * space.n, 6 * count
+    return coo_array((found[there], (row[there], column[there])), shape=shape).tocsr()
 
 
-def described(motions: Array) -> str:
-    """What motions (6 parts, q) of `rigid_motions` are, in words, simple ones first."""
+def motions_left(held: Any) -> Any:
+    """Which motions (6 parts, q) rows (m, 6 parts) allow: sparse, those of a part together.
+
+    Each row is of one part.
+    """
+    from scipy.sparse import csr_array
+
+    held = held.tocsr()
+    held.eliminate_zeros()
+    parts = held.shape[1] // 6
+    entry = held.tocoo()
+    part, column = np.divmod(entry.col, 6)
+    rows, first = np.unique(entry.row, return_index=True)
+    owner = part[first]
+    count = np.bincount(owner, minlength=parts)
+    order = np.argsort(owner, kind="stable")
+    within = np.empty(len(rows), dtype=np.int64)
+    within[order] = np.arange(len(rows)) - (np.cumsum(count) - count)[owner[order]]
+    turns = np.broadcast_to(np.eye(6), (parts, 6, 6)).copy()
+    kept = np.zeros((parts, 6), dtype=bool)
+    size = 8 << np.ceil(np.log2(np.maximum(count, 8) / 8)).astype(np.int64)
+    for one in np.unique(size).tolist():  # parts of like numbers of rows at once
+        here = np.flatnonzero(size == one)
+        number = np.full(parts, -1)
+        number[here] = np.arange(len(here))
+        mine = np.flatnonzero(number[part] >= 0)
+        dense = np.zeros((len(here), one, 6))
+        place = within[np.searchsorted(rows, entry.row[mine])]
+        dense[number[part[mine]], place, column[mine]] = entry.data[mine]
+        _, s, turns[here] = np.linalg.svd(dense, full_matrices=False)
+        kept[here] = s <= _HELD
+    which, k = np.nonzero(kept)
+    row = 6 * which[:, None] + np.arange(6)
+    pointer = 6 * np.arange(len(which) + 1)
+    found = csr_array(
+        (turns[which, k].ravel(), row.ravel(), pointer), shape=(len(which), 6 * parts)
+    )
+    return found.T.tocsr()
+
+
+def independent(motions: Any) -> Array:
+    """As many components of unknowns as there are motions (3 n, q), which tell these apart.
+
+    Motions of one part are together; parts share no unknowns.
+    """
     from scipy.linalg import qr
+    from scipy.sparse.csgraph import connected_components
 
-    pivot, q = qr(motions.T, mode="r", pivoting=True)[1], motions.shape[1]
-    names: list[str] = []
+    wide = motions.tocsr()
+    joined = abs(wide).T @ abs(wide)
+    part = connected_components(joined, directed=False)[1]
+    by_column = wide.tocsc()
+    found = []
+    for one in np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1]):
+        some = by_column[:, one]
+        rows = np.unique(some.indices)
+        dense = np.zeros((len(rows), len(one)))
+        column = np.repeat(np.arange(len(one)), np.diff(some.indptr))
+        dense[np.searchsorted(rows, some.indices), column] = some.data
+        found.append(rows[qr(dense.T, mode="r", pivoting=True)[1][: len(one)]])
+    return np.concatenate(found)
+
+
+def described(motions: Any) -> str:
+    """What motions (6 parts, q) of `rigid_motions` are, in words, simple ones first."""
     kinds = [f"{what} {axis}" for what in ("moves along", "turns about") for axis in "xyz"]
-    parts = motions.shape[0] // 6
-    for k in sorted(pivot[:q].tolist()):
-        part = f" of part {k // 6}" if parts > 1 else ""
-        names.append(kinds[k % 6] + part)
-    more = len(names) - _NAMED
+    parts, total = motions.shape[0] // 6, motions.shape[1]
+    columns = motions.tocsc()
+    part = columns.indices[columns.indptr[:-1]] // 6
+    enough = columns[:, np.flatnonzero(part <= np.sort(part)[min(_NAMED, total) - 1])]
+    names = []
+    for k in np.sort(independent(enough)).tolist():
+        names.append(kinds[k % 6] + (f" of part {k // 6}" if parts > 1 else ""))
+    more = total - len(names[:_NAMED])
     return ", ".join(names[:_NAMED] + ([f"and {more} more"] if more > 0 else []))

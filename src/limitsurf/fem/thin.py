@@ -16,20 +16,20 @@ from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.fem import forms
 from limitsurf.fem.checks import power_of_two, reals
+from limitsurf.fem.creases import Hinges, held, hinges
 from limitsurf.fem.modes import Eigenmodes, lowest
 from limitsurf.fem.space import Space
 from limitsurf.fem.supports import (
     Support,
     conditions,
     described,
+    independent,
+    motions_left,
     null_space,
     rigid_motions,
-    tangents,
-    turning,
     values_at,
 )
 from limitsurf.integrals.sums import cross
-from limitsurf.tables.masks import is_infinite
 
 if TYPE_CHECKING:
     from limitsurf.fem.basis import Block
@@ -39,8 +39,6 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 Function: TypeAlias = Callable[[Array, Array], ArrayLike]
 
-_ALONG = 4  # Gauss points along creases that keep their angle
-_PENALTY = 10.0
 # the least eigenvalue, relative to the norm, that is no rounding
 _SINGULAR = 1e-14
 _SHIFT = 1e-10  # of the largest eigenvalue, from below 0, for modes without energy
@@ -184,12 +182,10 @@ class ThinShell:
         self.density = self._per_face("density", density, lambda x: x >= 0, "not negative")
         self._basis = space.chosen(quadrature, 2, "curvature")
         self.stiff_creases = stiff_creases
-        if stiff_creases and space.grading is not None:
-            raise ValueError("stiff_creases=True needs a space that is not graded: use levels=")
-        if not stiff_creases and len(self._hinges):
+        if not stiff_creases and len(self._hinges.corners):
             warnings.warn(
-                f"the shell has {count(len(self._hinges), 'edge')} on infinitely sharp creases, "
-                "which are hinges: stiff_creases=True keeps their angles",
+                f"the shell has {count(len(self._hinges.corners), 'edge')} on infinitely sharp "
+                "creases, which are hinges: stiff_creases=True keeps their angles",
                 UserWarning,
                 stacklevel=2,
             )
@@ -221,15 +217,8 @@ class ThinShell:
         return self.space.parents
 
     @cached_property
-    def _hinges(self) -> Array:
-        """Both sides (k, 2), by their corners, of infinitely sharp creases within the shell."""
-        surface = self.space.surface
-        mesh = surface.mesh
-        whole = surface.patches.with_limit[surface.limit_faces.first]
-        edges, sharpness = mesh.creases
-        corners = mesh.edge_corners[mesh.edge_numbers(edges)]
-        within = (corners >= 0).all(axis=1) & whole[mesh.corner_face[corners]].all(axis=1)
-        return corners[within & is_infinite(sharpness)]
+    def _hinges(self) -> Hinges:
+        return hinges(self.space)
 
     # --- Matrices
 
@@ -249,8 +238,9 @@ class ThinShell:
 
         blocks = over_chunks(len(self._basis.blocks), threads(workers), work, 1)
         found = self.space.pattern.vectors(blocks)
-        if self.stiff_creases and len(self._hinges):
-            found = found + self._held()
+        if self.stiff_creases and len(self._hinges.corners):
+            plane = self.young * self.thickness / (1 - self.poisson**2)
+            found = found + held(self.space, self._hinges, plane, self.thickness)
         return found
 
     def _elements(self, block: Block, points: Array) -> Array:
@@ -282,36 +272,6 @@ class ThinShell:
         same = np.flatnonzero(i == j)
         pairs[:, same] = (pairs[:, same] + pairs[:, same].swapaxes(2, 3)) / 2
         return np.asarray(pairs)
-
-    def _held(self) -> Any:
-        """The stiffness of creases that keep their angle."""
-        from scipy.sparse import diags_array
-
-        corners, surface = self._hinges, self.space.surface
-        mesh = surface.mesh
-        face = surface.limit_faces.first[mesh.corner_face[corners]]  # (k, 2)
-        size = self._across(corners).mean(axis=1)
-        slender = (self.thickness[face] / size[:, None]) ** 2
-        plane = (self.young * self.thickness / (1 - self.poisson**2))[face]
-        stiff = (plane * slender).min(axis=1) / 12
-        start = mesh.indices[corners]
-        same = start[:, 0] == start[:, 1]  # both faces go along the edge in one direction
-        x, weights = np.polynomial.legendre.leggauss(_ALONG)
-        total: Any = 0
-        for t, weight in zip((x + 1) / 2, weights / 2, strict=True):
-            one, along = turning(self.space, corners[:, 0], t)
-            other, _ = turning(self.space, corners[:, 1], np.where(same, t, 1 - t))
-            length = np.sqrt((along * along).sum(axis=1))
-            apart = diags_array(size) @ (one - diags_array(np.where(same, 1.0, -1.0)) @ other)
-            total = total + apart.T @ diags_array(_PENALTY * stiff * weight * length / size) @ apart
-        return (total + total.T) / 2
-
-    def _across(self, corners: Array) -> Array:
-        """How far it is across faces (k, 2) from the middle of a side: area by its length."""
-        du, dv, along, unit = tangents(self.space, corners.ravel(), 0.25)
-        area = np.linalg.norm(np.cross(du, dv), axis=1)
-        found = area / np.linalg.norm(along, axis=1) * unit[:, 0]
-        return np.asarray(found).reshape(corners.shape)
 
     def mass(self, *, workers: int = 1) -> Any:
         """The mass matrix (3 n, 3 n): density times thickness times area, of translations only.
@@ -448,8 +408,8 @@ class ThinShell:
         f = self._checked_loads(loads)
         free, left = self._free(supports)
         if left is not None:
-            unbalanced = np.abs(left.T @ f)
-            if (unbalanced > 1e-9 * np.abs(left).max(axis=0) * np.abs(f).sum()).any():
+            unbalanced, most = np.abs(left.T @ f), abs(left).max(axis=0).toarray()
+            if (unbalanced > 1e-9 * most * np.abs(f).sum()).any():
                 raise ValueError(
                     "loads do not balance: there are supports against rigid motions alone "
                     "(rigid_modes_removed), which bear nothing"
@@ -473,20 +433,14 @@ class ThinShell:
             raise ValueError("loads are all zero: nothing would move")
         return f.ravel()
 
-    def _free(self, supports: Sequence[Support], modes: bool = False) -> tuple[Any, Array | None]:
+    def _free(self, supports: Sequence[Support], modes: bool = False) -> tuple[Any, Any]:
         """What supports leave free, and rigid motions that were removed, if they were."""
-        from scipy.linalg import qr
-        from scipy.sparse import csr_array, vstack
+        from scipy.sparse import csr_array, diags_array, vstack
 
         rows = conditions(self.space, supports)
         rigid = rigid_motions(self.space)
-        left = np.eye(rigid.shape[1])
-        if rows.shape[0]:
-            scaled = abs(rows).sum(axis=1)
-            held = (rows @ rigid) / np.where(scaled > 0, scaled, 1)[:, None]
-            _, s, turn = np.linalg.svd(held, full_matrices=True)
-            rank = int(np.count_nonzero(s > 1e-9))
-            left = turn[rank:].T
+        scaled = abs(rows).sum(axis=1)
+        left = motions_left(diags_array(1 / np.where(scaled > 0, scaled, 1)) @ (rows @ rigid))
         if not left.shape[1] or modes:
             return null_space(rows), None
         if not any(one.kind == "rigid modes" for one in supports):
@@ -495,7 +449,7 @@ class ThinShell:
                 f"{described(left)}; hold it, or give rigid_modes_removed() where loads balance"
             )
         motions = rigid @ left
-        pivot = qr(motions.T, mode="r", pivoting=True)[1][: left.shape[1]]
+        pivot = independent(motions)
         here = np.arange(len(pivot))
         more = csr_array((np.ones(len(pivot)), (here, pivot)), shape=(len(pivot), 3 * self.space.n))
         return null_space(vstack([rows, more], format="csr")), motions

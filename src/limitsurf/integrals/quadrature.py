@@ -13,7 +13,7 @@ from limitsurf.cage.checks import checked_integer
 from limitsurf.engine.places import Places
 from limitsurf.integrals.checks import check_rtol, chosen_faces, is_exact
 from limitsurf.integrals.rules import Rule
-from limitsurf.integrals.tails import KINDS, Kind, Tail, tail
+from limitsurf.integrals.tails import KINDS, Kind, Tail, ratios, tail
 from limitsurf.numbers import FLOAT64
 from limitsurf.patches import STRIP
 from limitsurf.pieces import cover
@@ -138,6 +138,8 @@ def quadrature(
     to four ratios are eliminated (``derivations/integrals.py``), which leaves 9, 12 and 19 rings
     for "metric", and 11, 17 and 66 for "curvature", to the default `rtol`. There are at most 100;
     where these do not do, `Quadrature.accuracy` tells what they reach: 3e-8 at valence 20.
+    Around sharp corners of several faces, also where parts of a cage touch in a vertex, "curvature"
+    is infinite in general: there are 40 rings, and the accuracy is inf.
 
     Examples
     --------
@@ -166,6 +168,25 @@ def quadrature(
         )
     faces = chosen_faces(surface, face)
     return _made(surface, faces, Rule.of(surface.topology.rules.scheme, points), integrand, rtol)
+
+
+def refuse_infinite(surface: LimitSurface) -> None:
+    """Refuse corners around which squares of second derivatives grow from ring to ring."""
+    patches, scheme = surface.patches, surface.topology.rules.scheme
+    covered = Cover.of(patches, np.flatnonzero(patches.with_limit))
+    kind = patches.kind[covered.patch]
+    for one in np.unique(kind[kind > STRIP]).tolist():
+        sector = patches.sectors[one]
+        if sector is None or one in patches.rings:
+            continue
+        if ratios(tables.eigen_table(scheme, sector), "curvature")[0] > 1 + 1e-9:
+            faces = np.flatnonzero(patches.with_limit)
+            face = int(faces[covered.owner[np.flatnonzero(kind == one)[0]]])
+            raise ValueError(
+                f"energies of second derivatives are infinite around a corner of limit face {face} "
+                f"that is {sector.place}, towards which the surface narrows to a line: make it "
+                "smooth, or part the cage there, as by ls.selected"
+            )
 
 
 def _made(

@@ -22,6 +22,9 @@ Kind: TypeAlias = Literal["polynomial", "metric", "curvature"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 _MOST = 100  # rings
+# of integrals that are infinite: further in, second derivatives of constants, which are rounding,
+# grow by 4 from ring to ring, and other corners than (0, 0) cannot be told from places near them
+_ENDLESS = 40
 _ELIMINATED = 4
 _APART = 0.97  # of two ratios that are eliminated, the quotient at most
 _LEADING = 12  # eigenvalues of which products are ratios
@@ -41,7 +44,7 @@ def tail(table: EigenTable, integrand: Kind, rtol: float) -> Tail:
     """That with the fewest rings around a special corner."""
     r = ratios(table, integrand)
     if r[0] >= 1:  # the integral is infinite, or decays slower than any power
-        return Tail(np.ones(_MOST), np.inf)
+        return Tail(np.ones(_ENDLESS), np.inf)
     best = Tail(np.ones(_MOST), float(r[0] ** _MOST))
     for k in range(_ELIMINATED + 1):
         found = _with(r, k, rtol)
