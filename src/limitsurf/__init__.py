@@ -12,6 +12,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from limitsurf.cad.bspline import BSplineFaces as BSplineFaces
+    from limitsurf.cad.bspline import bspline_faces as bspline_faces
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
@@ -168,6 +170,7 @@ _HOME = {
     "ApproximatePatches": "query.approximate",
     "BezierExtraction": "query.extraction",
     "BezierPatches": "query.bezier",
+    "BSplineFaces": "cad.bspline",
     "Bounds": "query.bounds",
     "BezierRest": "query.bezier",
     "ClosestPoints": "query.closest",
@@ -200,6 +203,7 @@ _HOME = {
     "bezier_extraction": "query.extraction",
     "bezier_patches": "query.bezier",
     "bounds": "query.bounds",
+    "bspline_faces": "cad.bspline",
     "centroid": "integrals.body",
     "closest_point": "query.closest",
     "Curves": "query.sections",
