@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from limitsurf.cad.bspline import BSplineFaces as BSplineFaces
     from limitsurf.cad.bspline import bspline_faces as bspline_faces
+    from limitsurf.cad.deviation import PatchDeviation as PatchDeviation
+    from limitsurf.cad.deviation import deviation as deviation
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
@@ -184,6 +186,7 @@ _HOME = {
     "LimitSurface": "surface",
     "Mesh": "cage.mesh",
     "MeshError": "cage.checks",
+    "PatchDeviation": "cad.deviation",
     "Picture": "shell.plot.plots",
     "RayHits": "query.rays",
     "Quadrature": "integrals.quadrature",
@@ -210,6 +213,7 @@ _HOME = {
     "contour": "query.sections",
     "contains": "query.rays",
     "creases_by_angle": "query.creases",
+    "deviation": "cad.deviation",
     "eigenbasis": "spectra",
     "eigenmodes": "fem.modes",
     "element_residuals": "fem.residuals",
