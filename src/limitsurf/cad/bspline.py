@@ -16,6 +16,7 @@ from limitsurf.cad import nets, splines
 from limitsurf.cad.caps import CapErrors, Caps, depths_within
 from limitsurf.cad.merging import merged_faces, regular_faces
 from limitsurf.cad.poles import Poles
+from limitsurf.cad.splines import Layout
 from limitsurf.cage.checks import checked_integer
 from limitsurf.engine.protocol import Request
 from limitsurf.numbers import type_of
@@ -128,10 +129,10 @@ class BSplineFaces:
         return splines.Splines.of(*known)
 
     @cached_property
-    def layout(self) -> splines.Layout:
+    def layout(self) -> Layout:
         """The same as what says where limit faces are."""
         known = self.grid, self.limit_faces, self.turns, self.origin, self.size
-        return splines.Layout(*known, self.trims is not None)
+        return Layout(*known, self.trims is not None)
 
     @cached_property
     def cap_errors(self) -> tuple[Array, CapErrors]:
