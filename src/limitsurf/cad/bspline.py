@@ -18,9 +18,11 @@ from limitsurf.cad.merging import merged_faces, regular_faces
 from limitsurf.cad.poles import Poles
 from limitsurf.cad.splines import Layout
 from limitsurf.cage.checks import checked_integer
-from limitsurf.engine.protocol import Request
+from limitsurf.engine.packing import one_by_one
+from limitsurf.engine.protocol import Request, threads
 from limitsurf.numbers import type_of
-from limitsurf.query.bezier import BezierPatches, bezier_patches
+from limitsurf.pieces import cells as cells_of
+from limitsurf.pieces.cells import BezierPatches
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -386,9 +388,17 @@ def bspline_faces(
         alike = faces[deep.most[faces] == depth_]
         for start in range(0, len(alike), _FACES):
             some = alike[start : start + _FACES]
-            pieces = bezier_patches(found, face=some, depth=max(depth_, 0), workers=workers)
+            pieces = _pieces(found, some, max(depth_, 0), workers)
             parts.extend(_made(found, deep.shortened(pieces), some))
     return _joined(found, parts, deep.each)
+
+
+def _pieces(surface: LimitSurface, faces: Array, depth: int, workers: int) -> BezierPatches:
+    """As `bezier_patches`, without bounds of what remains."""
+    topology, rings = surface.topology, depth - (surface.limit_faces.corner[faces] >= 0)
+    divided, scheme = one_by_one(threads(workers)), topology.rules.scheme
+    known = topology.patches, scheme, surface.points, faces, rings
+    return cells_of.cut(*known, False, divided, hulls=False)
 
 
 def _is_merged(surface: LimitSurface) -> bool:
