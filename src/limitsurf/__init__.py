@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from limitsurf.cad.fit import fit as fit
     from limitsurf.cad.interpolate import Interpolation as Interpolation
     from limitsurf.cad.interpolate import interpolate as interpolate
+    from limitsurf.cad.bspline import BSplineFaces as BSplineFaces
+    from limitsurf.cad.bspline import bspline_faces as bspline_faces
+    from limitsurf.cad.deviation import PatchDeviation as PatchDeviation
+    from limitsurf.cad.deviation import deviation as deviation
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
@@ -176,6 +180,7 @@ _HOME = {
     "ApproximatePatches": "query.approximate",
     "BezierExtraction": "query.extraction",
     "BezierPatches": "query.bezier",
+    "BSplineFaces": "cad.bspline",
     "Bounds": "query.bounds",
     "BezierRest": "query.bezier",
     "ClosestPoints": "query.closest",
@@ -190,6 +195,7 @@ _HOME = {
     "LimitSurface": "surface",
     "Mesh": "cage.mesh",
     "MeshError": "cage.checks",
+    "PatchDeviation": "cad.deviation",
     "Picture": "shell.plot.plots",
     "RayHits": "query.rays",
     "Quadrature": "integrals.quadrature",
@@ -210,12 +216,14 @@ _HOME = {
     "bezier_extraction": "query.extraction",
     "bezier_patches": "query.bezier",
     "bounds": "query.bounds",
+    "bspline_faces": "cad.bspline",
     "centroid": "integrals.body",
     "closest_point": "query.closest",
     "Curves": "query.sections",
     "contour": "query.sections",
     "contains": "query.rays",
     "creases_by_angle": "query.creases",
+    "deviation": "cad.deviation",
     "eigenbasis": "spectra",
     "eigenmodes": "fem.modes",
     "element_residuals": "fem.residuals",
