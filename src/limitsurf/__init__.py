@@ -111,6 +111,7 @@ if TYPE_CHECKING:
         refined as refined,
     )
     from limitsurf.scheme import schemes as schemes
+    from limitsurf.scheme.dual import DualScheme as DualScheme
     from limitsurf.scheme.scheme import Scheme as Scheme
     from limitsurf.shell.io.by_suffix import (
         frames as frames,
@@ -173,6 +174,7 @@ _HOME = {
     "ClosestPoints": "query.closest",
     "Curvature": "surface",
     "Deviation": "query.deviation",
+    "DualScheme": "scheme.dual",
     "Eigenbasis": "spectra",
     "Eigenmodes": "fem.modes",
     "ExactOperator": "refine",

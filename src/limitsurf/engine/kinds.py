@@ -252,7 +252,7 @@ class Corners(Kind):
         return tables.rational_table(self._scheme, self.table.sector, vertex=vertex)
 
     def weights(self, g: Group, nu: Order) -> Array:
-        place, table = basis.CornerPlace.of(g.s, g.t, g.orientation, self._lattice), self.table
+        place, table = self._place(g), self.table
         # one for all derivatives of an order, whose sums are finite where they are not
         exponent = np.zeros(len(g.s), dtype=np.int64)
 
@@ -360,7 +360,7 @@ class Corners(Kind):
             for nu, row in zip(self._orders, rows, strict=True):
                 found[c.query, *nu] = _contract(row, c.modes[c.which, 1:])
                 error[c.query, *nu] = (np.abs(row) * added).sum(axis=1)
-            exponent[c.query] += c.place.level + 1
+            exponent[c.query] += c.place.level + c.place.halvings
         error *= kernels.NOISE
         turned, bounds = np.zeros_like(found), np.zeros_like(error)
         for nu in self._orders:
@@ -370,6 +370,10 @@ class Corners(Kind):
                     turned[here, *nu] += factor * found[here, *order]
                     bounds[here, *nu] += abs(factor) * error[here, *order]
         return turned, bounds, exponent
+
+    def _place(self, g: Group) -> basis.CornerPlace:
+        given = g.s, g.t, g.orientation, self._lattice
+        return basis.CornerPlace.of(*given, self.table.halvings)
 
     def parts(self, values: Values, g: Group) -> list[_Around]:
         """Queries parted by the first eigenfunction that occurs in their patch at all.
@@ -382,7 +386,7 @@ class Corners(Kind):
         modes = self.table.coefficients(points)
         occurs = (modes[:, 1:] != 0).any(axis=2)
         leads = 1 + occurs.argmax(axis=1)
-        place, parts = basis.CornerPlace.of(g.s, g.t, g.orientation, self._lattice), []
+        place, parts = self._place(g), []
         found = np.unique(leads).tolist()
         for lead in found:
             query = np.flatnonzero(leads[which] == lead)

@@ -23,6 +23,7 @@ from limitsurf.exact.fixed import (
     Precision,
     UnsupportedSpectrum,
     diverging,
+    in_words,
     mp,
     null_space,
     to_mpf,
@@ -193,7 +194,15 @@ def _centre_modes(matrix: SubdivisionMatrix, at: Precision) -> list[Mode]:
     trace, determinant = centre_quadratic(block)
     square = trace * trace - 4 * determinant
     if size == 3 and square <= 0:
-        raise UnsupportedSpectrum(f"frequency 0 of valence {n} has no real eigenbasis")
+        text = (
+            f"frequency 0 of valence {n} has no real eigenbasis: its eigenvalues other than 1 are"
+        )
+        half, part = to_mpf(trace) / 2, mp.sqrt(-to_mpf(square)) / 2
+        found = in_words(mp.mpc(half, part)) + ", and its conjugate"
+        found = found if square else f"{in_words(half)} twice"
+        raise UnsupportedSpectrum(
+            f"{text} {found}, need two real ones; change the scheme's vertex({n})"
+        )
     root = at.mp.sqrt(at.to_mpf(square))
     # the larger root first, the other through the product: exactly zero where it is zero
     large = (at.to_mpf(trace) + (root if trace >= 0 else -root)) / 2
