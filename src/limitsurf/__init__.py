@@ -150,6 +150,9 @@ if TYPE_CHECKING:
     from limitsurf.shell.plot.plots import (
         plot_eigenfunctions as plot_eigenfunctions,
     )
+    from limitsurf.shell.plot.plots import (
+        plot_spectrum as plot_spectrum,
+    )
     from limitsurf.spectra import Eigenbasis as Eigenbasis
     from limitsurf.spectra import SpectralAnalysis as SpectralAnalysis
     from limitsurf.spectra import eigenbasis as eigenbasis
@@ -230,6 +233,7 @@ _HOME = {
     "plot_characteristic_map": "shell.plot.plots",
     "plot_convergence": "shell.plot.plots",
     "plot_eigenfunctions": "shell.plot.plots",
+    "plot_spectrum": "shell.plot.plots",
     "precompile": "compiling",
     "quadrature": "integrals.quadrature",
     "read": "shell.io.by_suffix",

@@ -198,7 +198,7 @@ def _finer(matrix: SubdivisionMatrix, spline: Spline, number: Any) -> Subdivisio
         for weight, row in terms:
             for column, value in row.items():
                 total[column] = total.get(column, 0) + weight * value
-        return {k: x.expand() if hasattr(x, "expand") else x for k, x in sorted(total.items())}
+        return dict(sorted(total.items()))
 
     def point(place: Place, local: Place, near: tuple[int, ...]) -> int:
         """The row of a point by its place around the vertex, and in its piece."""

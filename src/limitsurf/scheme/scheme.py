@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
-from functools import partial
+from functools import lru_cache, partial
 from itertools import islice
 from typing import Any, Self
 
@@ -413,12 +413,29 @@ class Scheme:
 
 def _is_algebraic(weight: Any) -> bool:
     """Whether it is a real algebraic number of sympy, which is not imported to know that."""
-    return (
-        bool(getattr(weight, "is_algebraic", False))
-        and weight.is_real is not False
-        and weight.is_number
-        and not weight.is_Float
-    )
+    return hasattr(weight, "is_algebraic") and _is_real_algebraic(weight)
+
+
+@lru_cache(maxsize=4096)
+def _is_real_algebraic(number: Any) -> bool:
+    if not number.is_number or number.is_Float or number.is_finite is False:
+        return False
+    if number.is_real is None or number.is_algebraic is None:  # sympy does not see it
+        value = number.evalf(30)
+        return bool(value.is_real and value.is_finite) and _made_of_algebraic(number)
+    return bool(number.is_algebraic and number.is_real)
+
+
+def _made_of_algebraic(number: Any) -> bool:
+    """Whether it is made by sums, products and rational powers of such that sympy sees."""
+    if number.is_algebraic:
+        return True
+    parts = number.args
+    if number.is_Pow:
+        parts = number.args[:1] if number.args[1].is_Rational else ()
+    elif not (number.is_Add or number.is_Mul):
+        return False
+    return bool(parts) and all(map(_made_of_algebraic, parts))
 
 
 def is_exact(weight: Any) -> bool:
@@ -434,8 +451,8 @@ def _equal(one: Weight, other: Weight) -> bool:
     apart = one - other
     if not _is_algebraic(apart):
         return False
-    # where expansion does not show it, to as many digits as all else is decided by
-    return bool(apart.expand() == 0 or abs(apart.evalf(80)) < 10**-60)
+    # to as many digits as all else is decided by
+    return bool(abs(apart.evalf(80)) < 10**-60)
 
 
 def exact_weight(weight: Any) -> Weight:
