@@ -661,7 +661,8 @@ def plot_spectrum(
     from limitsurf.spectra import spectral_analysis  # not for every picture
 
     pictures.check_target(file, off_screen, charts.ChartDrawing.suffixes)
-    several = [scheme] if isinstance(scheme, str) or hasattr(scheme, "lattice") else [*scheme]
+    given: Any = scheme
+    several = [given] if isinstance(given, str) or hasattr(given, "lattice") else [*given]
     faces = [checked_integer(f"valences[{k}]", n, 2) for k, n in enumerate(valences)]
     if not several or not faces:
         raise ValueError(f"need a scheme and a valence at least, got {several!r} and {faces!r}")
