@@ -38,8 +38,9 @@ import limitsurf as ls
 # %%
 def of_frequency(scheme: Any, valence: int, frequency: int) -> Any:
     """What outweighs all other modes of a frequency in the curvature."""
-    modes = ls.spectral_analysis(scheme, valence=valence).curvature.by_frequency
-    return next(mode for mode in modes if mode.frequency == frequency)
+    curvature = ls.spectral_analysis(scheme, valence=valence).curvature
+    assert curvature is not None  # there is a tangent plane
+    return next(mode for mode in curvature.by_frequency if mode.frequency == frequency)
 
 
 valences = [3, 5, 6, 7, 8, 9]
@@ -118,7 +119,8 @@ for n in valences:
     mode, found = of_frequency(scheme, n, 0), ls.spectral_analysis(scheme, valence=n)
     assert mode.above == 0
     assert found.c1
-    print(f"N = {n}: cups times {mode.rate:.12f}, saddles survive: {found.curvature.saddles}")
+    saddles = found.facts["saddles survive"]
+    print(f"N = {n}: cups times {mode.rate:.12f}, saddles survive: {saddles}")
 
 # %%
 ls.plot_spectrum([scheme, "catmull-clark"], valences=valences, window_size=(1200, 600))
