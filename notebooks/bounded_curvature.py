@@ -139,9 +139,9 @@ _ = axes.legend()
 # %%
 largest = [np.abs(s.curvature(0, 0.6 * distance, 0.3 * distance).k2) for s in surfaces.values()]
 assert largest[0][-1] < 10 * largest[0][0]
-loops = ls.spectral_analysis("loop", valence=8).curvature
-assert loops is not None  # there is a tangent plane
-rate = loops.rate
+unbounded = ls.spectral_analysis("loop", valence=8).curvature
+assert unbounded is not None  # there is a tangent plane
+rate = unbounded.rate
 assert np.isclose(largest[1][-1] / largest[1][-2], rate, rtol=1e-3)
 print(
     f"a halving multiplies it by {largest[1][-1] / largest[1][-2]:.4f}; mu / lambda^2 = {rate:.4f}"
