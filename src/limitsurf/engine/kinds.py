@@ -243,7 +243,7 @@ class Corners(Kind):
         self, controls: Array, number: NumberType, scheme: Scheme, table: tables.EigenTable
     ) -> None:
         super().__init__(controls, number, scheme)
-        self.table = table
+        self.table, self._halvings = table, table.halvings
 
     @cached_property
     def _rational(self) -> tables.RationalTable:
@@ -252,7 +252,8 @@ class Corners(Kind):
         return tables.rational_table(self._scheme, self.table.sector, vertex=vertex)
 
     def weights(self, g: Group, nu: Order) -> Array:
-        place, table = self._place(g), self.table
+        given = g.s, g.t, g.orientation, self._lattice, self._halvings
+        place, table = basis.CornerPlace.of(*given), self.table
         # one for all derivatives of an order, whose sums are finite where they are not
         exponent = np.zeros(len(g.s), dtype=np.int64)
 
@@ -371,10 +372,6 @@ class Corners(Kind):
                     bounds[here, *nu] += abs(factor) * error[here, *order]
         return turned, bounds, exponent
 
-    def _place(self, g: Group) -> basis.CornerPlace:
-        given = g.s, g.t, g.orientation, self._lattice
-        return basis.CornerPlace.of(*given, self.table.halvings)
-
     def parts(self, values: Values, g: Group) -> list[_Around]:
         """Queries parted by the first eigenfunction that occurs in their patch at all.
 
@@ -386,7 +383,8 @@ class Corners(Kind):
         modes = self.table.coefficients(points)
         occurs = (modes[:, 1:] != 0).any(axis=2)
         leads = 1 + occurs.argmax(axis=1)
-        place, parts = self._place(g), []
+        given = g.s, g.t, g.orientation, self._lattice, self._halvings
+        place, parts = basis.CornerPlace.of(*given), []
         found = np.unique(leads).tolist()
         for lead in found:
             query = np.flatnonzero(leads[which] == lead)
