@@ -327,7 +327,8 @@ class Scheme:
     def has_own_spokes(self, valence: int) -> bool:
         """Whether edges from a vertex of that valence to regular ones have masks of their own.
 
-        What is next to the vertex is then no piece of the spline until it is refined once more.
+        What is next to the vertex is then no piece of the spline until it is refined once more:
+        ``derivations/spokes.py``.
         """
         if not callable(self.edge):
             return False
