@@ -227,19 +227,24 @@ class Scheme:
     def __copy__(self) -> Self:
         # not checked as a new scheme is, and its masks may be others from then on
         made = object.__new__(type(self))
-        made.__dict__.update({x.name: getattr(self, x.name) for x in fields(self)})
+        made.__dict__.update(self._given())
         return made
 
     def __deepcopy__(self, memo: Any) -> Self:
         return self
 
     def __getstate__(self) -> dict[str, Any]:
-        state = {x.name: getattr(self, x.name) for x in fields(self)}
+        state = self._given()
         for mask in ("face", "edge", "vertex", "corner"):
             function = state.get(mask)
             if callable(function) and not travels(function):
                 state[mask] = self._values_of(mask, function)
         return state
+
+    def _given(self) -> dict[str, Any]:
+        """The fields that are the scheme's own, not its class's."""
+        own = vars(self)
+        return {x.name: own[x.name] for x in fields(self) if x.name in own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _asked={})
