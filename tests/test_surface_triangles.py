@@ -443,14 +443,15 @@ def test_edges_that_have_a_first_end_are_refused():
             use(ls.Mesh(*zoo_triangles.ZOO["crowded"]()), scheme=scheme)
 
 
-def test_edges_at_irregular_vertices_are_refused():
+def test_edges_at_irregular_vertices_may_have_masks_of_their_own():
     scheme = dataclasses.replace(
         LOOP_WARREN, name="spokes",
         edge=lambda a, b: (F(3, 8), F(3, 8), F(1, 8)) if a == b else (F(1, 4), F(1, 4), F(1, 4)),
     )  # fmt: skip
     mesh = ls.Mesh(*zoo_triangles.disc(5), scheme=scheme)
-    with pytest.raises(ValueError, match=r"edge\(5, 6\) is \(1/4, .*can be refined"):
-        ls.LimitSurface(mesh)
+    fine = ls.refined(mesh, 3)
+    found = ls.LimitSurface(mesh).evaluate(fine.parent_face, fine.parent_u, fine.parent_v)
+    assert np.abs(found - fine.limit_points).max() <= 1e-14 * np.ptp(mesh.points)
     near, far = (ls.refined(mesh, n) for n in (1, 6))
     error = np.abs(near.limit_points - far.points[: near.n_vertices]).max()
     assert error <= 1e-3 * np.ptp(mesh.points)

@@ -413,12 +413,15 @@ def test_schemes_of_one_name_do_not_share_tables(cache, monkeypatch):
 
 
 def test_masks_are_asked_for_every_time(cache):
-    """A scheme is code, whose masks may change."""
+    """A scheme is code; of the same name and other masks there are other tables."""
     mask = CATMULL_CLARK.vertex
     scheme = dataclasses.replace(LAZY, vertex=lambda N: mask(N))
     before = eigen_table(scheme, 5)
     assert np.array_equal(before.pieces, eigen_table(CATMULL_CLARK, 5).pieces)
     mask = lazy_vertex
+    with pytest.raises(ValueError, match=r"vertex\(5\) is .* but was .* asked before"):
+        eigen_table(scheme, 5)
+    scheme = dataclasses.replace(LAZY, vertex=lambda N: mask(N))
     after = eigen_table(scheme, 5)
     assert after is eigen_table(LAZY, 5)
     assert not np.array_equal(after.pieces, before.pieces)

@@ -123,6 +123,7 @@ if TYPE_CHECKING:
         refined as refined,
     )
     from limitsurf.scheme import schemes as schemes
+    from limitsurf.scheme.dual import DualScheme as DualScheme
     from limitsurf.scheme.scheme import Scheme as Scheme
     from limitsurf.shell.io.by_suffix import (
         frames as frames,
@@ -161,6 +162,9 @@ if TYPE_CHECKING:
     from limitsurf.shell.plot.plots import (
         plot_eigenfunctions as plot_eigenfunctions,
     )
+    from limitsurf.shell.plot.plots import (
+        plot_spectrum as plot_spectrum,
+    )
     from limitsurf.spectra import Eigenbasis as Eigenbasis
     from limitsurf.spectra import SpectralAnalysis as SpectralAnalysis
     from limitsurf.spectra import eigenbasis as eigenbasis
@@ -186,6 +190,7 @@ _HOME = {
     "ClosestPoints": "query.closest",
     "Curvature": "surface",
     "Deviation": "query.deviation",
+    "DualScheme": "scheme.dual",
     "Eigenbasis": "spectra",
     "Eigenmodes": "fem.modes",
     "ExactOperator": "refine",
@@ -252,6 +257,7 @@ _HOME = {
     "plot_characteristic_map": "shell.plot.plots",
     "plot_convergence": "shell.plot.plots",
     "plot_eigenfunctions": "shell.plot.plots",
+    "plot_spectrum": "shell.plot.plots",
     "precompile": "compiling",
     "quadrature": "integrals.quadrature",
     "read": "shell.io.by_suffix",

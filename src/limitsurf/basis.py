@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from limitsurf import numbers
 from limitsurf._kernels import reference as kernels
+from limitsurf.corner_places import CornerPlace as CornerPlace
 from limitsurf.numbers import NumberType
 from limitsurf.tables import EigenTable, RationalTable, StripTables
 
@@ -39,49 +40,6 @@ Array = NDArray[Any]
 Order = tuple[int, int]
 
 NOISE = kernels.NOISE
-
-
-@dataclass(frozen=True)
-class CornerPlace:
-    """Where queries lie around a special corner; see `kernels.split_corner`.
-
-    Attributes
-    ----------
-    level : (Q,)
-        Number of halvings n, -1 at the corner itself.
-    piece : (Q,)
-        In the order of `Lattice.pieces`.
-    S, T : (Q,)
-        Parameters in the piece.
-    """
-
-    level: Array
-    piece: Array
-    S: Array
-    T: Array
-
-    @classmethod
-    def of(cls, s: Array, t: Array, orientation: Array, lattice: Lattice) -> CornerPlace:
-        """Locate (s, t) in patches of some `orientation` against their limit face."""
-        # lines between pieces belong to the side nearer corner 0 of the limit face
-        up_s, up_t, up = _against(lattice)[:, orientation]
-        if lattice.flips:
-            return cls(*kernels.split_flipped_corner(s, t, up_s, up_t, up))
-        return cls(*kernels.split_corner(s, t, up_s, up_t))
-
-    @classmethod
-    def at(cls, piece: int, S: float, T: float) -> CornerPlace:
-        """One place in a piece at level 0."""
-        return cls(np.array([0]), np.array([piece]), np.array([S]), np.array([T]))
-
-    def __getitem__(self, here: Array) -> CornerPlace:
-        """The places of some queries, by mask or index."""
-        return CornerPlace(self.level[here], self.piece[here], self.S[here], self.T[here])
-
-
-@lru_cache(maxsize=16)
-def _against(lattice: Lattice) -> Array:
-    return np.array(lattice.against).T
 
 
 @dataclass(frozen=True)
@@ -176,22 +134,36 @@ def _piece_derivatives(table: EigenTable, nu: Order) -> Array:
     found = table.pieces[:, kept, 1:]
     for exponents, order in ((i, nu[0]), (j, nu[1])):
         found = found * np.array([perm(k + order, order) for k in exponents.tolist()])[:, None]
-    signs: Array = np.array([(-1.0) ** (p.turned * sum(nu)) for p in table.sector.lattice.pieces])
+    signs: Array = np.array([(-1.0) ** (p.turned * sum(nu)) for p in table.places])
     return np.ascontiguousarray(found * signs[:, None, None])
 
 
-def side_piece(lattice: Lattice, axis: int) -> int:
+def side_piece(lattice: Lattice, axis: int, fine: bool = False) -> int:
     """The piece at the far end of the side t = 0, or s = 0."""
-    return [piece.origin for piece in lattice.pieces].index(((1, 0), (0, 1))[axis])
+    pieces, far = (lattice.fine_pieces, 3) if fine else (lattice.pieces, 1)
+    return [piece.origin for piece in pieces].index(((far, 0), (0, far))[axis])
 
 
 @lru_cache(maxsize=1024)
 def _along_sides(table: EigenTable, nu: Order) -> Array:
-    """Those polynomials on the side t = 0 if nu = (i, 0), on s = 0 if (0, j): (powers, K - 1)."""
+    """Those polynomials on the side t = 0 if nu = (i, 0), on s = 0 if (0, j): (powers, K - 1).
+
+    Of two pieces along it that at the far end, then the powers of the other, the first of which is
+    what it has more.
+    """
     axis = int(nu[1] > 0)
     on_side = _powers(table.scheme.spline, nu)[1 - axis] == 0
-    piece = side_piece(table.sector.lattice, axis)
-    return np.asarray(_piece_derivatives(table, nu)[piece, on_side])
+    fine = table.halvings == 2
+    both = _piece_derivatives(table, nu) * (2.0 ** sum(nu) if fine else 1)
+    far = both[side_piece(table.sector.lattice, axis, fine), on_side]
+    if not fine:
+        return np.asarray(far)
+    origins = [piece.origin for piece in table.places]
+    near = both[origins.index(((2, 0), (0, 2))[axis]), on_side].copy()
+    near[0] -= far[0]
+    noise = NOISE * np.abs(far[0])
+    near[0, np.abs(near[0]) <= noise] = 0
+    return np.concatenate([far, near])
 
 
 @lru_cache(maxsize=1024)
@@ -252,10 +224,15 @@ def _ahead(table: EigenTable, way: tuple[int, int]) -> tuple[Array, Array]:
     if 0 in way:
         axis = int(way[0] == 0)
         side = sum(way) * _along_sides(table, ((1, 0), (0, 1))[axis])
-        return side, side.sum(axis=0)  # at the far end of the side
+        return side, side[: len(side) // table.halvings].sum(axis=0)  # at the far end of the side
     # in the piece between the others, whose corner 0 is where s and t are 1/2
     lattice = table.sector.lattice
-    (piece,) = (k for k, child in enumerate(lattice.pieces) if child.origin == (1, 1))
+    middle = table.halvings, table.halvings
+    (piece,) = (
+        k
+        for k, child in enumerate(table.places)
+        if child.origin == middle and child.turned == lattice.flips
+    )
     line = np.zeros((2 * table.scheme.spline.degree, table.size - 1))
     for factor, nu in zip(way, ((1, 0), (0, 1)), strict=True):
         i, j, *_ = _powers(table.scheme.spline, nu)
@@ -278,7 +255,7 @@ def eigen_weights(
     high, low = table.rates[:, powers.lead].tolist()
     mantissa, exponent = kernels.scaled_power(high, low, powers.level)
     rows *= mantissa[:, None]
-    exponent = exponent + order * (powers.level + 1)
+    exponent = exponent + order * (powers.level + place.halvings)
     rows[place.level < 0] = corner_derivative(table, nu) if order else 0.0
     exponent[place.level < 0] = 0
     return EigenWeights(rows, exponent, order == 0)
@@ -588,7 +565,7 @@ def rational_weights(
     Every level costs one sparse integer row-vector product. Whether a derivative has a value at the
     corner itself `corner_derivative` tells, whose weights `at_corner` are.
     """
-    size, pieces = table.sector.size, table.sector.lattice.pieces
+    size, pieces = table.sector.size, table.places
     b = regular_weights(spline, numbers.RATIONAL)(place.S, place.T, nu)
     # integers over one denominator per query: far faster than Fractions
     unit = np.array([lcm(*(w.denominator for w in row)) for row in b], dtype=object)
@@ -609,6 +586,7 @@ def rational_weights(
     # (not ** on the array: a Fraction to the power of an array falls back to floats)
     step = Fraction(2 ** sum(nu), table.denominator)
     scale = np.array([step ** (max(n, 0) + 1) for n in place.level.tolist()], dtype=object)
+    scale *= 2 ** (sum(nu) * (place.halvings - 1))
     weights = rows * (scale / unit)[:, None]
     corner = place.level < 0
     if corner.any():
@@ -632,8 +610,9 @@ def _rational_derivative(
     if not (sector.open and sector.sharp_sides[axis]):
         # by halvings along the side it tends to its part in the eigenspace of 1 / 2^order
         S, T = (numbers.RATIONAL.array([int(axis == k)]) for k in (0, 1))
-        piece = np.array([side_piece(sector.lattice, axis)])
-        place = CornerPlace(np.array([0]), piece, S, T)
+        fine = len(table.places) > len(sector.lattice.pieces)
+        piece = np.array([side_piece(sector.lattice, axis, fine)])
+        place = CornerPlace(np.array([0]), piece, S, T, 1 + fine)
         ahead = rational_weights(table, spline, place, nu, at_corner)[0]
         return table.projected(ahead, Fraction(1, 2 ** sum(nu)))
     # the crease is a cubic spline; at a corner its first point is reflected at the vertex, beside a

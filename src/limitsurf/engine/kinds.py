@@ -243,7 +243,7 @@ class Corners(Kind):
         self, controls: Array, number: NumberType, scheme: Scheme, table: tables.EigenTable
     ) -> None:
         super().__init__(controls, number, scheme)
-        self.table = table
+        self.table, self._halvings = table, table.halvings
 
     @cached_property
     def _rational(self) -> tables.RationalTable:
@@ -252,7 +252,8 @@ class Corners(Kind):
         return tables.rational_table(self._scheme, self.table.sector, vertex=vertex)
 
     def weights(self, g: Group, nu: Order) -> Array:
-        place, table = basis.CornerPlace.of(g.s, g.t, g.orientation, self._lattice), self.table
+        given = g.s, g.t, g.orientation, self._lattice, self._halvings
+        place, table = basis.CornerPlace.of(*given), self.table
         # one for all derivatives of an order, whose sums are finite where they are not
         exponent = np.zeros(len(g.s), dtype=np.int64)
 
@@ -360,7 +361,7 @@ class Corners(Kind):
             for nu, row in zip(self._orders, rows, strict=True):
                 found[c.query, *nu] = _contract(row, c.modes[c.which, 1:])
                 error[c.query, *nu] = (np.abs(row) * added).sum(axis=1)
-            exponent[c.query] += c.place.level + 1
+            exponent[c.query] += c.place.level + c.place.halvings
         error *= kernels.NOISE
         turned, bounds = np.zeros_like(found), np.zeros_like(error)
         for nu in self._orders:
@@ -382,7 +383,8 @@ class Corners(Kind):
         modes = self.table.coefficients(points)
         occurs = (modes[:, 1:] != 0).any(axis=2)
         leads = 1 + occurs.argmax(axis=1)
-        place, parts = basis.CornerPlace.of(g.s, g.t, g.orientation, self._lattice), []
+        given = g.s, g.t, g.orientation, self._lattice, self._halvings
+        place, parts = basis.CornerPlace.of(*given), []
         found = np.unique(leads).tolist()
         for lead in found:
             query = np.flatnonzero(leads[which] == lead)

@@ -137,7 +137,7 @@ def _corner_jets(
             rows = basis.eigen_rows(table, place, powers, nu) * mantissa[:, None]
             rows[level < 0] = np.nan
             value = np.matmul(rows[:, None], c.modes[c.which, 1:])[:, 0]
-            scale = exponent + sum(nu) * (level + 1) + back
+            scale = exponent + sum(nu) * (level + place.halvings) + back
             result[at] = kernels.scale_by_two(value, scale[:, None])
 
 
@@ -168,7 +168,8 @@ def _corner_characteristic(
     eigenvalues only scale the unknowns.
     """
     table, first = kind.table, list(map(int, kind.table.normal))
-    place = basis.CornerPlace.of(g.s, g.t, g.orientation, table.sector.lattice)
+    given = g.s, g.t, g.orientation, table.sector.lattice
+    place = basis.CornerPlace.of(*given, table.halvings)
     away = np.flatnonzero(place.level >= 0)
     place, here, row, ring = place[away], here[away], g.row[away], ring[away]
     deep = replace(place, level=place.level + ring)

@@ -72,6 +72,8 @@ class Topology:
     @cached_property
     def shape(self) -> str | None:
         """Which compiled kernels there are for the patches, if any."""
+        if self.patches.has_own_spokes:
+            return None
         return _kernels.shape(holding(self.rules.scheme.spline).directions)
 
     @property

@@ -26,9 +26,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.caching import cached_property
-from limitsurf.exact.fixed import EQUAL, diverging, mp, to_mpf
+from limitsurf.exact.fixed import (
+    EQUAL,
+    UnsupportedSpectrum,
+    diverging,
+    in_words,
+    mp,
+    named,
+    to_mpf,
+)
 from limitsurf.exact.matrices import subdivision_matrix
-from limitsurf.exact.ring import centre_mask
+from limitsurf.exact.ring import centre_block, centre_mask
 from limitsurf.exact.sectors import folded, mirrored
 from limitsurf.exact.wide import MOST_FACES, Weights, dart_factor, wide_dart_values
 from limitsurf.scheme.lattice import Lattice, Place
@@ -49,12 +57,54 @@ def check_convergence(scheme: Scheme, kind: str, faces: int) -> None:
     """Raise `UnsupportedSpectrum` where the masks around a special corner have no limit."""
     if scheme.lattice.dual:
         return  # `spectrum` looks at all eigenvalues
-    if kind == "interior":
-        centre_mask(faces, Weights.of(scheme, faces, exact=True).centre(faces))
-    elif kind == "dart":
-        value = _dart_excess(scheme, Weights.of(scheme, faces, exact=True), faces)
-        if value is not None:
-            raise diverging(Sector(kind, faces).place, faces, value)
+    with named(scheme.name):
+        if kind in ("interior", "dart") and scheme.has_own_spokes(faces):
+            _check_spokes(scheme, Sector(kind, faces, lattice=scheme.lattice))
+        elif kind == "interior":
+            centre_mask(faces, Weights.of(scheme, faces, exact=True).centre(faces))
+        elif kind == "dart":
+            value = _dart_excess(scheme, Weights.of(scheme, faces, exact=True), faces)
+            if value is not None:
+                raise diverging(Sector(kind, faces).place, faces, value)
+
+
+def _check_spokes(scheme: Scheme, sector: Sector) -> None:
+    """The same of a vertex that has masks of its own for its edges: `check_convergence`."""
+    if sector.kind == "dart" or sector.faces > MOST_FACES:
+        raise UnsupportedSpectrum(
+            f"at {sector.place} edges have masks of their own: such a scheme can be refined, but "
+            "has surfaces only where these are at smooth vertices of at most "
+            f"{MOST_FACES} faces; give edges of other vertices the mask of regular ones"
+        )
+    matrix = subdivision_matrix(scheme, sector)
+    centre_mask(sector.faces, centre_block(matrix))
+    ring = np.zeros((sector.ring, sector.ring))
+    for i, row in enumerate(matrix.rows[: sector.ring]):
+        for k, w in row.items():
+            ring[i, k] = float(w)
+    values = np.linalg.eigvals(ring)
+    values = np.delete(values, np.abs(values - 1).argmin())
+    largest = values[np.abs(values).argmax()]
+    if abs(largest) > 1 - _FLOAT**2:
+        raise diverging(sector.place, sector.faces, largest, "edge and vertex")
+
+
+def check_dominant(scheme: Scheme, sector: Sector, values: Sequence[Any]) -> None:
+    """Raise `UnsupportedSpectrum` where a complex or negative pair follows 1 at a smooth vertex.
+
+    `values` are all but 1, by decreasing modulus. If none of the two or more largest is positive,
+    surfaces turn for ever on the way to the vertex.
+    """
+    largest = [x for x in values if abs(values[0]) - abs(x) < EQUAL]
+    positive = [x for x in largest if not hasattr(x, "_mpc_") and x > -EQUAL]
+    if sector.kind != "interior" or positive or len(largest) < 2:
+        return
+    what = "complex" if hasattr(largest[0], "_mpc_") else "negative"
+    mask = "corner" if scheme.lattice.dual else "vertex"
+    raise UnsupportedSpectrum(
+        f"at {sector.place} the pair of eigenvalues that outweighs all but 1 is {what}, "
+        f"{in_words(largest[0])}, need a positive pair; change the scheme's {mask}({sector.faces})"
+    )
 
 
 @lru_cache(maxsize=256)
@@ -303,7 +353,6 @@ class Minors:
 
     def angle(self, functions: Array) -> float:
         """The angle that two functions sweep on faces from side to side, in whole turns."""
-        origins = [piece.origin for piece in self._lattice.pieces]
         exponents = self._exponents
         size = int(np.abs(functions).max())
         parts = (functions[..., :2] / size).astype(float)  # (F, pieces, monomials, 2)
@@ -311,10 +360,24 @@ class Minors:
         # along the far sides: from each corner of the face to the middle, and on to the next one
         for start, end in pairwise(self._lattice.corners[1:]):
             sides = _bernstein_along(start, end, exponents)
-            for corner in (start, end):
-                x, y = np.moveaxis(sides @ parts[:, origins.index(corner)], -1, 0)
+            for piece in self._along(start, end, parts.shape[1]):
+                x, y = np.moveaxis(sides @ parts[:, piece], -1, 0)
                 swept += sum(map(_swept, x + 1j * y))
         return swept / (2 * np.pi)
+
+    def _along(self, start: Place, end: Place, count: int) -> list[int]:
+        """The pieces, of so many, along a far side from corner to corner."""
+        pieces, children = (
+            [child.origin for child in x] for x in (self._lattice.pieces, self._lattice.children)
+        )
+        ends = (start, end)
+        if count == len(pieces):
+            return [pieces.index(corner) for corner in ends]
+        return [
+            len(children) * pieces.index(corner) + children.index(part)
+            for corner in ends
+            for part in ends
+        ]
 
 
 def _bernstein_along(start: Place, end: Place, exponents: tuple[Place, ...]) -> Array:

@@ -6,6 +6,8 @@ valence 360 takes seconds.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 from functools import lru_cache
 from math import lcm
@@ -24,14 +26,30 @@ class UnsupportedSpectrum(ValueError):  # noqa: N818  (users catch it by this na
     """Masks that do not converge, complex eigenvalues, or Jordan blocks that are not handled."""
 
 
-def diverging(place: str, faces: int, eigenvalue: Any) -> UnsupportedSpectrum:
+def diverging(place: str, faces: int, eigenvalue: Any, mask: str = "vertex") -> UnsupportedSpectrum:
     """The error that says where refinement has no limit, and of which eigenvalue."""
-    value = complex(eigenvalue)
-    text = f"{value.real:.10g}" + (f" {value.imag:+.10g}i" if value.imag else "")
     return UnsupportedSpectrum(
         f"the masks do not converge at {place}: an eigenvalue other than 1 has modulus >= 1, "
-        f"{text}; change the scheme's vertex({faces})"
+        f"{in_words(eigenvalue)}; change the scheme's {mask}({faces})"
     )
+
+
+def in_words(eigenvalue: Any) -> str:
+    """A real or complex number in ten digits."""
+    value = complex(eigenvalue)
+    return f"{value.real:.10g}" + (f" {value.imag:+.10g}i" if value.imag else "")
+
+
+@contextmanager
+def named(scheme: str) -> Iterator[None]:
+    """Have errors that say what is wrong with a spectrum say of which scheme."""
+    try:
+        yield
+    except UnsupportedSpectrum as error:
+        start = f"scheme {scheme!r}: "
+        if str(error).startswith(start):
+            raise
+        raise UnsupportedSpectrum(start + str(error)) from None
 
 
 def null_space(matrix: list[list[Fraction]]) -> list[list[Fraction]]:

@@ -48,6 +48,7 @@ from limitsurf.scheme.dual import DualScheme, Waves, cosine
 from limitsurf.scheme.lattice import Place
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
+from limitsurf.scheme.spline import Spline
 
 # weights by point: Fractions, in the row of the vertex perhaps algebraic numbers of sympy
 Row = dict[int, Any]
@@ -118,7 +119,9 @@ def subdivision_matrix(scheme: Scheme, sector: Sector, number: Any = Fraction) -
     }
     exact = number is Fraction
     values = tuple(tuple(w if exact else number(w) for w in mask) for mask in masks.values())
-    return _built(sector, number, values)
+    built = _built(sector, number, values)
+    fine = scheme.pieces_of(sector) != scheme.lattice.pieces
+    return _finer(built, scheme.spline, number) if fine else built
 
 
 @lru_cache(maxsize=256)
@@ -178,6 +181,50 @@ def _built(sector: Sector, number: Any, values: tuple[tuple[Any, ...], ...]) -> 
 def _ring_rows(sector: Sector, number: Any, values: tuple[tuple[Any, ...], ...]) -> tuple[Row, ...]:
     """Those of the ring, the same from whichever face they are looked at."""
     return tuple(_LocalCage(sector, number, *values).ring_points())
+
+
+@lru_cache(maxsize=256)
+def _finer(matrix: SubdivisionMatrix, spline: Spline, number: Any) -> SubdivisionMatrix:
+    """With the pieces of a second step, and more rows, of the control points that they have.
+
+    Points of edges at the vertex come from the ring, all others by the masks of the spline from the
+    control points of the piece of the first step that they lie in.
+    """
+    lattice, at, n = matrix.sector.lattice, grid_index(matrix.sector), matrix.sector.ring
+    first, rows, known, pieces = matrix.rows, [*matrix.rows], dict[Place, int](), []
+
+    def combined(terms: list[tuple[Any, Row]]) -> Row:
+        total: Row = {}
+        for weight, row in terms:
+            for column, value in row.items():
+                total[column] = total.get(column, 0) + weight * value
+        return dict(sorted(total.items()))
+
+    def point(place: Place, local: Place, near: tuple[int, ...]) -> int:
+        """The row of a point by its place around the vertex, and in its piece."""
+        if place not in known:
+            if at.get(place, n) < n:
+                terms = [(w, first[k]) for k, w in first[at[place]].items()]
+            else:
+                points = dict(zip(lattice.template, near, strict=True))
+                mask = spline.stencil((local[0] - 1, local[1] - 1))
+                terms = [
+                    (w if number is Fraction else number(w), first[points[1 + i, 1 + j]])
+                    for (i, j), w in mask.items()
+                ]
+            known[place] = len(rows)
+            rows.append(combined(terms))
+        return known[place]
+
+    for piece, near in zip(lattice.pieces, matrix.pieces, strict=True):
+        side, (x, y) = -1 if piece.turned else 1, piece.origin
+        for child in lattice.children:
+            taken = []
+            for i, j in map(child.place, lattice.template):
+                moved = 2 * (x + (side < 0)) + side * i, 2 * (y + (side < 0)) + side * j
+                taken.append(point(moved, (i, j), near))
+            pieces.append(tuple(taken))
+    return SubdivisionMatrix(matrix.sector, tuple(rows), tuple(pieces))
 
 
 def _exchanged(place: Place, swap: int) -> Place:

@@ -23,6 +23,7 @@ from limitsurf.exact.fixed import (
     Precision,
     UnsupportedSpectrum,
     diverging,
+    in_words,
     mp,
     null_space,
     to_mpf,
@@ -120,7 +121,7 @@ def centre_mask(faces: int, block: Block) -> tuple[Any, ...]:
     mask = [cofactor(shifted, j, 0) for j in range(size)]
     total = mask[0] + sum(mask[1:])
     weights = mask[0] / total, *(x / total / faces for x in mask[1:])
-    return tuple(x if isinstance(x, Fraction) else x.radsimp() for x in weights)
+    return tuple(x if isinstance(x, Fraction) or _is_long(x) else x.radsimp() for x in weights)
 
 
 def ring_modes(matrix: SubdivisionMatrix, at: Precision = STANDARD) -> list[Mode]:
@@ -193,7 +194,15 @@ def _centre_modes(matrix: SubdivisionMatrix, at: Precision) -> list[Mode]:
     trace, determinant = centre_quadratic(block)
     square = trace * trace - 4 * determinant
     if size == 3 and square <= 0:
-        raise UnsupportedSpectrum(f"frequency 0 of valence {n} has no real eigenbasis")
+        text = (
+            f"frequency 0 of valence {n} has no real eigenbasis: its eigenvalues other than 1 are"
+        )
+        half, part = to_mpf(trace) / 2, mp.sqrt(-to_mpf(square)) / 2
+        found = in_words(mp.mpc(half, part)) + ", and its conjugate"
+        found = found if square else f"{in_words(half)} twice"
+        raise UnsupportedSpectrum(
+            f"{text} {found}, need two real ones; change the scheme's vertex({n})"
+        )
     root = at.mp.sqrt(at.to_mpf(square))
     # the larger root first, the other through the product: exactly zero where it is zero
     large = (at.to_mpf(trace) + (root if trace >= 0 else -root)) / 2
@@ -234,6 +243,11 @@ def boundary_limit_mask(scheme: Scheme) -> tuple[Fraction, Fraction]:
     return mask[0] / total, mask[1] / total / 2
 
 
+def _is_long(x: Any) -> bool:
+    """Whether to write an algebraic number in another way would take for ever."""
+    return bool(x.count_ops() > 50)
+
+
 def centre_quadratic(block: Block) -> tuple[Any, Any]:
     """Sum and product of the two eigenvalues other than 1 of the block of frequency 0.
 
@@ -241,7 +255,8 @@ def centre_quadratic(block: Block) -> tuple[Any, Any]:
     """
     total = block[0][0] + block[1][1] - 1
     if len(block) == 2:
-        return (total.expand() if hasattr(total, "expand") else total), Fraction(0)
+        short = hasattr(total, "expand") and not _is_long(total)
+        return (total.expand() if short else total), Fraction(0)
     determinant = sum(x * cofactor(block, 0, j) for j, x in enumerate(block[0]))
     return total + block[2][2], determinant
 

@@ -228,6 +228,8 @@ def limit_weights(scheme: Scheme, sector: Sector) -> list[Fraction]:
 
 def smooth_centre(scheme: Scheme, faces: int) -> list[list[Any]]:
     """The block of frequency 0 of a smooth vertex; at the cost of one of a few faces."""
+    if scheme.has_own_spokes(faces):
+        return centre_block(subdivision_matrix(scheme, scheme.sector("interior", faces)))
     # the vertex aside, those of other rings are the same
     _, *block = centre_block(subdivision_matrix(scheme, scheme.sector("cone", 8)))
     own, neighbour, *around = scheme.vertex_mask(faces)

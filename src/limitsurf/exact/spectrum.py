@@ -25,7 +25,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from limitsurf.exact.analysis import check_convergence, leading_pair, orientation
+from limitsurf.exact.analysis import (
+    check_convergence,
+    check_dominant,
+    leading_pair,
+    orientation,
+)
 from limitsurf.exact.dual import DualModes, dual_ring
 from limitsurf.exact.fixed import (
     BITS,
@@ -34,6 +39,7 @@ from limitsurf.exact.fixed import (
     Precision,
     UnsupportedSpectrum,
     diverging,
+    named,
     null_space,
     reduced,
     to_mpf,
@@ -174,12 +180,15 @@ def spectrum(scheme: Scheme, sector: Sector, bits: int = BITS) -> Spectrum:
     UnsupportedSpectrum
         When the masks do not converge, or give eigenvalues or Jordan blocks that are not handled.
     """
-    check_convergence(scheme, sector.kind, sector.faces)
-    at = Precision.of(bits)
-    ring = ring_basis(scheme, sector, at)
-    result = _joined(scheme, subdivision_matrix(scheme, sector), ring, at)
-    if abs(result.eigenvalues[1]) > 1 - at.equal:
-        raise diverging(sector.place, sector.faces, result.eigenvalues[1])
+    with named(scheme.name):
+        check_convergence(scheme, sector.kind, sector.faces)
+        at = Precision.of(bits)
+        ring = ring_basis(scheme, sector, at)
+        result = _joined(scheme, subdivision_matrix(scheme, sector), ring, at)
+        if abs(result.eigenvalues[1]) > 1 - at.equal:
+            mask = "corner" if sector.lattice.dual else "vertex"
+            raise diverging(sector.place, sector.faces, result.eigenvalues[1], mask)
+        check_dominant(scheme, sector, result.eigenvalues[1:])
     normal = ring_normal(scheme, sector.kind, sector.faces, sector.gathered)
     normal = tuple(map(result.order.index, normal))
     return replace(result, normal=normal)

@@ -112,6 +112,24 @@ class PatchTable:
         self._drop_unused()
         del self._kinds, self._combined, self._early, self._number
 
+    @property
+    def has_own_spokes(self) -> bool:
+        """Whether edges at some special corner have masks of their own: then pieces are finer."""
+        return any(
+            sector is not None and self._scheme.pieces_of(sector) != self._scheme.lattice.pieces
+            for sector in self.sectors
+        )
+
+    def check_pieces(self) -> None:
+        """Refuse to tell pieces where edges at special corners have masks of their own."""
+        if self.has_own_spokes:
+            raise ValueError(
+                f"scheme {self._scheme.name!r} has masks of its own for edges at vertices of other "
+                f"valences than {self.lattice.valence}: there are no Bezier patches of its "
+                "surfaces, nor what stands on them (closest points, rays, sections, samples, "
+                "integrals); evaluate or tessellate them, or refine the cage"
+            )
+
     def _build(self, cage: Mesh, rules: Rules, limit_faces: Array) -> None:
         """Fill the table level by level; most faces of most cages end at the first."""
         level, smooth = Level.first(cage, rules, self._number, limit_faces), 0
@@ -269,8 +287,6 @@ class PatchTable:
         """The number of a kind, a new one when it is met first."""
         number = self._kinds.setdefault(sector, len(self.sectors))
         if number == len(self.sectors):
-            if sector.takes_vertex_mask:
-                self._scheme.check_spokes(sector.faces)
             self.sectors.append(sector)
             shared = tables.is_shared(sector)
             width = len(sector.lattice.outer) if shared else sector.size

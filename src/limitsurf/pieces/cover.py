@@ -45,6 +45,7 @@ class Cover:
     @classmethod
     def of(cls, patches: PatchTable, faces: Array) -> Cover:
         """The patches of some limit faces; those without a limit have none."""
+        patches.check_pieces()
         owner, code = np.arange(len(faces)), patches.codes[faces]
         if (code >= 0).all():  # as most are in most cages
             none = np.zeros((len(faces), 2), dtype=np.int64)

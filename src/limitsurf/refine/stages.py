@@ -167,9 +167,10 @@ def _by_valences(
 ) -> Array:
     """Masks of smooth edges by what is around both ends, (3, n): of each end, and across.
 
-    Sharp vertices, and those on creases, count as regular.
+    Sharp vertices, those on creases, and those on the rim of a part, count as regular.
     """
     valence = np.where(sharpness.rule <= DART, mesh.vertex_faces, rules.scheme.lattice.valence)
+    valence[_on_rim(mesh)] = rules.scheme.lattice.valence
     ends = valence[mesh.edges[inner]]
     try:
         return tables.edge_weights(rules.scheme, ends[:, 0], ends[:, 1], number).T
@@ -273,13 +274,17 @@ def _vertex_weights(mesh: Mesh, rules: Rules, rough: Array, number: NumberType) 
     most, valences = smooth_valences(mesh, rough)
     try:
         return _weights_table(rules, most, tuple(valences), number)
-    except TypeError:
+    except (TypeError, ValueError):
         table = _weights_table(rules, most, (), number).copy()
         for faces in valences:
             try:
                 table[faces] = tables.vertex_weights(rules.scheme, np.array([faces]), number)
             except TypeError:
                 _refuse_irrational(mesh, rules, faces, rough)
+            except ValueError:  # no mask for so many faces
+                if _is_smooth(mesh, faces, rough).any():
+                    raise
+                table[faces, 0] = number.one
     return table
 
 
@@ -293,17 +298,24 @@ def _weights_table(rules: Rules, most: int, valences: tuple[int, ...], number: N
 
 
 def _refuse_irrational(mesh: Mesh, rules: Rules, faces: int, rough: Array) -> None:
-    """Refuse exact points of a smooth vertex of so many faces, if there is one.
-
-    A vertex on the rim of a part is none.
-    """
-    smooth = mesh.vertex_faces == faces
-    smooth[rough] = False
-    rim = np.flatnonzero(mesh.twin < 0)
-    smooth[mesh.indices[rim]] = smooth[mesh.indices[mesh.connectivity.after(rim)]] = False
+    """Refuse exact points of a smooth vertex of so many faces, if there is one."""
+    smooth = _is_smooth(mesh, faces, rough)
     if smooth.any():
         what = f"vertex {vertex_numbers(mesh)[smooth.argmax()]} has valence {faces}"
         raise TypeError(irrational(what, rules)) from None
+
+
+def _is_smooth(mesh: Mesh, faces: int, rough: Array) -> Array:
+    """Which vertices of so many faces are smooth, (V,); those on the rim of a part are none."""
+    smooth = np.asarray(mesh.vertex_faces == faces)
+    smooth[rough] = False
+    smooth[_on_rim(mesh)] = False
+    return smooth
+
+
+def _on_rim(mesh: Mesh) -> Array:
+    rim = np.flatnonzero(mesh.twin < 0)
+    return np.concatenate([mesh.indices[rim], mesh.indices[mesh.connectivity.after(rim)]])
 
 
 def refined_values(

@@ -11,6 +11,7 @@ from limitsurf.scheme.bilinear import BILINEAR, LINEAR
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from limitsurf.scheme.doo_sabin import DOO_SABIN
 from limitsurf.scheme.loop import LOOP, LOOP_WARREN
+from limitsurf.scheme.masks import reserve
 from limitsurf.scheme.scheme import Scheme
 
 
@@ -62,6 +63,7 @@ _OTHERS = {
     "none": "the cage is a mere mesh of polygons, which is not to be subdivided",
     "mixed": "the cage is of meshes with several schemes",
 }
+reserve([*SCHEMES, *_OTHERS])
 
 
 def find_scheme(scheme: str | Scheme) -> Scheme:

@@ -10,7 +10,7 @@ corners of the n-gons that the points form, around faces, edges and vertices of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
@@ -18,7 +18,17 @@ from math import lcm
 from typing import Any
 
 from limitsurf.scheme.lattice import DUAL_QUADS, Lattice
-from limitsurf.scheme.scheme import Scheme, Weight, Weights, exact_weight
+from limitsurf.scheme.masks import (
+    Weight,
+    Weights,
+    advice_on,
+    as_mask,
+    checked_name,
+    is_iterable,
+    regular_shape,
+    shown,
+)
+from limitsurf.scheme.scheme import Scheme, exact_weight, is_exact
 from limitsurf.scheme.sector import Sector
 from limitsurf.scheme.spline import BIQUADRATIC, Spline
 
@@ -30,6 +40,7 @@ _COSINES = {
     Fraction(1, 3): Fraction(-1, 2),
     Fraction(1, 2): Fraction(-1),
 }
+_SPLINES = {"biquadratic": (DUAL_QUADS, BIQUADRATIC)}
 _DIGITS = 60  # to which irrational weights are looked at
 _GATHERED = 7  # least corners of a polygon that `Sector.gathered` tells by fewer numbers
 
@@ -53,25 +64,59 @@ class Waves:
         return half[0] + self.own, *half[1:], *half[(n - 1) // 2 : 0 : -1]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, init=False)
 class DualScheme(Scheme):
-    """Masks of a dual subdivision scheme, that of Doo and Sabin or one like it.
+    """Masks of a dual subdivision scheme, which cuts corners, as that of Doo and Sabin.
+
+    Each step makes, for each corner of each polygon, a point near it; these points form the
+    polygons of the next step, around faces, edges and vertices. Around regular vertices that is the
+    biquadratic B-spline.
 
     Parameters
     ----------
     name : str
-        What the scheme is called in messages, tables and files.
-    corner : callable, n -> n numbers
+        What the scheme is called in messages, tables and files; none of `limitsurf.schemes`.
+    corner : callable, n -> n numbers, or mapping {n: n numbers}
         Weights of the corners of an n-gon in the new point at one of them, from that one on,
-        counter-clockwise: rationals, or algebraic numbers of sympy; the same clockwise. `Waves`
-        costs no more for large n.
-    paper : str
+        counter-clockwise: Fractions, or real algebraic numbers of sympy; the same clockwise. A
+        mapping lacks 4 at will; it is what travels best to other processes.
+    paper : str, optional
         Where the masks are published.
     lattice, spline : optional
-        What its refined faces are, and what it makes of a regular lattice of them.
+        There is one of each: "dual_quads" and "biquadratic".
+
+    Raises
+    ------
+    ValueError
+        As for `Scheme`: for a name of the library's, and masks that raise, have floats or the wrong
+        number of weights, do not sum to one, are not symmetric, change from call to call, are not
+        those of the spline at 4, or have no limit.
+
+    Warns
+    -----
+    UserWarning
+        Once for each n at which limits exist, but no tangent plane: there the surface is not C1,
+        and normals in the middle of the polygon are NaN.
+
+    Notes
+    -----
+    On waves of frequency f around an n-gon, a step has the eigenvalue ``sum_j w_j cos(2 pi f j /
+    n)``: a mask is made from n // 2 + 1 numbers, of which the first is 1; the second is that of
+    the tangent plane, 1/2 in the scheme of Doo and Sabin, the others less. Boundaries go by
+    reflection, which those with 1/2 there keep (``derivations/doo_sabin.py``).
+
+    Examples
+    --------
+    >>> from fractions import Fraction as F
+    >>> import limitsurf as ls
+    >>> mine = ls.DualScheme("mine", corner={3: (F(2, 3), F(1, 6), F(1, 6))})
+    >>> [str(weight) for weight in mine.mask(4)]
+    ['9/16', '3/16', '1/16', '3/16']
+    >>> ls.spectral_analysis(mine, valence=3).subdominant
+    (0.5, 0.5)
     """
 
-    corner: Callable[[int], Weights]
+    corner: Callable[[int], Weights]  # type: ignore[misc]
     face: None = field(default=None, init=False)
     edge: tuple[Fraction, Fraction] = field(default=(Fraction(0), Fraction(0)), init=False)
     vertex: Any = field(default=None, init=False)
@@ -83,9 +128,29 @@ class DualScheme(Scheme):
     lattice: Lattice = DUAL_QUADS
     spline: Spline = BIQUADRATIC
 
+    def __init__(
+        self,
+        name: str,
+        *,
+        corner: Callable[[int], Weights] | Mapping[int, Weights],
+        paper: str = "not published",
+        lattice: Lattice | str | None = None,
+        spline: Spline | str | None = None,
+    ) -> None:
+        found, piece = regular_shape(name, lattice, spline, _SPLINES)
+        masks = {
+            "name": checked_name(name),
+            "corner": as_mask(corner, 4, _regular_mask(found, piece)),
+            "paper": paper,
+            "lattice": found,
+            "spline": piece,
+        }
+        self.__dict__.update(masks)
+        self.__post_init__()
+
     def __post_init__(self) -> None:
-        got, near = self.mask(4), self.spline.stencil((0, 0))
-        needed = tuple(near[place] for place in self.lattice.star)
+        self.__dict__["_asked"] = {}
+        got, needed = self.mask(4), _regular_mask(self.lattice, self.spline)
         if got != needed:
             raise ValueError(
                 f"scheme {self.name!r}: corner(4) is ({', '.join(map(str, got))}), "
@@ -94,7 +159,10 @@ class DualScheme(Scheme):
 
     def mask(self, n: int) -> Weights:
         """Weights of the corners of an n-gon in the new point at one of them, from that one on."""
-        return _checked(self.name, self.corner, n)
+        if isinstance(self.corner, Waves):
+            return _of_waves(self.corner, n)
+        got = self._ask("corner", self.corner, n)
+        return _checked(self.name, n, tuple(got) if is_iterable(got) else got)
 
     def rim(self, k: int) -> Weights:
         """Ratios r_j, from 1 to -1, that tell where a boundary vertex of k faces has its mirrors.
@@ -137,8 +205,9 @@ class DualScheme(Scheme):
             )
         return Sector(kind, faces, position, self.lattice)
 
-    def check_spokes(self, valence: int) -> None:
+    def has_own_spokes(self, valence: int) -> bool:
         """No edge has a mask of its own."""
+        return False
 
     def __hash__(self) -> int:
         return hash(self.name)
@@ -163,19 +232,38 @@ def cosine(turns: Fraction) -> Weight:
     return sympy.cos(2 * sympy.pi * sympy.Rational(turns.numerator, turns.denominator))
 
 
+def _regular_mask(lattice: Lattice, spline: Spline) -> Weights:
+    """That of a quad, as the spline has it."""
+    near = spline.stencil((0, 0))
+    return tuple(near[place] for place in lattice.star)
+
+
 @lru_cache(maxsize=1024)
-def _checked(name: str, corner: Callable[[int], Weights], n: int) -> Weights:
+def _of_waves(waves: Waves, n: int) -> Weights:
+    return waves(n)
+
+
+@lru_cache(maxsize=1024)
+def _checked(name: str, n: int, weights: Any) -> Weights:
     """A mask, which must be n exact numbers whose sum is one, the same in both directions."""
-    weights = tuple(corner(n))
+    told = f"scheme {name!r}: corner({n})"
+    if not isinstance(weights, tuple) or len(weights) != n:
+        raise ValueError(f"{told} must be {n} exact numbers of sum 1, got {shown(weights)}")
+    for k, w in enumerate(weights):
+        if not is_exact(w):
+            raise ValueError(
+                f"{told} must be {n} exact numbers of sum 1, got {shown(weights)}: weight {k} is "
+                f"{advice_on(w, algebraic=True)}"
+            )
     rational = all(isinstance(w, (Fraction, int)) for w in weights)
     total = sum(weights) if rational else sum(_number(w) for w in weights)
-    if len(weights) != n or not abs(total - 1) * 10 ** (_DIGITS - 5) < 1:
+    if not abs(total - 1) * 10 ** (_DIGITS - 5) < 1:
         raise ValueError(
-            f"scheme {name!r}: corner({n}) must be {n} exact numbers of sum 1, got {weights!r}"
+            f"{told} must be {n} exact numbers of sum 1, got {shown(weights)}, of sum {total}"
         )
     if weights[1:] != weights[:0:-1]:
-        raise ValueError(f"scheme {name!r}: corner({n}) is not symmetric: {weights!r}")
-    return tuple(Fraction(w) if isinstance(w, int) else w for w in weights)
+        raise ValueError(f"{told} is not symmetric: {shown(weights)}")
+    return tuple(map(exact_weight, weights))
 
 
 @lru_cache(maxsize=256)

@@ -210,6 +210,20 @@ class Lattice:
         return self.children[1:]
 
     @cached_property
+    def fine_pieces(self) -> tuple[Child, ...]:
+        """The children of the pieces, in their order: ``(u, v) = (origin +- (s, t)) / 4``."""
+        return tuple(
+            Child(
+                (2 * piece.origin[0] + side * i, 2 * piece.origin[1] + side * j),
+                piece.turned != child.turned,
+            )
+            for piece in self.pieces
+            for side in (-1 if piece.turned else 1,)
+            for child in self.children
+            for i, j in (child.origin,)
+        )
+
+    @cached_property
     def ring(self) -> tuple[tuple[int, Place], ...]:
         """Places of the ring of corner 0 on its three faces nearest to the face.
 

@@ -20,65 +20,97 @@ Weights are Fractions; those of a vertex or an edge may be algebraic numbers, as
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from fractions import Fraction
-from functools import partial
-from typing import Any, TypeAlias
+from functools import lru_cache, partial
+from itertools import islice
+from typing import Any, Self
 
-from limitsurf.scheme.lattice import QUADS, Lattice
+from limitsurf.scheme.lattice import QUADS, TRIANGLES, Child, Lattice
+from limitsurf.scheme.masks import (
+    MaskValues,
+    Still,
+    Weight,
+    Weights,
+    advice_on,
+    alike,
+    as_mask,
+    checked_name,
+    is_iterable,
+    mean_of_corners,
+    regular_masks,
+    regular_shape,
+    shown,
+    travels,
+)
 from limitsurf.scheme.sector import KINDS, Sector
-from limitsurf.scheme.spline import BICUBIC, Spline
+from limitsurf.scheme.spline import BICUBIC, BILINEAR, LINEAR, QUARTIC, Spline
 
-# a Fraction, or an algebraic number of sympy
-Weight: TypeAlias = Any
-Weights: TypeAlias = tuple[Weight, ...]
+# what regular faces become, the first of each lattice if nothing is said
+_SPLINES = {
+    "bicubic": (QUADS, BICUBIC),
+    "bilinear": (QUADS, BILINEAR),
+    "quartic": (TRIANGLES, QUARTIC),
+    "linear": (TRIANGLES, LINEAR),
+}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Scheme:
     """Masks of a primal subdivision scheme.
 
-    If nothing else is said it is of quads, and generalises the bicubic B-spline.
+    Of quads, or of triangles; where all is regular it makes a spline. Nothing but the masks of
+    vertices has to be given: all others are then those of the spline. `DualScheme` is for schemes
+    that cut corners.
 
     Parameters
     ----------
     name : str
-        What the scheme is called in messages, tables and files.
-    face : callable, n -> n rationals, or None
-        Weights of the corners of a face of ``n`` corners in its face point; None if there is none.
-    edge : (Fraction, Fraction)
+        What the scheme is called in messages, tables and files; none of `limitsurf.schemes`.
+    vertex : callable, N -> numbers, or mapping {N: numbers}
+        Weights in the vertex point of an interior vertex of valence ``N``: of the vertex, of each
+        edge neighbour and, of quads, of each adjacent face point. Fractions, or real algebraic
+        numbers of sympy. A mapping lacks the regular valence at will; it is what travels best to
+        other processes. Only splines of degree 1 need none.
+    face : callable, n -> n Fractions, or mapping, optional
+        Weights of the corners of a face of ``n`` corners in its face point; of triangles None.
+        They are all alike, as a face has no first corner: by default ``1 / n`` each.
+    edge : (Fraction, Fraction), optional
         Weight of each end point, and of each adjacent face point, in an edge point; without face
         points of each opposite corner. Or a callable: the valences of both ends -> the weights of
         the first end, of the second, and of what lies across; with the valences exchanged it gives
-        the first two exchanged, as no end is the first. `LimitSurface` wants these to be
-        those of regular edges wherever one end is regular; `refined` takes any.
-    vertex : callable, N -> 3 rationals
-        Weights of the vertex, of each edge neighbour and of each adjacent face point, if there are
-        any, in the vertex point of an interior vertex of valence ``N``.
-    boundary_edge : Fraction
+        the first two exchanged, as no end is the first. Ends that are sharp or on boundaries count
+        as regular. Where a regular end meets another, these are the *spokes* of that vertex, by
+        which waves around it, the tangent plane and saddles among them, are scaled. A surface with
+        spokes of its own is evaluated by NumPy; it has no Bezier patches and no queries that stand
+        on them, and at ends of sharp creases, and vertices of more than 64 faces, none at all.
+    boundary_edge : Fraction, optional
         Weight of each end point in the edge point of a boundary edge.
-    boundary_vertex : (Fraction, Fraction)
+    boundary_vertex : (Fraction, Fraction), optional
         Weight of the vertex, and of each boundary neighbour, in a smooth boundary's vertex point.
-    paper : str
+    paper : str, optional
         Where the masks are published.
     smooth_triangle : Fraction, optional
         Under the triangle rule "smooth", what a triangle contributes instead of ``edge[1]`` to the
         common weight of the two face points in an edge point, the mean of its two faces'
         contributions; the end points share the rest. None if there is no such rule.
-    lattice : Lattice, optional
-        How regular faces lie together, and what a step makes of them.
-    spline : Spline, optional
-        What the scheme makes of a regular lattice.
+    lattice : {"quads", "triangles"}
+        What regular faces are. By default those that the `spline` is of, or else quads.
+    spline : {"bicubic", "bilinear", "quartic", "linear"}, optional
+        What the scheme makes of a regular lattice: of quads the bicubic B-spline, by default, or
+        that of degree 1; of triangles the quartic box spline, by default, or that of degree 1.
 
     Raises
     ------
     ValueError
-        When a mask is not rational or does not sum to one (a `face` or `vertex` mask: when it is
-        first needed), when the masks of a regular vertex are not those of the `spline`,
-        and, as `UnsupportedSpectrum` where a smooth vertex or a dart of so many faces is first
-        used, when refinement there does not converge (an eigenvalue other than 1 has modulus 1 or
-        more) or, at a smooth vertex, has complex eigenvalues of frequency 0.
+        When the name is that of a scheme of the library; when a mask, of a `face` or `vertex` when
+        it is first needed, raises, has floats or the wrong number of weights, does not sum to one,
+        is not symmetric, or changes from call to call; when the masks of a regular vertex are not
+        those of the `spline`; and, as `UnsupportedSpectrum` where a smooth vertex or a dart of so
+        many faces is first used, when refinement there does not converge (an eigenvalue other than
+        1 has modulus 1 or more) or, at a smooth vertex, what outweighs all else is complex or
+        negative. Errors name scheme, mask, valence, what was found and what is needed.
 
     Warns
     -----
@@ -93,17 +125,20 @@ class Scheme:
     once (Reif 1995). Both this and convergence are decided from the spectrum of each ring, in exact
     numbers or to 60 digits; derived in ``derivations/analysis.py``.
 
+    Tables are kept by the values of the masks, whatever the name. A pickle, as processes and
+    clusters send it, holds functions of modules by name, and of all others (those of scripts and
+    notebooks, lambdas) their values at valences to 32 and at those that were asked for.
+
     Examples
     --------
-    >>> from fractions import Fraction
+    >>> from fractions import Fraction as F
     >>> import limitsurf as ls
-    >>> plain = ls.Scheme(
-    ...     "plain", face=lambda n: (Fraction(1, n),) * n, edge=(Fraction(1, 4), Fraction(1, 4)),
-    ...     vertex=lambda N: (Fraction(1, 2), Fraction(1, 4 * N), Fraction(1, 4 * N)),
-    ...     boundary_edge=Fraction(1, 2), boundary_vertex=(Fraction(3, 4), Fraction(1, 8)),
-    ...     paper="an example")
+    >>> plain = ls.Scheme("plain", vertex=lambda N: (F(1, 2), F(1, 4 * N), F(1, 4 * N)))
     >>> [str(weight) for weight in plain.vertex_mask(5)]
     ['1/2', '1/20', '1/20']
+    >>> even = ls.Scheme("even", lattice="triangles", vertex={5: (F(1, 2), F(1, 10))})
+    >>> [str(weight) for weight in even.vertex_mask(6)]
+    ['5/8', '1/16']
     """
 
     name: str
@@ -117,9 +152,53 @@ class Scheme:
     lattice: Lattice = QUADS
     spline: Spline = BICUBIC
 
+    def __init__(
+        self,
+        name: str,
+        *,
+        vertex: Callable[[int], Weights] | Mapping[int, Weights] | None = None,
+        face: Callable[[int], Sequence[Weight]] | Mapping[int, Weights] | None = None,
+        edge: Sequence[Fraction] | Callable[[int, int], Weights] | None = None,
+        boundary_edge: Fraction | None = None,
+        boundary_vertex: Sequence[Fraction] | None = None,
+        paper: str = "not published",
+        smooth_triangle: Fraction | None = None,
+        lattice: Lattice | str | None = None,
+        spline: Spline | str | None = None,
+    ) -> None:
+        found, piece = regular_shape(name, lattice, spline, _SPLINES)
+        own_face, own_edge, own_vertex, (half,), curve = regular_masks(found, piece)
+        if face is None and found.face_points:
+            face = mean_of_corners
+        if vertex is None and len(piece.template) == found.face_size:
+            vertex = Still(own_vertex)
+        elif vertex is None:
+            needed = (
+                "(vertex, neighbour, face point)" if found.face_points else "(vertex, neighbour)"
+            )
+            raise ValueError(
+                f"scheme {name!r}: vertex is missing: a function of the valence N, or a mapping "
+                f"{{N: {needed}}}"
+            )
+        masks = {
+            "name": checked_name(name),
+            "face": as_mask(face, found.face_size, own_face),
+            "edge": own_edge if edge is None else edge,
+            "vertex": as_mask(vertex, found.valence, own_vertex),
+            "boundary_edge": half if boundary_edge is None else boundary_edge,
+            "boundary_vertex": curve if boundary_vertex is None else boundary_vertex,
+            "paper": paper,
+            "smooth_triangle": smooth_triangle,
+            "lattice": found,
+            "spline": piece,
+        }
+        self.__dict__.update(masks)
+        self.__post_init__()
+
     def __post_init__(self) -> None:
         # tuples of Fractions, whatever sequences and integers were given
         set_field = partial(object.__setattr__, self)
+        self.__dict__["_asked"] = {}
         if not callable(self.edge):
             set_field("edge", self._check("edge", self.edge, (2, 2)))
         set_field("boundary_edge", self._check("boundary_edge", (self.boundary_edge,), (2,))[0])
@@ -132,33 +211,84 @@ class Scheme:
             "boundary_edge": (self.boundary_edge,),
             "boundary_vertex": self.boundary_vertex,
         }
-        for (mask, got), needed in zip(own.items(), self._regular_masks(), strict=True):
-            if tuple(got) != needed:
+        needed = regular_masks(self.lattice, self.spline)
+        for (mask, got), need in zip(own.items(), needed, strict=True):
+            if tuple(got) != need:
                 raise ValueError(
                     f"scheme {self.name!r}: {mask} is ({', '.join(map(str, got))}), "
-                    f"but the {self.spline.name} needs ({', '.join(map(str, needed))})"
+                    f"but the {self.spline.name} needs ({', '.join(map(str, need))})"
                 )
 
-    def _regular_masks(self) -> tuple[tuple[Fraction, ...], ...]:
-        """Those of the spline (``derivations/masks_bicubic.py``), in the order of the checks."""
-        star, stride = self.lattice.star, len(self.lattice.orbits)
-        vertex, edge = self.spline.stencil((0, 0)), self.spline.stencil((1, 0))
-        face = self.spline.stencil((1, 1)) if self.lattice.face_points else {}
-        zero = Fraction(0)
-        unit = face.get((0, 0), Fraction(1))  # of a corner in what stands for its face
-        across, near = edge.get(star[stride], zero) / unit, vertex.get(star[0], zero)
-        # corners beyond the neighbours come with face points, which bring neighbours too
-        around = [vertex.get(place, zero) / unit for place in star[1:stride]]
-        near -= 2 * unit * sum(around)
-        own = 1 - self.lattice.valence * (near + sum(around))
-        curve, middle = self.spline.curve_stencil(0), self.spline.curve_stencil(1)
-        return (
-            tuple(face.values()),
-            ((1 - 2 * across) / 2, across),
-            (own, near, *around),
-            (middle[0],),
-            (curve[0], curve.get(1, zero)),
-        )
+    @property
+    def _asked(self) -> dict[tuple[str, tuple[int, ...]], Any] | None:
+        """What masks were at each valence; None if they may change."""
+        return self.__dict__.get("_asked")
+
+    def __copy__(self) -> Self:
+        # not checked as a new scheme is, and its masks may be others from then on
+        made = object.__new__(type(self))
+        made.__dict__.update(self._given())
+        return made
+
+    def __deepcopy__(self, memo: Any) -> Self:
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = self._given()
+        for mask in ("face", "edge", "vertex", "corner"):
+            function = state.get(mask)
+            if callable(function) and not travels(function):
+                state[mask] = self._values_of(mask, function)
+        return state
+
+    def _given(self) -> dict[str, Any]:
+        """The fields that are the scheme's own, not its class's."""
+        own = vars(self)
+        return {x.name: own[x.name] for x in fields(self) if x.name in own}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _asked={})
+
+    def _values_of(self, mask: str, function: Callable[..., Any]) -> MaskValues:
+        """A mask by its values at valences that are likely to be met, and those that were."""
+        every: list[tuple[int, ...]] = [(n,) for n in range(2 if mask == "vertex" else 3, 33)]
+        if mask == "edge":
+            every = [(a, b) for a in range(2, 17) for b in range(2, 17)]
+            regular = self.lattice.valence
+            every += [at for n in range(2, 33) for at in ((n, regular), (regular, n))]
+        asked = [at for which, at in self._asked or () if which == mask]
+        values = {}
+        for at in dict.fromkeys(asked + every):
+            try:
+                values[at] = tuple(self._ask(mask, function, *at))
+            except ValueError:  # it is not told until it is needed
+                if at in asked:
+                    raise
+        return MaskValues(tuple(values.items()), travelled=True)
+
+    def _ask(self, mask: str, function: Callable[..., Any], *at: int) -> Any:
+        """What a mask is at some valence, which must be what it was before."""
+        told = f"scheme {self.name!r}: {mask}{at if len(at) > 1 else f'({at[0]})'}"
+        asked = self._asked
+        try:
+            got = again = function(*at)
+            if asked is not None and (mask, at) not in asked:
+                again = function(*at)
+        except Exception as error:
+            if isinstance(function, MaskValues):
+                raise ValueError(f"{told} {function.missing(at)}") from None
+            raise ValueError(f"{told} raised {type(error).__name__}: {error}") from error
+        if asked is None:
+            return got
+        got, again = (tuple(islice(x, max(3, *at) + 1)) if is_iterable(x) else x
+                      for x in (got, again))  # fmt: skip
+        before = asked.setdefault((mask, at), again)
+        if not alike(before, got):
+            raise ValueError(
+                f"{told} is {shown(got)}, but was {shown(before)} when it was asked before; a "
+                "mask must depend on its valence alone"
+            )
+        return got
 
     @property
     def local(self) -> bool:
@@ -167,7 +297,15 @@ class Scheme:
 
     def face_mask(self, n: int) -> tuple[Fraction, ...]:
         """Weights of the ``n`` corners of a face in its face point, shape (n,); else (0,)."""
-        return () if self.face is None else self._check(f"face({n})", self.face(n), (1,) * n)
+        if self.face is None:
+            return ()
+        weights = self._check(f"face({n})", self._ask("face", self.face, n), (1,) * n)
+        if self._asked is not None and len(set(weights)) > 1:
+            raise ValueError(
+                f"scheme {self.name!r}: face({n}) is {shown(weights)}; a face has no first corner: "
+                f"all {n} weights must be alike, 1/{n}"
+            )
+        return weights
 
     def edge_mask(self, first: int, second: int) -> Weights:
         """Weights in an interior edge point, by the valences of its ends: of each, and across."""
@@ -176,7 +314,8 @@ class Scheme:
         ends, found = [(first, second), (second, first)], []
         for pair in ends:
             name = f"edge({pair[0]}, {pair[1]})"
-            found.append(self._check(name, self.edge(*pair), (1, 1, 2), algebraic=True))
+            got = self._ask("edge", self.edge, *pair)
+            found.append(self._check(name, got, (1, 1, 2), algebraic=True))
         (one, other, across), turned = found
         if not all(map(_equal, turned, (other, one, across))):
             told = (
@@ -190,20 +329,21 @@ class Scheme:
         self._check_local(f"edge({first}, {second})", found[0], (half, half, 0))
         return found[0]
 
-    def check_spokes(self, valence: int) -> None:
-        """Refuse edges from a vertex of that valence to regular ones with masks of their own.
+    def has_own_spokes(self, valence: int) -> bool:
+        """Whether edges from a vertex of that valence to regular ones have masks of their own.
 
-        What is next to the vertex is then no piece of the spline, however often it is refined.
+        What is next to the vertex is then no piece of the spline until it is refined once more:
+        ``derivations/spokes.py``.
         """
+        if not callable(self.edge):
+            return False
         regular = self.lattice.valence
-        needed = self.edge_mask(regular, regular)
-        for ends in ((valence, regular), (regular, valence)):
-            if (got := self.edge_mask(*ends)) != needed:
-                raise ValueError(
-                    f"scheme {self.name!r}: edge{ends} is ({', '.join(map(str, got))}); such a "
-                    "scheme can be refined, but a surface needs the mask of regular edges, "
-                    f"({', '.join(map(str, needed))}), wherever one end is regular"
-                )
+        return self.edge_mask(valence, regular) != self.edge_mask(regular, regular)
+
+    def pieces_of(self, sector: Sector) -> tuple[Child, ...]:
+        """The pieces of the spline around a special corner, of half the face or of a quarter."""
+        fine = sector.kind == "interior" and self.has_own_spokes(sector.faces)
+        return self.lattice.fine_pieces if fine else self.lattice.pieces
 
     @property
     def regular_edge(self) -> tuple[Fraction, Fraction]:
@@ -214,7 +354,8 @@ class Scheme:
     def vertex_mask(self, valence: int) -> Weights:
         """Weights of an interior vertex, of each edge neighbour, of each face point if any."""
         counts, name = (1, *(valence for _ in self.lattice.orbits)), f"vertex({valence})"
-        weights = self._check(name, self.vertex(valence), counts, algebraic=True)
+        got = self._ask("vertex", self.vertex, valence)
+        weights = self._check(name, got, counts, algebraic=True)
         self._check_local(name, weights, (1, *(0 for _ in self.lattice.orbits)))
         return weights
 
@@ -259,16 +400,17 @@ class Scheme:
         self, mask: str, weights: Weights, counts: tuple[int, ...], algebraic: bool = False
     ) -> Weights:
         """Return `weights`, which must be exact numbers whose sum, with multiplicities, is one."""
-        if (
-            not hasattr(weights, "__len__")
-            or len(weights) != len(counts)
-            or not all(
-                isinstance(w, (Fraction, int)) or (algebraic and _is_algebraic(w)) for w in weights
-            )
-        ):
+        if not hasattr(weights, "__len__") or len(weights) != len(counts):
             raise ValueError(
-                f"scheme {self.name!r}: {mask} must be {len(counts)} Fractions, got {weights!r}"
+                f"scheme {self.name!r}: {mask} must be {len(counts)} Fractions, got "
+                f"{shown(weights)}"
             )
+        for k, w in enumerate(weights):
+            if not is_exact(w) or not (algebraic or isinstance(w, (Fraction, int))):
+                raise ValueError(
+                    f"scheme {self.name!r}: {mask} must be {len(counts)} Fractions, got "
+                    f"{shown(weights)}: weight {k} is {advice_on(w, algebraic)}"
+                )
         total: Any = sum((w * c for w, c in zip(weights, counts, strict=True)), Fraction(0))
         if not _equal(total, 1):
             raise ValueError(f"scheme {self.name!r}: {mask} sums to {total}, not to 1")
@@ -277,11 +419,46 @@ class Scheme:
 
 def _is_algebraic(weight: Any) -> bool:
     """Whether it is a real algebraic number of sympy, which is not imported to know that."""
-    return bool(getattr(weight, "is_algebraic", False)) and weight.is_real is not False
+    return hasattr(weight, "is_algebraic") and _is_real_algebraic(weight)
+
+
+@lru_cache(maxsize=4096)
+def _is_real_algebraic(number: Any) -> bool:
+    if not number.is_number or number.is_Float or number.is_finite is False:
+        return False
+    if number.is_real is None or number.is_algebraic is None:  # sympy does not see it
+        value = number.evalf(30)
+        return bool(value.is_real and value.is_finite) and _made_of_algebraic(number)
+    return bool(number.is_algebraic and number.is_real)
+
+
+def _made_of_algebraic(number: Any) -> bool:
+    """Whether it is made by sums, products and rational powers of such that sympy sees."""
+    if number.is_algebraic:
+        return True
+    parts = number.args
+    if number.is_Pow:
+        parts = number.args[:1] if number.args[1].is_Rational else ()
+    elif not (number.is_Add or number.is_Mul):
+        return False
+    return bool(parts) and all(map(_made_of_algebraic, parts))
+
+
+def is_exact(weight: Any) -> bool:
+    """Whether it is a Fraction, an integer or a real algebraic number of sympy."""
+    if isinstance(weight, (Fraction, int)):
+        return not isinstance(weight, bool)
+    return _is_algebraic(weight)
 
 
 def _equal(one: Weight, other: Weight) -> bool:
-    return bool(one == other or (_is_algebraic(one - other) and (one - other).expand() == 0))
+    if one == other:
+        return True
+    apart = one - other
+    if not _is_algebraic(apart):
+        return False
+    # to as many digits as all else is decided by
+    return bool(abs(apart.evalf(80)) < 10**-60)
 
 
 def exact_weight(weight: Any) -> Weight:

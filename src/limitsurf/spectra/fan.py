@@ -297,10 +297,10 @@ def order_at(scheme: str | Scheme, kind: str, faces: int) -> float:
         points = table.right_rows([at[1 + i, 1 + j] for i, j in lattice.corners])
         limits, bound = np.zeros_like(points), np.abs(points)
         limits[0, 0] = 1  # the constant alone does not vanish at the vertex
-        origins = [piece.origin for piece in lattice.pieces]
+        origins, far = [piece.origin for piece in table.places], 2**table.halvings - 1
         for k, corner in enumerate(lattice.corners[1:], 1):  # as it is of the piece there
             powers = np.prod(np.power(corner, basis.scheme.spline.exponents), axis=1)
-            piece = table.pieces[origins.index(corner)]
+            piece = table.pieces[origins.index((far * corner[0], far * corner[1]))]
             limits[k], bound[k] = powers @ piece, bound[k] + powers @ np.abs(piece)
         # both were rounded once and added up
         rounding = np.finfo(float).eps * len(basis.scheme.spline.exponents)

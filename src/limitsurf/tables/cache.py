@@ -231,7 +231,7 @@ def _fourier_arrays(ring: FourierModes) -> dict[str, Array]:
 
 def _table_formats(scheme: Scheme, sector: Sector) -> Formats:
     """The arrays of a table."""
-    pieces = len(scheme.lattice.pieces), len(scheme.spline.exponents)
+    pieces = len(scheme.pieces_of(sector)), len(scheme.spline.exponents)
     size, ring, outer = sector.size, sector.ring, len(sector.outer)
     formats: Formats = {
         "eigenvalues": ("<f8", (2, size), None),

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.exact.matrices import SubdivisionMatrix, subdivision_matrix
+from limitsurf.scheme.lattice import Child
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 from limitsurf.scheme.spline import Spline
@@ -112,7 +113,8 @@ class EigenTable:
         pairs (at darts). Unevaluated sums high + low; the first is 1, and moduli fall.
     pieces : (3, 16 or 15, K)
         Eigenfunctions on the three regular pieces of the face: coefficients of the monomials in
-        the order of `Spline.exponents`, in quads of ``S^i T^j`` at ``4 j + i``.
+        the order of `Spline.exponents`, in quads of ``S^i T^j`` at ``4 j + i``. Where edges at the
+        vertex have masks of their own, on the twelve pieces of these.
     chains : (c,)
         Indices k with ``A V[:, k] = eigenvalue[k] V[:, k] + V[:, k - 1]``.
     pairs, angles : (p,)
@@ -146,6 +148,17 @@ class EigenTable:
     def size(self) -> int:
         """Number K of control points."""
         return len(self.order)
+
+    @property
+    def places(self) -> tuple[Child, ...]:
+        """Where the pieces lie, by their number; see `halvings`."""
+        lattice = self.sector.lattice
+        return lattice.fine_pieces if self.halvings == 2 else lattice.pieces
+
+    @property
+    def halvings(self) -> int:
+        """How many steps lead from the face to a piece: 1, or 2 where these are finer."""
+        return 1 if len(self.pieces) == len(self.sector.lattice.pieces) else 2
 
     @cached_property
     def _dense(self) -> tuple[Array, Array]:
@@ -400,6 +413,13 @@ class RationalTable:
     denominator: int
     pieces: Array
     limit_mask: Array
+
+    @property
+    def places(self) -> tuple[Child, ...]:
+        """Where the pieces lie, by their number."""
+        lattice = self.sector.lattice
+        fine = len(self.pieces) > len(lattice.pieces)
+        return lattice.fine_pieces if fine else lattice.pieces
 
     def __repr__(self) -> str:
         return f"<RationalTable of {self.sector.place}: {self.sector.size} control points>"

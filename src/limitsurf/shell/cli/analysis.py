@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
@@ -55,6 +56,13 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
     help="What is at the vertex, with --faces; see limitsurf basis --help.",
 )
 @click.option("--faces", type=Numbers(), metavar="K", help="How many faces there are, as N.")
+@click.option(
+    "--plot",
+    "picture",
+    type=click.Path(dir_okay=False),
+    metavar="FILE",
+    help="Draw it, of smooth vertices: .svg, .pdf, .png, .jpg or .webp.",
+)
 @json_option
 def spectrum(
     *,
@@ -62,6 +70,7 @@ def spectrum(
     valence: list[int] | None,
     kind: str | None,
     faces: list[int] | None,
+    picture: str | None,
     as_json: bool,
 ) -> None:
     """Say what spectra decide: C1 or not, curvature bounded or not.
@@ -71,6 +80,7 @@ def spectrum(
       limitsurf spectrum --scheme loop --valence 3-12
       limitsurf spectrum --scheme loop --scheme doo-sabin --valence 3-6,8
       limitsurf spectrum --kind crease --faces 1-4 --json
+      limitsurf spectrum --scheme loop --scheme doo-sabin --plot spectrum.svg
 
     A row for each scheme and number of faces, of control points in general position: the
     subdominant eigenvalue; whether the Jacobian of the characteristic map has one sign, and the map
@@ -91,6 +101,10 @@ def spectrum(
     if kind not in (None, "interior") and faces is None:
         raise click.UsageError(f"for a {kind} say --faces K")
     numbers = valence or faces or list(range(3, 13))
+    if picture is not None:
+        if kind not in (None, "interior"):
+            raise click.UsageError(f"--plot is of smooth vertices, not of a {kind}")
+        ls.plot_spectrum(schemes, Path(picture), valences=numbers)
     with terminal.working("deriving"):
         found = [
             ls.spectral_analysis(scheme, kind=kind or "interior", faces=n)

@@ -1,4 +1,4 @@
-"""Flat diagrams, by Matplotlib: characteristic maps, panels of pictures, convergence."""
+"""Flat diagrams, by Matplotlib: characteristic maps, panels of pictures, convergence, spectra."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from limitsurf.shell.plot.paint import Image
 from limitsurf.shell.plot.scene import LIGHT, SEAM, Lines, Look, Scene
 
 if TYPE_CHECKING:
+    from limitsurf.spectra import SpectralAnalysis
     from limitsurf.spectra.fan import Fan, Mode
 
 Array: TypeAlias = NDArray[np.float64]
@@ -24,6 +25,7 @@ INCHES = 6.0  # height of a diagram, to which its letters belong
 CURVES = ("#3a86d4", "#e8805f", "#2e9e5b", "#9a62cc", "#b58900", "#d8407a", "#7f8a94")
 MIRRORED = "#3a86d4"  # faces of a layout that are turned over
 MARKS = "osD^vP*"
+FREQUENCIES = {0: ":", 1: "-", 2: "--"}  # of eigenvalues, and their lines
 COLUMNS, ROWS = 3, 3  # of a panel
 PANEL = COLUMNS * ROWS
 HEAD, NAME = 0.08, 0.04  # parts of its height for its title, and for each picture's
@@ -337,3 +339,35 @@ def draw_convergence(
         formatter = LogFormatterSciNotation(minor_thresholds=(math.inf, math.inf))
         axes.yaxis.set_major_formatter(formatter)
     axes.legend(frameon=False, fontsize=11, labelcolor=look.ink)
+
+
+def draw_spectrum(figure: Any, found: Mapping[str, Sequence[SpectralAnalysis]], look: Look) -> None:
+    """Eigenvalues by frequency, and what curvature is multiplied by, over the number of faces."""
+    from matplotlib.ticker import MaxNLocator
+
+    left, right = (figure.add_axes((x, 0.12, 0.41, 0.78)) for x in (0.07, 0.57))
+    for k, (name, analyses) in enumerate(found.items()):
+        color, mark = CURVES[k % len(CURVES)], MARKS[k % len(MARKS)]
+        faces = np.array([one.sector.faces for one in analyses])
+        for frequency, style in FREQUENCIES.items():
+            sizes = np.array([_largest_of(one, frequency) for one in analyses])
+            left.plot(faces, sizes, mark + style, color=color, lw=1.4, ms=5)
+        rates = [np.nan if x.curvature is None else x.curvature.rate for x in analyses]
+        right.plot(faces, rates, mark + "-", color=color, lw=1.6, ms=6, label=name)
+    for frequency, style in FREQUENCIES.items():
+        left.plot([], [], style, color=look.ink, lw=1.4, label=f"frequency {frequency}")
+    right.axhline(1.0, color=look.ink, lw=0.8, ls=":")
+    texts = "Largest eigenvalues but 1", "Curvature, as parameters are halved, times"
+    for axes, text in zip((left, right), texts, strict=True):
+        _plain_axes(axes, look)
+        axes.set_title(text, color=look.ink, size=13, pad=10)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.set_xlabel("faces around the vertex", size=12)
+        axes.legend(frameon=False, fontsize=10, labelcolor=look.ink)
+
+
+def _largest_of(found: SpectralAnalysis, frequency: int) -> float:
+    """The size of the largest eigenvalue but 1 of a Fourier frequency; NaN if it has none."""
+    origin = f"frequency {frequency}"
+    sizes = [abs(x.value) for x in found.eigenvalues[1:] if origin in x.origins]
+    return max(sizes, default=np.nan)

@@ -8,7 +8,7 @@ answer but a crash, Matplotlib paints the same scene, polygon by polygon from ba
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, overload
 
@@ -53,6 +53,7 @@ __all__ = [
     "plot_characteristic_map",
     "plot_convergence",
     "plot_eigenfunctions",
+    "plot_spectrum",
 ]
 
 MANY = 1_000_000  # polygons that are drawn without a word
@@ -605,6 +606,72 @@ def plot_convergence(
         orders[str(name)] = predicted_order(surface)
     look = DARK if dark else LIGHT
     draw = partial(charts.draw_convergence, errors=errors, orders=orders, look=look)
+    return _chart(draw, window_size, file, off_screen, look)
+
+
+def plot_spectrum(
+    scheme: str | Scheme | Iterable[str | Scheme] = "catmull-clark",
+    file: Path | None = None,
+    *,
+    valences: Iterable[int] = range(3, 13),
+    dark: bool = False,
+    window_size: tuple[int, int] = (1600, 800),
+    off_screen: bool | None = None,
+) -> Picture:
+    """Draw what eigenvalues schemes have at smooth vertices, and how curvature behaves there.
+
+    On the left, over the number of faces N, the largest eigenvalue but 1 of the Fourier
+    frequencies 0 (cups), 1 (the tangent plane) and 2 (saddles): surfaces have a tangent plane where
+    that of frequency 1 is above the others. On the right by what curvature is multiplied at each
+    halving of the parameters: it is unbounded where that is above 1, and tends to 0 below.
+
+    Parameters
+    ----------
+    scheme : str or Scheme, or several of them
+        Names such as "catmull-clark", or schemes of your own.
+    file : str or os.PathLike, optional
+        A ``.svg``, ``.pdf``, ``.png``, ``.jpg`` or ``.webp`` file to write.
+    valences : iterable of int
+        Numbers of faces, at least 2 each. There is no curvature where there is no tangent plane.
+    window_size : (int, int)
+        Width and height in pixels.
+    dark, off_screen : bool, optional
+        As for `plot`.
+
+    Returns
+    -------
+    Picture
+
+    Raises
+    ------
+    ValueError
+        No scheme, or no valence; a valence that is no integer of at least 2; and as
+        `spectral_analysis`, for masks without a limit, and schemes by which no vertex is special.
+
+    Notes
+    -----
+    Everything is decided as by `spectral_analysis`; derived in ``derivations/analysis.py``.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> ls.plot_spectrum(["loop", "doo-sabin"], valences=range(3, 7), off_screen=True)
+    <Picture of 1600 x 800 pixels>
+    """
+    from limitsurf.spectra import spectral_analysis  # not for every picture
+
+    pictures.check_target(file, off_screen, charts.ChartDrawing.suffixes)
+    given: Any = scheme
+    several = [given] if isinstance(given, str) or hasattr(given, "lattice") else [*given]
+    faces = [checked_integer(f"valences[{k}]", n, 2) for k, n in enumerate(valences)]
+    if not several or not faces:
+        raise ValueError(f"need a scheme and a valence at least, got {several!r} and {faces!r}")
+    found = {}
+    for one in several:
+        analyses = [spectral_analysis(one, valence=n) for n in faces]
+        found[analyses[0].scheme.name] = analyses
+    look = DARK if dark else LIGHT
+    draw = partial(charts.draw_spectrum, found=found, look=look)
     return _chart(draw, window_size, file, off_screen, look)
 
 
