@@ -12,8 +12,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from limitsurf.cad.brep import to_brep as to_brep
     from limitsurf.cad.bspline import BSplineFaces as BSplineFaces
     from limitsurf.cad.bspline import bspline_faces as bspline_faces
+    from limitsurf.cad.compare import Comparison as Comparison
+    from limitsurf.cad.compare import compare as compare
+    from limitsurf.cad.spline_faces import SplineFaces as SplineFaces
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
@@ -130,6 +134,7 @@ if TYPE_CHECKING:
         to_trimesh as to_trimesh,
     )
     from limitsurf.shell.io.merge import merged as merged
+    from limitsurf.shell.io.step import read_brep as read_brep
     from limitsurf.shell.io.vtk import (
         from_pyvista as from_pyvista,
     )
@@ -174,6 +179,7 @@ _HOME = {
     "Bounds": "query.bounds",
     "BezierRest": "query.bezier",
     "ClosestPoints": "query.closest",
+    "Comparison": "cad.compare",
     "Curvature": "surface",
     "Deviation": "query.deviation",
     "Eigenbasis": "spectra",
@@ -194,6 +200,7 @@ _HOME = {
     "Space": "fem.space",
     "SpectralAnalysis": "spectra",
     "ThinShell": "fem.thin",
+    "SplineFaces": "cad.spline_faces",
     "SurfaceIndex": "query.index",
     "Tessellation": "query",
     "View": "query.camera",
@@ -206,6 +213,7 @@ _HOME = {
     "bspline_faces": "cad.bspline",
     "centroid": "integrals.body",
     "closest_point": "query.closest",
+    "compare": "cad.compare",
     "Curves": "query.sections",
     "contour": "query.sections",
     "contains": "query.rays",
@@ -235,6 +243,7 @@ _HOME = {
     "precompile": "compiling",
     "quadrature": "integrals.quadrature",
     "read": "shell.io.by_suffix",
+    "read_brep": "shell.io.step",
     "refined": "refine",
     "refinement_gap": "query",
     "sample": "query.samples",
@@ -244,6 +253,7 @@ _HOME = {
     "silhouette": "query.silhouettes",
     "spectral_analysis": "spectra",
     "tessellate": "query",
+    "to_brep": "cad.brep",
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",
     "validate": "query",
