@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from limitsurf.cad.bspline import bspline_faces as bspline_faces
     from limitsurf.cad.compare import Comparison as Comparison
     from limitsurf.cad.compare import compare as compare
+    from limitsurf.cad.deviation import PatchDeviation as PatchDeviation
+    from limitsurf.cad.deviation import deviation as deviation
     from limitsurf.cad.spline_faces import SplineFaces as SplineFaces
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
@@ -190,6 +192,7 @@ _HOME = {
     "LimitSurface": "surface",
     "Mesh": "cage.mesh",
     "MeshError": "cage.checks",
+    "PatchDeviation": "cad.deviation",
     "Picture": "shell.plot.plots",
     "RayHits": "query.rays",
     "Quadrature": "integrals.quadrature",
@@ -218,6 +221,7 @@ _HOME = {
     "contour": "query.sections",
     "contains": "query.rays",
     "creases_by_angle": "query.creases",
+    "deviation": "cad.deviation",
     "eigenbasis": "spectra",
     "eigenmodes": "fem.modes",
     "element_residuals": "fem.residuals",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from limitsurf.cad.boundary import Boundary
 from limitsurf.cad.bspline import BSplineFaces, bspline_faces
@@ -61,7 +61,7 @@ def to_brep(
     tolerance: float | None = None,
     depth: int | None = None,
     merge: bool = True,
-    poles: Literal["g0", "g1"] = "g0",
+    g1_angle: float | None = None,
     channel: str | None = None,
     workers: int = 1,
 ) -> Any:
@@ -79,7 +79,7 @@ def to_brep(
         default they are solids where they can be, and a warning says why others are not.
     unit : {"mm", "cm", "m", "km", "um", "in", "ft"}
         What the numbers of the surface are. Shapes are in millimetres; so are they by default.
-    tolerance, depth, merge, poles
+    tolerance, depth, merge, g1_angle
         As for `bspline_faces`.
     channel : str, optional
         A face-varying channel of three columns instead of the points.
@@ -130,8 +130,7 @@ def to_brep(
     >>> type(solid).__name__, solid.Closed(), solid.NbChildren()
     ('TopoDS_Solid', False, 1)
     """
-    how = {"tolerance": tolerance, "depth": depth, "merge": merge, "poles": poles}
-    how = {k: v for k, v in how.items() if k == "depth"}
+    how = {"tolerance": tolerance, "depth": depth, "merge": merge, "g1_angle": g1_angle}
     found = made(surface, solid, unit, channel=channel, workers=workers, **how)
     found.warn(solid, 3)
     return found.shape

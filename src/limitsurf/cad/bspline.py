@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from limitsurf import html
 from limitsurf.caching import cached_property
 from limitsurf.cad import nets, splines
+from limitsurf.cad.caps import CapErrors, Caps, depths_within
+from limitsurf.cad.merging import merged_faces, regular_faces
 from limitsurf.cad.poles import Poles
 from limitsurf.cage.checks import checked_integer
 from limitsurf.engine.protocol import Request
@@ -63,9 +65,9 @@ class BSplineFaces:
     trims : (3, 2) int64, or None
         Of triangles: the corners of the part of each face's square that counts, below its diagonal,
         counter-clockwise. Beyond it the polynomial goes on, the surface does not.
-    depths : (n, 4) or (n, 3) int64
-        How small the cell at each special corner of an unmerged limit face is: 2^-depth of an edge
-        of the cage. -1 at other corners, and for parts of triangles.
+    depths : (n_limit_faces, 4) or (n_limit_faces, 3) int64
+        How small the cells at special corners of limit faces are: 2^-depth of an edge of the cage.
+        -1 at other corners.
 
     Examples
     --------
@@ -124,6 +126,35 @@ class BSplineFaces:
         """The same as what evaluates them."""
         known = self.degree, self.counts, self.knots_u, self.knots_v, self.points
         return splines.Splines.of(*known)
+
+    @cached_property
+    def cap_errors(self) -> tuple[Array, CapErrors]:
+        """The faces that are not exact, one to each special corner, and the errors there."""
+        poles = Poles.of(self.surface)
+        depth = self.depths[poles.face, poles.corner]
+        errors = Caps(self.surface, poles).errors(np.arange(len(depth)), depth)
+        if self.trims is not None:
+            return np.flatnonzero(~self.exact), errors
+        none = np.zeros((len(depth), 2))
+        return splines.located(self, poles.face, none)[0], errors
+
+    @property
+    def deviation(self) -> Array:
+        """How far each face is from the limit at the same parameters, at most, (n,): proved.
+
+        0 where it is exact. `ls.deviation` says more.
+        """
+        return self._largest(self.cap_errors[1].parametric)
+
+    @property
+    def angle(self) -> Array:
+        """How far normals of each face are from those of the limit, at most, (n,), in degrees."""
+        return np.degrees(self._largest(self.cap_errors[1].angle))
+
+    def _largest(self, values: Array) -> Array:
+        found = np.zeros(len(self))
+        np.maximum.at(found, self.cap_errors[0], values)
+        return found
 
     def evaluate(self, face: ArrayLike, u: ArrayLike, v: ArrayLike) -> Array:
         """Points of faces at (u, v), (..., d); arguments broadcast.
@@ -200,6 +231,19 @@ class BSplineFaces:
         found, x, y = splines.located(self, np.ravel(request.face).astype(np.int64), place)
         return found.reshape(shape), x.reshape(shape), y.reshape(shape)
 
+    def on_surface(self, face: ArrayLike, u: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
+        """Limit faces (Q,) and u and v there (Q, 2) of places of faces, flat; the way back of `of`.
+
+        Examples
+        --------
+        >>> import limitsurf as ls
+        >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+        >>> ls.bspline_faces(ls.LimitSurface(square)).on_surface(0, 0.25, 0.5)
+        (array([0]), array([[0.25, 0.5 ]]))
+        """
+        _, which, x, y = self._places(face, u, v)
+        return splines.on_limit_faces(self, which, np.stack([x, y], axis=1))
+
     def _places(self, face: Any, u: Any, v: Any) -> tuple[Any, Array, Array, Array]:
         which, x, y = np.broadcast_arrays(face, np.asarray(u, float), np.asarray(v, float))
         if which.dtype.kind not in "iu":
@@ -239,7 +283,10 @@ class BSplineFace:
 def bspline_faces(
     surface: LimitSurface,
     *,
+    tolerance: float | None = None,
     depth: int | None = None,
+    merge: bool = True,
+    g1_angle: float | None = None,
     channel: str | None = None,
     workers: int = 1,
 ) -> BSplineFaces:
@@ -254,9 +301,20 @@ def bspline_faces(
     ----------
     surface : LimitSurface
         Of float64 points (n_vertices, d).
+    tolerance : float, optional
+        How far a face may be from the limit at the same parameters, at most: cells at each special
+        corner are as small as it takes. It is proved, not sampled.
     depth : int, optional
         The cells at special corners measure 2^-depth of an edge of the cage; 8 by default, and
         more where faces are split further. Counted so, it is the same cell from all faces around.
+    merge : bool
+        Whether rectangles of limit faces amid regular vertices become one face each. They are cut
+        along lines from all corners around three faces, those first that join two of them. A face
+        does not meet itself: tubes and tori are cut along seams. Not in schemes of triangles, of
+        degree 1, and of channels.
+    g1_angle : float, optional
+        By how many degrees normals may jump across smooth edges at most; cells at special corners
+        are as small as it takes. Proved: normals are within half of it of those of the limit.
     channel : str, optional
         A face-varying channel of the mesh, to give the faces of instead of the points.
     workers : int
@@ -265,7 +323,8 @@ def bspline_faces(
     Returns
     -------
     BSplineFaces
-        One to each limit face that has a limit (holes are left out), in their order. In schemes of
+        One to each limit face that has a limit (holes are left out), or rectangle of them, in
+        order. In schemes of
         triangles one to each polynomial piece, since lines of three directions are none of a
         tensor product: a polynomial over a square, of which the half below the diagonal counts.
 
@@ -274,7 +333,8 @@ def bspline_faces(
     TypeError
         For what is no surface of float64 points.
     ValueError
-        For a depth out of range, or less than faces are split, and for an unknown channel.
+        For a depth out of range, or less than faces are split, a tolerance below rounding, one or
+        an angle that the smallest cells do not reach, and for an unknown channel.
 
     Notes
     -----
@@ -309,8 +369,12 @@ def bspline_faces(
         raise ValueError(f"bspline_faces needs points (n, d), got {found.points.shape}")
     ends = Poles.of(found)
     faces = np.flatnonzero(found.patches.with_limit)
-    deep = ends.at_depths(np.full(len(ends.face), _chosen(depth, ends.least)))
+    deep = ends.at_depths(_chosen(found, ends, tolerance, depth, g1_angle))
     parts: list[_Alike] = []
+    if merge and channel is None and _is_merged(found):
+        regular = regular_faces(found)
+        parts.extend(_merged(found, np.flatnonzero(regular), workers))
+        faces = faces[~regular[faces]]
     for depth_ in np.unique(deep.most[faces]).tolist():
         alike = faces[deep.most[faces] == depth_]
         for start in range(0, len(alike), _FACES):
@@ -320,21 +384,40 @@ def bspline_faces(
     return _joined(found, parts, deep.each)
 
 
-def _chosen(depth: int | None, least: int) -> int:
-    """A depth that is asked for, checked."""
-    if depth is None:
-        return max(_DEPTH, least)
-    depth = checked_integer("depth", depth, 0)
-    if depth > _DEEPEST:
-        raise ValueError(
-            f"depth must be 0 to {_DEEPEST}, got {depth}: knots beyond are too close to each other"
-        )
-    if depth < least:
-        raise ValueError(
-            f"depth must be at least {least} for this surface, whose faces are split as far "
-            f"around special corners, got {depth}"
-        )
-    return depth
+def _is_merged(surface: LimitSurface) -> bool:
+    """Whether faces are smooth enough across edges to be one, and rectangles."""
+    spline = surface.topology.rules.scheme.spline
+    return not surface.topology.lattice.sloped and int(np.max(spline.exponents)) > 1
+
+
+def _chosen(surface: LimitSurface, poles: Poles, tolerance: Any, depth: Any, angle: Any) -> Array:
+    """Depths (r,) of special corners that are asked for, checked."""
+    if depth is not None:
+        if tolerance is not None or angle is not None:
+            raise ValueError("give a depth, or a tolerance and g1_angle, not both")
+        depth = checked_integer("depth", depth, 0)
+        if depth > _DEEPEST:
+            raise ValueError(
+                f"depth must be 0 to {_DEEPEST}, got {depth}: knots beyond are too close together"
+            )
+        if depth < poles.least:
+            raise ValueError(
+                f"depth must be at least {poles.least} for this surface, whose faces are split as "
+                f"far around special corners, got {depth}"
+            )
+        return np.full(len(poles.face), depth)
+    if tolerance is None and angle is None:
+        return np.full(len(poles.face), max(_DEPTH, poles.least))
+    size = float(np.abs(surface.points[surface.mesh.indices]).max(initial=0))
+    least = 2.0**-44 * size
+    if tolerance is not None and not least < tolerance < np.inf:
+        raise ValueError(f"tolerance must be above {least:.3g}, for rounding, got {tolerance}")
+    if angle is not None and not 0 < angle <= 180:
+        raise ValueError(f"g1_angle must be above 0 and at most 180 degrees, got {angle}")
+    if angle is not None and surface.points.shape[1] != 3:
+        raise ValueError("g1_angle needs points in space, (n_vertices, 3)")
+    turn = None if angle is None else float(np.radians(angle)) / 2  # on both sides of an edge
+    return depths_within(Caps(surface, poles), poles, tolerance, turn, max(_DEEPEST, poles.least))
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,6 +432,9 @@ class _Alike:
     points : (m, nu * nv, d)
     origin, size : (m, 2)
     exact : (m,) bool
+    grid : (int, int)
+    cells, turns : (m, l)
+        As `limit_faces` and `turns` of `BSplineFaces`.
     """
 
     face: Array
@@ -358,6 +444,9 @@ class _Alike:
     origin: Array
     size: Array
     exact: Array
+    grid: tuple[int, int]
+    cells: Array
+    turns: Array
 
 
 def _made(surface: LimitSurface, pieces: BezierPatches, faces: Array) -> Iterator[_Alike]:
@@ -381,7 +470,18 @@ def _made(surface: LimitSurface, pieces: BezierPatches, faces: Array) -> Iterato
             u, v = (nets.clamped(x, degree) for x in nets.breaks(cut))
             none = np.zeros((m, 2))
             whole = np.full(m, r == 0)
-            yield _Alike(own, 0 * own, (u, v), made, none, none + 1, whole)
+            yield _Alike(
+                own,
+                0 * own,
+                (u, v),
+                made,
+                none,
+                none + 1,
+                whole,
+                (1, 1),
+                own[:, None],
+                0 * own[:, None],
+            )
             continue
         every = known[:, : c * n].reshape(m, c, n, d)
         if r:
@@ -393,7 +493,19 @@ def _made(surface: LimitSurface, pieces: BezierPatches, faces: Array) -> Iterato
         size = np.tile(np.concatenate([cut.size, cut.rest_size]), (m, 1))
         whole = np.tile(np.arange(c + r) < c, m)
         part = np.tile(np.arange(c + r), m)
-        yield _Alike(np.repeat(own, c + r), part, (line, line), net, origin, size, whole)
+        own = np.repeat(own, c + r)
+        cells = own[:, None]
+        yield _Alike(own, part, (line, line), net, origin, size, whole, (1, 1), cells, 0 * cells)
+
+
+def _merged(surface: LimitSurface, regular: Array, workers: int) -> Iterator[_Alike]:
+    """Faces over rectangles of regular limit faces."""
+    for x in merged_faces(surface, regular, workers):
+        face, none = x.cells[:, 0], np.zeros((len(x.cells), 2))
+        whole = np.ones(len(face), dtype=bool)
+        yield _Alike(
+            face, 0 * face, x.knots, x.points, none, none + 1, whole, x.grid, x.cells, x.turns
+        )
 
 
 def _joined(surface: LimitSurface, parts: list[_Alike], depths: Array) -> BSplineFaces:
@@ -425,12 +537,18 @@ def _joined(surface: LimitSurface, parts: list[_Alike], depths: Array) -> BSplin
         for name in ("origin", "size")
     )
     exact = np.concatenate([none.astype(bool), *(x.exact for x in parts)])[order]
-    face = face[order]
+    grid = np.ones((len(face), 2), dtype=np.int64)
+    for x, here in zip(parts, ranks, strict=True):
+        grid[here] = x.grid
+    first = np.cumsum(grid.prod(axis=1)) - grid.prod(axis=1)
+    cells, turns = np.empty((2, int(grid.prod(axis=1).sum())), dtype=np.int64)
+    for x, here in zip(parts, ranks, strict=True):
+        at = first[here, None] + np.arange(x.cells.shape[1])
+        cells[at], turns[at] = x.cells, x.turns
     trims = np.array([(0, 0), (1, 0), (0, 1)]) if lattice.sloped else None
-    one = np.ones((len(face), 2), dtype=np.int64)
     return BSplineFaces(
-        surface, (degree, degree), counts, knots[0], knots[1], points, one, face,
-        np.zeros_like(face), origin, size, exact, trims, depths,
+        surface, (degree, degree), counts, knots[0], knots[1], points, grid, cells, turns, origin,
+        size, exact, trims, depths,
     )  # fmt: skip
 
 

@@ -159,6 +159,21 @@ def net(cut: Cut, lattice: Lattice, degree: int) -> csr_array[Any]:
     return found
 
 
+def line(lines: Array, degree: int) -> tuple[Array, Array]:
+    """For each control point of a curve with these breaks, the piece it follows from, and weights.
+
+    (n,) and (n, degree + 1).
+    """
+    knots = clamped(lines, degree)
+    n = len(knots) - degree - 1
+    spans = np.clip(np.arange(n)[:, None] + np.arange(-degree, 1), 0, len(lines) - 2)
+    own = knots[np.arange(n)[:, None] + np.arange(1, degree + 1)]
+    at = (own[:, None] - lines[spans][..., None]) / np.diff(lines)[spans][..., None]
+    best = (np.abs(at) + np.abs(1 - at)).prod(axis=2).argmin(axis=1)
+    every = np.arange(n)
+    return spans[every, best], _blossom(at[every, best])
+
+
 def _owner(cut: Cut, lines: tuple[Array, Array]) -> Array:
     """The piece at each rectangle between lines, (m, n); -1 where none is."""
     found = np.full([len(x) - 1 for x in lines], -1)
@@ -211,31 +226,29 @@ def square_of_triangle(degree: int) -> Array:
 def caps(cut: Cut, lattice: Lattice, degree: int) -> csr_array[Any]:
     """Coefficients of what remains at special corners, from those of the pieces around, and limits.
 
-    (r * n, c * n + r): the piece across from the corner goes on into the rest, but for the sides,
-    where those beside go on, and for the limit of the corner.
+    (r * n, c * n + r): the pieces across from the corner, in squares those beside it, go on into
+    the rest; on sides of triangles those beside; and the corner is its limit.
     """
     from scipy.sparse import csr_array
 
     exponents = Form.of(lattice, degree).exponents
-    n, r, c = len(exponents), len(cut.corner), len(cut.origin)
+    n, r, c, sides = len(exponents), len(cut.corner), len(cut.origin), lattice.face_size
     found = np.zeros((r, n, c * n + r))
     corners = np.array(lattice.corners)
-    middles = cut.origin + cut.size / 3
-    powers = np.column_stack([degree - exponents.sum(axis=1), exponents])
+    middle = corners.mean(axis=0)
+    middles = cut.origin + cut.size * middle
     for k in range(r):
         origin, size, at = cut.rest_origin[k], cut.rest_size[k], int(cut.corner[k])
-        a, b, d = (origin + size * corners[(at + m) % 3] for m in range(3))
-        middle = origin + size / 3
-        away = degree - powers[:, at]
-        found[k, away == 0, c * n + k] = 1
-        sources = (b + d - a + b + d) / 3, middle + b - a, middle + d - a
-        along = powers[:, (at + 1) % 3] == 1
-        for place, which in (
-            (sources[0], away > 1), (sources[1], (away == 1) & along),
-            (sources[2], (away == 1) & ~along),
-        ):  # fmt: skip
+        here = origin + size * middle
+        a, b, d = (origin + size * corners[(at + m) % sides] for m in (0, 1, -1))
+        found[k, _away(lattice, exponents, at, 0), c * n + k] = 1
+        places = (b + d - a - a) / 3 * lattice.sloped + here, here + b - a, here + d - a
+        for m, place in enumerate(places):
+            which = _away(lattice, exponents, at, m + 1)
+            if not which.any():
+                continue
             one = int(np.abs(middles - place).sum(axis=1).argmin())
-            if not np.allclose(middles[one], place, rtol=0, atol=1e-12 * np.abs(size).max()):
+            if not np.allclose(middles[one], place, rtol=0, atol=1e-9 * np.abs(size).max()):
                 raise AssertionError("there is no ring around what remains")
             frame = np.zeros((1, 3, 2))
             frame[0, 0] = (origin - cut.origin[one]) / cut.size[one]
@@ -243,3 +256,24 @@ def caps(cut: Cut, lattice: Lattice, degree: int) -> csr_array[Any]:
             matrix = bernstein.blossoms(exponents, frame)[0]
             found[k, which, one * n : (one + 1) * n] = matrix[which]
     return csr_array(found.reshape(r * n, c * n + r))
+
+
+def _away(lattice: Lattice, exponents: Array, corner: int, which: int) -> Array:
+    """Which coefficients of a rest come from the limit (0) or the piece across (1) or beside it."""
+    degree, following = int(exponents.max()), (corner + 1) % lattice.face_size
+    at, ahead = np.array(lattice.corners)[[corner, following]] * degree
+    if not lattice.sloped:
+        along = int(at[0] == ahead[0])  # the axis of the side that begins at the corner
+        first, second = (
+            np.abs(exponents[:, along] - at[along]),
+            np.abs(exponents - at)[:, 1 - along],
+        )
+        return np.asarray([
+            (first == 0) & (second == 0), np.zeros(len(first), dtype=bool), first > 0,
+            (first == 0) & (second > 0),
+        ][which])  # fmt: skip
+    powers = np.column_stack([degree - exponents.sum(axis=1), exponents])
+    away, next_to = degree - powers[:, corner], powers[:, following] == 1
+    return np.asarray([
+        away == 0, away > 1, (away == 1) & next_to, (away == 1) & ~next_to,
+    ][which])  # fmt: skip

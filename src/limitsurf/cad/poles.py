@@ -34,6 +34,8 @@ class Poles:
         Of the domain.
     least : int
         How often edges have to be halved so that no face is split within a cell at a corner.
+    finest : int
+        How often edges are halved where faces are split furthest, rings aside.
     """
 
     face: Array
@@ -42,6 +44,7 @@ class Poles:
     half: Array
     corners: Array
     least: int
+    finest: int
 
     @classmethod
     def of(cls, surface: LimitSurface) -> Poles:
@@ -79,7 +82,8 @@ class Poles:
         has = np.zeros(n, dtype=bool)
         has[face] = True
         least = int(level[has[covered.owner]].max(initial=0))
-        return cls(face, corner, pole, half, corners, least)
+        finest = int(level.max(initial=0))
+        return cls(face, corner, pole, half, corners, least, finest)
 
     def at_depths(self, depth: Array) -> Depths:
         """Depths (r,) of theirs, or one for all."""

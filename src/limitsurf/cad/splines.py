@@ -131,3 +131,16 @@ def located(faces: BSplineFaces, limit_face: Array, place: Array) -> tuple[Array
         best[some], found[some], x[some] = inside[better], part[better], own[better]
     np.clip(x, 0, 1, out=x)
     return found, x[:, 0], x[:, 1]
+
+
+def on_limit_faces(faces: BSplineFaces, face: Array, place: Array) -> tuple[Array, Array]:
+    """Limit faces (Q,) and places there (Q, 2) of places (Q, 2) of faces (Q,)."""
+    first = np.cumsum(faces.grid.prod(axis=1)) - faces.grid.prod(axis=1)
+    if faces.trims is not None:
+        found = faces.origin[face] + faces.size[face] * place
+        return faces.limit_faces[first[face]], np.clip(found, 0, 1)
+    step = np.minimum(np.floor(np.nan_to_num(place)).astype(np.int64), faces.grid[face] - 1)
+    cell = first[face] + step[:, 0] * faces.grid[face, 1] + step[:, 1]
+    base, along, across = _TURNS[faces.turns[cell]].swapaxes(0, 1)
+    own = place - step
+    return faces.limit_faces[cell], base + own[:, :1] * along + own[:, 1:] * across

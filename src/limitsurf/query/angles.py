@@ -123,6 +123,17 @@ def _parted(
     _, pairs = normal_form(surface.topology.lattice, form.degree)
     truth, off = crossed(form, pairs, limit)
     normals, noise, slack = _normals(surface, form, fields, face, frames)
+    return between(truth, off, normals, noise, slack)[0]
+
+
+def between(
+    truth: Array, off: Array, normals: Array, noise: Array, slack: Array | float = 0.0
+) -> tuple[Array, Array, Array]:
+    """Bounds (L,) of angles between two fields of normals, the axis of the first and its cone.
+
+    Both are coefficients (L, m, 3), which rounding moves by `off` and `noise` (L,), and the latter
+    err by `slack`. Axes are (L, 3), half angles of cones (L,).
+    """
     axis = truth.mean(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         axis = axis / length(axis)[:, None]
@@ -138,7 +149,8 @@ def _parted(
         found = np.where(sure, np.arcsin(np.clip(far / least, 0, 1)), np.pi)
     # or by the cones of both
     both = wide + cone(normals, noise + slack, axis)
-    return np.fmin(found, np.where(np.isnan(both), np.pi, np.minimum(both, np.pi)))
+    least_of_both = np.fmin(found, np.where(np.isnan(both), np.pi, np.minimum(both, np.pi)))
+    return least_of_both, axis, wide
 
 
 def _normals(

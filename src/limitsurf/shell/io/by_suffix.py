@@ -18,10 +18,12 @@ from limitsurf.cage.checks import MeshError
 from limitsurf.cage.mesh import Mesh
 from limitsurf.shell import files
 from limitsurf.shell.files import Path, replacing
-from limitsurf.shell.io import by_trimesh, formats, msh, obj, off, ply, vtk
+from limitsurf.shell.io import by_trimesh, extraction, formats, msh, obj, off, ply, vtk
 from limitsurf.shell.io.losses import Losses
 from limitsurf.shell.io.merge import Merge, checked, joined, warn_if_apart
 from limitsurf.shell.io.polygons import (
+    float_points,
+    no_polygons,
     polygons,
     warn_of_cuts,
     warn_of_loss,

@@ -201,7 +201,19 @@ def _said(known: Made | None) -> list[str]:
 
 
 def _deviation(known: Made) -> list[str]:
-    return []
+    """How far faces are from the limit, at most: proved."""
+    _, errors = known.splines.cap_errors
+    far, near, turn = (
+        float(getattr(errors, name).max(initial=0))
+        for name in ("parametric", "along_normal", "angle")
+    )
+    if not len(errors.parametric):
+        return ["deviation from the limit surface: rounding"]
+    return [
+        f"deviation from the limit surface at most {far:.3g} at the same parameters",
+        f"{near:.3g} along its normals",
+        f"normals within {np.degrees(turn):.3g} degrees",
+    ]
 
 
 def _document(shape: Any, known: Made | None, painted: Array | None, metres: float) -> Any:
