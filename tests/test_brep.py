@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import limitsurf as ls
 from limitsurf.cad import opencascade
@@ -141,6 +142,19 @@ def test_closed_bodies_that_share_an_edge_are_two_solids():
     assert is_valid(shape)
 
 
+def test_merged_faces_have_sides_of_several_edges():
+    """The same surface as one face to each limit face; no vertex is left where two edges go on."""
+    coarse = together(cube())
+    surface = ls.LimitSurface(ls.Mesh((fine := ls.refined(coarse.mesh, 3)).points, fine.uniform))
+    merged, each = (ls.to_brep(surface, merge=merge) for merge in (True, False))
+    found = counted(merged)
+    assert is_valid(merged)
+    assert found["Face"] < counted(each)["Face"] == 384
+    assert found["Vertex"] - found["Edge"] + found["Face"] == 2
+    assert volume(merged) == pytest.approx(CUBE_VOLUME, rel=1e-7)
+    assert volume(each) == pytest.approx(CUBE_VOLUME, rel=1e-7)
+
+
 def test_three_sheets_at_an_edge_are_three_shells():
     points = [
         [0, 0, 0],
@@ -158,12 +172,14 @@ def test_sides_that_are_points_are_degenerate_edges():
     ring = [[np.cos(a), np.sin(a), 0] for a in np.arange(4) * np.pi / 2]
     points = [*ring, *([[0, 0, 1]] * 4)]
     mesh = ls.Mesh(points, [[k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k] for k in range(4)])
-    known = made(ls.LimitSurface(mesh, boundary="edge_only"), False, "mm", channel=None, workers=1)
+    surface = ls.LimitSurface(mesh, boundary="edge_only")
+    known = made(surface, False, "mm", channel=None, workers=1, merge=False)
     tool = module("BRep").BRep_Tool
     edges = list(parts_of(known.shape, "Edge"))
     assert sum(tool.Degenerated_s(edge) for edge in edges) == 4
     assert counted(known.shape)["Vertex"] == 5
     assert is_valid(known.shape)
+    assert is_valid(ls.to_brep(surface, solid=False))
 
 
 def test_faces_without_area_are_refused_by_name():
@@ -214,7 +230,7 @@ def test_booleans_sections_and_fillets_succeed():
 def test_files_keep_numbers_and_faces(tmp_path, kind, capfd):
     surface = ls.LimitSurface(torus())
     path = tmp_path / f"torus.{kind}"
-    ls.write(path, surface, check=True)
+    ls.write(path, surface, check=True, merge=False)
     assert capfd.readouterr() == ("", "")
     faces = ls.read_brep(path)
     assert (len(faces), int(faces.solid.max()), faces.untrimmed.all()) == (30, 0, True)
@@ -226,19 +242,16 @@ def test_files_keep_numbers_and_faces(tmp_path, kind, capfd):
         text = path.read_text()
         assert "SI_UNIT(.MILLI.,.METRE.)" in text
         assert "30 of" in text.partition("ENDSEC")[0]
-    if kind != "brep":
         assert faces.names[:2] == ("face 0", "face 1")
 
 
-@pytest.mark.parametrize("unit", ["m", "in"])
-def test_units_are_stated_and_numbers_stay(tmp_path, unit):
-    for kind in ("step", "igs"):
-        path = tmp_path / f"cube.{kind}"
-        ls.write(path, together(cube()), unit=unit, depth=4)
-        assert np.ptp(ls.read_brep(path, unit=unit).points, axis=0) == pytest.approx(
-            np.ptp(ls.read_brep(path).points, axis=0) / {"m": 1000, "in": 25.4}[unit]
-        )
-        assert np.ptp(ls.read_brep(path, unit=unit).points) < 1
+@pytest.mark.parametrize(("kind", "unit", "factor"), [("step", "m", 1000), ("igs", "in", 25.4)])
+def test_units_are_stated_and_numbers_stay(tmp_path, kind, unit, factor):
+    path = tmp_path / f"cube.{kind}"
+    ls.write(path, together(cube()), unit=unit, depth=4)
+    own = np.ptp(ls.bspline_faces(together(cube()), depth=4).points, axis=0)
+    assert np.ptp(ls.read_brep(path, unit=unit).points, axis=0) == pytest.approx(own, rel=1e-14)
+    assert np.ptp(ls.read_brep(path).points, axis=0) == pytest.approx(own * factor, rel=1e-14)
     with pytest.raises(ValueError, match="state no unit"):
         ls.write(tmp_path / "cube.brep", together(cube()), unit=unit)
 
@@ -253,13 +266,20 @@ def test_colours_of_faces(tmp_path):
     assert not (tmp_path / "other.step").exists()
 
 
-def test_cage_to_step_to_cage(tmp_path):
+@pytest.mark.parametrize("merge", [False, True])
+def test_cage_to_step_to_cage(tmp_path, merge):
     mesh = torus()
-    ls.write(tmp_path / "torus.step", ls.LimitSurface(mesh))
-    found = ls.read_brep(tmp_path / "torus.step").to_mesh()
+    ls.write(tmp_path / "torus.step", ls.LimitSurface(mesh), merge=merge)
+    faces = ls.read_brep(tmp_path / "torus.step")
+    found = faces.to_mesh()
+    assert (len(faces) < 30) == merge
     assert (found.n_vertices, found.n_faces, found.is_closed) == (30, 30, True)
-    there = found.points[found.uniform].reshape(-1, 3)
-    assert np.abs(there - mesh.points[mesh.uniform].reshape(-1, 3)).max() < 1e-13
+    near, which = cKDTree(found.points).query(mesh.points)
+    assert near.max() < 1e-13
+    # the same faces with the same orientation, whichever corner is first
+    own = np.argsort(which)[found.uniform]
+    known = {tuple(np.roll(face, k)) for face in mesh.uniform.tolist() for k in range(4)}
+    assert {tuple(face) for face in own.tolist()} <= known
 
 
 def test_creases_come_back(tmp_path):

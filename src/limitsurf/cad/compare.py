@@ -208,18 +208,22 @@ def _to_shape(
 def _step(
     faces: SplineFaces, face: Array, u: Array, v: Array, points: Array, box: Array
 ) -> tuple[Array, Array]:
-    """Nearer places, by one step of Gauss's method within a face."""
-    jet = jets(faces, face, u, v, 1)
+    """Nearer places within a face, by one step of Newton's method, or else of Gauss's."""
+    jet = jets(faces, face, u, v, 2)
     gap = points - jet[0, 0]
     a, b = jet[1, 0], jet[0, 1]
     aa, ab, bb = ((x * y).sum(axis=1) for x, y in ((a, a), (a, b), (b, b)))
     ag, bg = (a * gap).sum(axis=1), (b * gap).sum(axis=1)
+    bent = [(jet[nu] * gap).sum(axis=1) for nu in ((2, 0), (1, 1), (0, 2))]
+    p, q, r = aa - bent[0], ab - bent[1], bb - bent[2]
+    convex = (p > 0) & (r > 0) & (p * r - q * q > 1e-6 * aa * bb)
+    p, q, r = (np.where(convex, *both) for both in ((p, aa), (q, ab), (r, bb)))
     # on a side that it would leave, a place moves along it
     at = np.stack([u, v], axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        det = aa * bb - ab * ab
-        both = np.stack([(bb * ag - ab * bg) / det, (aa * bg - ab * ag) / det], axis=1)
-        alone = np.stack([ag / aa, bg / bb], axis=1)
+        det = p * r - q * q
+        both = np.stack([(r * ag - q * bg) / det, (p * bg - q * ag) / det], axis=1)
+        alone = np.stack([ag / p, bg / r], axis=1)
     new = at + np.nan_to_num(both, posinf=0, neginf=0)
     leaves = ((at <= box[:, :, 0]) & (new < box[:, :, 0])) | (
         (at >= box[:, :, 1]) & (new > box[:, :, 1])

@@ -403,13 +403,13 @@ def contents_of(name: str, kind: str, path: str, folder: str | None) -> dict[str
 
     It is called in a process of its own.
     """
-    with failures(name):
-        shape, document = loaded(path, kind)
-        try:
+    try:
+        with failures("it cannot be read"):
+            shape, document = loaded(path, kind)
             found = foreign.contents(shape)
-        except ValueError as error:
-            raise MeshError(f"{name}: {error}") from None
-        known = [] if document is None else _labels(shape, document)
+            known = [] if document is None else _labels(shape, document)
+    except ValueError as error:
+        raise MeshError(f"{name}: {error}") from None
     count = found["faces"]
     names, colors = [""] * count, np.full((count, 3), np.nan)
     for k, (said, color) in enumerate(known[:count]):
