@@ -1,9 +1,11 @@
 """Solids, their files, and back: judged by OpenCASCADE itself, exact volumes and counting."""
 
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import facts, fail
 from scipy.spatial import cKDTree
 
 import limitsurf as ls
@@ -11,6 +13,7 @@ from limitsurf.cad import opencascade
 from limitsurf.cad.brep import made
 from limitsurf.cad.opencascade import module, parts_of
 
+SHARED = Path(__file__).resolve().parents[2] / "shared" / "cages"
 CUBE = [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 CUBE_VOLUME = 0.32755237908737  # of the limit surface, by exact rational arithmetic
@@ -387,3 +390,33 @@ def test_warnings_are_none_where_all_is_well(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         ls.write(tmp_path / "cube.step", together(cube()), depth=4)
+
+
+@pytest.mark.parametrize(
+    "name", ["catmark_cube_creases1", "gismo_bitorus", "catmark_val2_interior"]
+)
+def test_public_cages(name):
+    path = SHARED / f"{name}.obj"
+    if not path.exists():
+        pytest.skip("the public cages are not here")
+    surface = ls.LimitSurface(ls.read(path))
+    is_closed = name != "catmark_fan"
+    known = made(surface, is_closed, "mm", channel=None, workers=1)
+    size = np.ptp(surface.points, axis=0).max()
+    assert is_valid(known.shape)
+    assert known.gap < 1e-14 * size
+    assert bool(known.why_open) != is_closed
+    if is_closed:
+        assert volume(known.shape) == pytest.approx(ls.volume(surface), rel=1e-7)
+
+
+def test_command_line_makes_a_part(tmp_path):
+    cage, part = tmp_path / "cube.obj", tmp_path / "part.step"
+    ls.write(cage, ls.Mesh(CUBE, QUADS))
+    said = facts("convert", cage, part, "--unit", "cm")
+    assert (said["output"], said["faces"], said["exact"]) == (str(part), 6, 0)
+    assert 0 < said["deviation"] < 1e-5
+    assert "CENTI" in part.read_text()
+    assert len(ls.read_brep(part)) == 6
+    text = fail("convert", cage, tmp_path / "cube.ply", "--tolerance", "1e-3")
+    assert text.startswith("--tolerance is of files of CAD systems alone")

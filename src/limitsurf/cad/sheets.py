@@ -184,10 +184,10 @@ class Sheets:
             grid = self.splines.grid.prod(axis=1)
             limit_face = self.splines.limit_faces[(np.cumsum(grid) - grid)[bad[0]]]
             face = self.splines.surface.limit_faces.face[limit_face]
-            more = f", and {len(bad) - 1} more like it" if len(bad) > 1 else ""
+            more = f" (and {len(bad) - 1} more are like it)" if len(bad) > 1 else ""
             raise ValueError(
                 f"limit face {limit_face}, of face {face} of the cage, has no area: its points are "
-                f"on a line{more}; leave it out, or move its vertices apart"
+                f"on a line{more}: move its vertices apart, or tag it as a hole, holes=[{face}]"
             )
 
 
