@@ -74,7 +74,7 @@ class Caps:
         used = surface.mesh.indices
         size = np.abs(surface.points[used]).max(initial=0)
         self._power = -int(np.frexp(size)[1]) if np.isfinite(size) else 0
-        points = np.zeros(surface.points.shape)
+        points: Array = np.zeros(surface.points.shape)
         points[used] = np.ldexp(surface.points[used], self._power)
         self._start = poles.least - 1
         depth = np.full(len(every), self._start) - poles.half

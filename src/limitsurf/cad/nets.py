@@ -111,11 +111,11 @@ def net(cut: Cut, lattice: Lattice, degree: int) -> csr_array[Any]:
     """Control points from the coefficients of the pieces, then the limits of special corners.
 
     (nu * nv, c * (degree + 1)^2 + r), where v counts fastest. Each is the blossom of the piece next
-    to its knots, with which it has most in common; that at a special corner is its limit.
+    to its knots, with which it has most in common; of what remains at special corners where it has
+    no other, as those corners themselves.
     """
-    from scipy.sparse import csr_array
+    from scipy.sparse import csr_array, eye_array, vstack
 
-    square = np.array(lattice.corners)
     lines = breaks(cut)
     owner = _owner(cut, lines)
     knots = [clamped(x, degree) for x in lines]
@@ -123,40 +123,33 @@ def net(cut: Cut, lattice: Lattice, degree: int) -> csr_array[Any]:
     # by control point along a line: intervals of its support, and weights there
     spans = [np.clip(np.arange(m)[:, None] + np.arange(-degree, 1), 0, m - degree - 1) for m in n]
     pieces = owner[spans[0][:, None, :, None], spans[1][None, :, None, :]]
-    known = np.concatenate([np.stack([cut.origin, cut.size], axis=2), np.ones((1, 2, 2))])
-    cost, weights = np.ones(pieces.shape), []
+    origin = np.concatenate([cut.origin, cut.rest_origin])
+    step = np.concatenate([cut.size, cut.rest_size])
+    cost, weights = np.where(pieces < len(cut.origin), 1.0, np.inf), []
     for axis in (0, 1):
         own = knots[axis][np.arange(n[axis])[:, None] + np.arange(1, degree + 1)]
         own = own[:, None] if axis == 0 else own[None, :]
-        at = own[:, :, None, None] - known[pieces, axis, 0][..., None]
-        at = at / known[pieces, axis, 1][..., None]  # (nu, nv, a, b, degree)
-        weights.append(at)
+        at = (own[:, :, None, None] - origin[pieces, axis][..., None]) / step[pieces, axis, None]
+        weights.append(at)  # (nu, nv, a, b, degree)
         cost = cost * (np.abs(at) + np.abs(1 - at)).prod(axis=-1)
-    cost = np.where(pieces < 0, np.inf, cost).reshape(*n, -1)
-    best = cost.argmin(axis=2)
+    best = cost.reshape(*n, -1).argmin(axis=2)
     chosen = np.take_along_axis(pieces.reshape(*n, -1), best[..., None], axis=2)[..., 0]
     one, other = (
         _blossom(np.take_along_axis(x.reshape(*n, -1, degree), best[..., None, None], axis=2))
         for x in weights
     )
-    values = one[:, :, 0, :, None] * other[:, :, 0, None, :]
     size = (degree + 1) ** 2
+    values = one[:, :, 0, :, None] * other[:, :, 0, None, :]
     columns = chosen[:, :, None] * size + np.arange(size)
-    values = values.reshape(*n, size)
-    rows = np.arange(n[0] * n[1]).reshape(n)
-    whole = chosen >= 0
-    parts = [(np.repeat(rows[whole], size), columns[whole].ravel(), values[whole].ravel())]
-    at = square[cut.corner] * (np.array(n) - 1)
-    poles = (at[:, 0] * n[1] + at[:, 1]).astype(np.int64)
-    free = np.flatnonzero(~whole)
-    assert np.array_equal(np.sort(poles), free), "pieces leave more free than special corners"
-    every = np.arange(len(poles))
-    parts.append((poles, len(cut.origin) * size + every, np.ones(len(poles))))
-    row, column, value = (np.concatenate(x) for x in zip(*parts, strict=True))
-    shape = n[0] * n[1], len(cut.origin) * size + len(poles)
-    found = csr_array((value, (row, column)), shape=shape)
+    rows = np.repeat(np.arange(n[0] * n[1]), size)
+    shape = n[0] * n[1], len(origin) * size
+    found = csr_array((values.ravel(), (rows, columns.ravel())), shape=shape)
     found.eliminate_zeros()
-    return found
+    if not len(cut.corner):
+        return found
+    whole, r = len(cut.origin) * size, len(cut.corner)
+    every = eye_array(whole, whole + r, format="csr")
+    return csr_array(found @ vstack([every, caps(cut, lattice, degree)], format="csr"))
 
 
 def line(lines: Array, degree: int) -> tuple[Array, Array]:
@@ -175,10 +168,13 @@ def line(lines: Array, degree: int) -> tuple[Array, Array]:
 
 
 def _owner(cut: Cut, lines: tuple[Array, Array]) -> Array:
-    """The piece at each rectangle between lines, (m, n); -1 where none is."""
+    """The piece at each rectangle between lines, (m, n); what remains is numbered after pieces."""
     found = np.full([len(x) - 1 for x in lines], -1)
-    low = [np.searchsorted(x, cut.origin[:, k]) for k, x in enumerate(lines)]
-    high = [np.searchsorted(x, (cut.origin + cut.size)[:, k]) for k, x in enumerate(lines)]
+    origin = np.concatenate([cut.origin, cut.rest_origin])
+    end = origin + np.concatenate([cut.size, cut.rest_size])
+    low, high = (
+        [np.searchsorted(x, ends[:, k]) for k, x in enumerate(lines)] for ends in (origin, end)
+    )
     for k, (a, b, c, d) in enumerate(zip(low[0], high[0], low[1], high[1], strict=True)):
         found[a:b, c:d] = k
     return found
