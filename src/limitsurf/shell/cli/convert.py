@@ -104,7 +104,8 @@ def convert(
     with terminal.working("making faces"):
         faces = ls.bspline_faces(surface, tolerance=tolerance)
     with terminal.working("writing"):
-        options = {"suffix": suffix, "unit": unit or "mm", "check": check, "solid": solid or None}
+        options: dict[str, Any] = {"suffix": suffix, "unit": unit or "mm", "check": check}
+        options["solid"] = solid or None
         if to is None:
             ls.write(output, faces, **options)
         else:
