@@ -129,8 +129,9 @@ def failures(what: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        # (some of its errors are of no class of its own)
-        if not isinstance(error, failure) and type(error) not in (Exception, RuntimeError):
+        # (not all of its errors are of that class)
+        is_own = isinstance(error, failure) or type(error).__module__.startswith("OCP")
+        if not is_own and type(error) not in (Exception, RuntimeError):
             raise
         text = str(error).strip() or type(error).__name__
         raise ValueError(f"{what}: OpenCASCADE says: {text}") from None
