@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,8 @@ from scipy.spatial import cKDTree
 from limitsurf.cage.mesh import Mesh
 from limitsurf.surface import LimitSurface
 
-if TYPE_CHECKING:
-    from limitsurf.cad.spline_faces import SplineFaces
-
 Array = NDArray[Any]
+Faces = Any  # SplineFaces, which call this
 
 _SAME = 1e-9  # of the size: points that are one
 _EVEN = 1e-9  # of a span: knots that are evenly spaced
@@ -27,7 +25,7 @@ _BEYOND = np.array([
 ])  # fmt: skip
 
 
-def cage_of(faces: SplineFaces) -> Mesh:
+def cage_of(faces: Faces) -> Mesh:
     """The cage whose limit surface faces are; see `SplineFaces.to_mesh`."""
     _refuse(faces)
     spans = faces.counts - _DEGREE
@@ -51,11 +49,11 @@ def cage_of(faces: SplineFaces) -> Mesh:
     return mesh
 
 
-def _named(faces: SplineFaces, face: int) -> str:
+def _named(faces: Faces, face: int) -> str:
     return f"face {face}" + (f" ({faces.names[face]!r})" if faces.names[face] else "")
 
 
-def _refuse(faces: SplineFaces) -> None:
+def _refuse(faces: Faces) -> None:
     """Refuse what no regular limit face is.
 
     Raises
@@ -97,7 +95,7 @@ def _refuse(faces: SplineFaces) -> None:
         refuse(box > _EVEN * (high - low), "is a part of its surface")
 
 
-def _cells(faces: SplineFaces, spans: Array) -> tuple[Array, Array, Array]:
+def _cells(faces: Faces, spans: Array) -> tuple[Array, Array, Array]:
     """The 4 x 4 points of each cell of all faces, in the basis of uniform knots; face and place."""
     nets, owner, place = [], [], []
     kinds, which = np.unique(spans, axis=0, return_inverse=True)
@@ -153,7 +151,7 @@ def _creases(mesh: Mesh, beyond: Array, within: float) -> Array:
     return np.asarray(mesh.edges[np.unique(mesh.corner_edge[half[off > within]])])
 
 
-def _confirm(faces: SplineFaces, mesh: Mesh, face: Array, place: Array, size: float) -> None:
+def _confirm(faces: Faces, mesh: Mesh, face: Array, place: Array, size: float) -> None:
     """Refuse a cage whose limit is something else.
 
     Raises
