@@ -141,3 +141,13 @@ def test_queries_are_measured() -> None:
     assert min(own.values()) > 0
     for row in rows:
         assert row.get("off", 0) < 0.02
+
+
+@pytest.mark.long
+def test_spline_faces_are_measured(tmp_path: Path) -> None:
+    cage = tmp_path / "cube.obj"
+    corners = "".join(f"v {x} {y} {z}\n" for x in (0, 1) for y in (0, 1) for z in (0, 1))
+    cage.write_text(corners + "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n")
+    found = json.loads(run("splines.py", f"{cage} --depth 4 --runs 1 --places 5 --count 100"))
+    assert [one["faces"] for one in found["ours"]] == [6, 6]
+    assert isinstance(found["opencascade"], str) or found["opencascade"]["faces"] == 6

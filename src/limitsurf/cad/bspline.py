@@ -16,10 +16,13 @@ from limitsurf.cad import nets, splines
 from limitsurf.cad.caps import CapErrors, Caps, depths_within
 from limitsurf.cad.merging import merged_faces, regular_faces
 from limitsurf.cad.poles import Poles
+from limitsurf.cad.splines import Layout
 from limitsurf.cage.checks import checked_integer
-from limitsurf.engine.protocol import Request
+from limitsurf.engine.packing import one_by_one
+from limitsurf.engine.protocol import Request, threads
 from limitsurf.numbers import type_of
-from limitsurf.query.bezier import BezierPatches, bezier_patches
+from limitsurf.pieces import cells as cells_of
+from limitsurf.pieces.cells import BezierPatches
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -128,6 +131,12 @@ class BSplineFaces:
         return splines.Splines.of(*known)
 
     @cached_property
+    def layout(self) -> Layout:
+        """The same as what says where limit faces are."""
+        known = self.grid, self.limit_faces, self.turns, self.origin, self.size
+        return Layout(*known, self.trims is not None)
+
+    @cached_property
     def cap_errors(self) -> tuple[Array, CapErrors]:
         """The faces that are not exact, one to each special corner, and the errors there."""
         poles = Poles.of(self.surface)
@@ -136,7 +145,7 @@ class BSplineFaces:
         if self.trims is not None:
             return np.flatnonzero(~self.exact), errors
         none = np.zeros((len(depth), 2))
-        return splines.located(self, poles.face, none)[0], errors
+        return splines.located(self.layout, poles.face, none)[0], errors
 
     @property
     def deviation(self) -> Array:
@@ -228,7 +237,7 @@ class BSplineFaces:
         request.check(len(self.surface.limit_faces), lattice)
         shape = np.broadcast_shapes(np.shape(limit_face), np.shape(u), np.shape(v))
         place = np.stack([np.ravel(request.u), np.ravel(request.v)], axis=1).astype(float)
-        found, x, y = splines.located(self, np.ravel(request.face).astype(np.int64), place)
+        found, x, y = splines.located(self.layout, np.ravel(request.face).astype(np.int64), place)
         return found.reshape(shape), x.reshape(shape), y.reshape(shape)
 
     def on_surface(self, face: ArrayLike, u: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
@@ -242,7 +251,7 @@ class BSplineFaces:
         (array([0]), array([[0.25, 0.5 ]]))
         """
         _, which, x, y = self._places(face, u, v)
-        return splines.on_limit_faces(self, which, np.stack([x, y], axis=1))
+        return splines.on_limit_faces(self.layout, which, np.stack([x, y], axis=1))
 
     def _places(self, face: Any, u: Any, v: Any) -> tuple[Any, Array, Array, Array]:
         which, x, y = np.broadcast_arrays(face, np.asarray(u, float), np.asarray(v, float))
@@ -379,9 +388,17 @@ def bspline_faces(
         alike = faces[deep.most[faces] == depth_]
         for start in range(0, len(alike), _FACES):
             some = alike[start : start + _FACES]
-            pieces = bezier_patches(found, face=some, depth=max(depth_, 0), workers=workers)
+            pieces = _pieces(found, some, max(depth_, 0), workers)
             parts.extend(_made(found, deep.shortened(pieces), some))
     return _joined(found, parts, deep.each)
+
+
+def _pieces(surface: LimitSurface, faces: Array, depth: int, workers: int) -> BezierPatches:
+    """As `bezier_patches`, without bounds of what remains."""
+    topology, rings = surface.topology, depth - (surface.limit_faces.corner[faces] >= 0)
+    divided, scheme = one_by_one(threads(workers)), topology.rules.scheme
+    known = topology.patches, scheme, surface.points, faces, rings
+    return cells_of.cut(*known, False, divided, hulls=False)
 
 
 def _is_merged(surface: LimitSurface) -> bool:

@@ -56,7 +56,7 @@ def merged_faces(surface: LimitSurface, regular: Array, workers: int) -> Iterato
     sharp = np.zeros(mesh.n_edges, dtype=bool)
     ends, sharpness = mesh.creases
     if len(sharpness):
-        tagged = np.array([bool(x > 0) for x in np.asarray(sharpness, dtype=float)])
+        tagged = np.asarray(sharpness, dtype=float) > 0
         sharp[mesh.edge_numbers(ends)[tagged]] = True
     found = rectangles(surface, regular, sharp)
     size = found.grid.prod(axis=1)

@@ -187,6 +187,7 @@ def cut(
     rings: Array,
     weights: bool,
     divided: Divided,
+    hulls: bool = True,
 ) -> BezierPatches:
     """Cells of limit faces.
 
@@ -204,6 +205,8 @@ def cut(
         Whether rows of weights are wanted.
     divided : callable
         Divides jobs among threads; what they are does not depend on it.
+    hulls : bool
+        Whether what remains is to have bounds; else they are NaN.
     """
     number = numbers.type_of(points)
     flat = points.reshape(len(points), -1)
@@ -236,7 +239,7 @@ def cut(
         pass
     found = found.reshape(n, *form.shape, *points.shape[1:])
     rows = _rows(local, groups, n) if weights else None
-    rest = _rest(patches, source, covered, groups, faces, points.shape[1:])
+    rest = _rest(patches, source, covered, groups, faces, points.shape[1:], hulls)
     return BezierPatches(faces[owner], origin, size, found, form.exponents, rows, rest)
 
 
@@ -315,6 +318,7 @@ def _rest(
     groups: list[Group],
     faces: Array,
     shape: tuple[int, ...],
+    hulls: bool,
 ) -> BezierRest:
     """What remains at special corners, in the order of the patches."""
     special = [g for g in groups if g.kind > STRIP]
@@ -325,7 +329,8 @@ def _rest(
         whole = np.zeros((1, 2)), np.full((1, 2), np.ldexp(1.0, -g.count))
         cells = cover.placed(patches.lattice, covered, g, *whole)
         places.append(np.stack(cells)[:, :, 0])
-        bounds.append(np.stack(source.hull(g)))
+        none = np.full((2, len(g.members), int(np.prod(shape))), np.nan, dtype=source.dtype)
+        bounds.append(np.stack(source.hull(g)) if hulls else none)
     origin, size = np.concatenate(places, axis=1)[:, order]
     turn = np.concatenate([np.zeros(0, dtype=np.int64), *(g.turn for g in special)])[order]
     owner = faces[covered.owner[members[order]]]
