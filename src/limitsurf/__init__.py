@@ -12,18 +12,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from limitsurf.cad.brep import to_brep as to_brep
+    from limitsurf.cad.bspline import BSplineFaces as BSplineFaces
+    from limitsurf.cad.bspline import bspline_faces as bspline_faces
+    from limitsurf.cad.compare import Comparison as Comparison
+    from limitsurf.cad.compare import compare as compare
     from limitsurf.cad.curves import SplineCurves as SplineCurves
     from limitsurf.cad.curves import fit_curve as fit_curve
+    from limitsurf.cad.deviation import PatchDeviation as PatchDeviation
+    from limitsurf.cad.deviation import deviation as deviation
     from limitsurf.cad.fairing import fair as fair
     from limitsurf.cad.fairness import fairness as fairness
     from limitsurf.cad.fit import Fit as Fit
     from limitsurf.cad.fit import fit as fit
     from limitsurf.cad.interpolate import Interpolation as Interpolation
     from limitsurf.cad.interpolate import interpolate as interpolate
-    from limitsurf.cad.bspline import BSplineFaces as BSplineFaces
-    from limitsurf.cad.bspline import bspline_faces as bspline_faces
-    from limitsurf.cad.deviation import PatchDeviation as PatchDeviation
-    from limitsurf.cad.deviation import deviation as deviation
+    from limitsurf.cad.spline_faces import SplineFaces as SplineFaces
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
@@ -141,6 +145,7 @@ if TYPE_CHECKING:
         to_trimesh as to_trimesh,
     )
     from limitsurf.shell.io.merge import merged as merged
+    from limitsurf.shell.io.step import read_brep as read_brep
     from limitsurf.shell.io.vtk import (
         from_pyvista as from_pyvista,
     )
@@ -188,6 +193,7 @@ _HOME = {
     "Bounds": "query.bounds",
     "BezierRest": "query.bezier",
     "ClosestPoints": "query.closest",
+    "Comparison": "cad.compare",
     "Curvature": "surface",
     "Deviation": "query.deviation",
     "DualScheme": "scheme.dual",
@@ -212,6 +218,7 @@ _HOME = {
     "SpectralAnalysis": "spectra",
     "SplineCurves": "cad.curves",
     "ThinShell": "fem.thin",
+    "SplineFaces": "cad.spline_faces",
     "SurfaceIndex": "query.index",
     "Tessellation": "query",
     "View": "query.camera",
@@ -224,6 +231,7 @@ _HOME = {
     "bspline_faces": "cad.bspline",
     "centroid": "integrals.body",
     "closest_point": "query.closest",
+    "compare": "cad.compare",
     "Curves": "query.sections",
     "contour": "query.sections",
     "contains": "query.rays",
@@ -261,6 +269,7 @@ _HOME = {
     "precompile": "compiling",
     "quadrature": "integrals.quadrature",
     "read": "shell.io.by_suffix",
+    "read_brep": "shell.io.step",
     "refined": "refine",
     "refinement_gap": "query",
     "sample": "query.samples",
@@ -270,6 +279,7 @@ _HOME = {
     "silhouette": "query.silhouettes",
     "spectral_analysis": "spectra",
     "tessellate": "query",
+    "to_brep": "cad.brep",
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",
     "validate": "query",

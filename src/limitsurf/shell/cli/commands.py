@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from limitsurf import memory
 from limitsurf.shell import files, terminal
 from limitsurf.shell.cli import curves, places
 from limitsurf.shell.cli.analysis import spectrum as spectrum_command
+from limitsurf.shell.cli.convert import convert
 from limitsurf.shell.cli.fitting import fit
 from limitsurf.shell.cli.interpolating import interpolate
 from limitsurf.shell.cli.measures import measure
@@ -26,17 +26,11 @@ from limitsurf.shell.cli.program import (
     Cage,
     Program,
     answers_option,
-    from_option,
     json_option,
-    merge_option,
     mesh_suffix,
     output_option,
-    prim_option,
     reads_cage,
     report,
-    select_option,
-    strict_option,
-    time_option,
     to_option,
     workers_option,
     write_mesh,
@@ -648,42 +642,7 @@ def _direction(view: str | None) -> str | tuple[float, ...] | None:
         raise click.BadParameter(f"{view!r} is no direction such as 1,-2,0.5") from None
 
 
-@main.command()
-@click.argument("source", metavar="IN", type=PATH)
-@click.argument("output", metavar="OUT", type=PATH)
-@from_option
-@to_option
-@prim_option
-@time_option
-@merge_option
-@select_option
-@strict_option
-@json_option
-def convert(
-    source: str,
-    output: str,
-    from_: str | None,
-    to: str | None,
-    select: Sequence[str],
-    as_json: bool,
-    **asked: Any,
-) -> None:
-    """Read a cage in one format, write it in another.
-
-    \b
-    Example:
-      limitsurf convert cage.obj cage.ply
-      limitsurf convert - copy.obj < cage.obj
-
-    Either may be -, the standard input or output, in OBJ unless --from or --to says otherwise. What
-    the new format has no place for is refused or said in a warning.
-
-    Keys of --json: output, vertices, edges, faces.
-    """
-    mesh_suffix(output, to, as_json)
-    mesh = Cage(source, from_, {}, asked, select).read()
-    counts = {"vertices": mesh.n_vertices, "edges": mesh.n_edges, "faces": mesh.n_faces}
-    write_mesh(output, to, mesh, as_json, **counts)
+main.add_command(convert)
 
 
 @main.command()

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from io import TextIOWrapper
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,8 @@ from limitsurf.shell.io.polygons import (
     warn_of_rounding,
     without_gaps,
 )
+
+Solid: TypeAlias = Any  # a LimitSurface, BSplineFaces or a shape of OpenCASCADE
 
 if TYPE_CHECKING:
     from limitsurf.query import Tessellation
@@ -376,9 +378,16 @@ def _on_disk(
 
 
 def write(
-    file: Path | IO[bytes], x: Mesh | Tessellation | BezierExtraction, *, suffix: str | None = None
+    file: Path | IO[bytes],
+    x: Mesh | Tessellation | BezierExtraction | Solid,
+    *,
+    suffix: str | None = None,
+    unit: str = "mm",
+    check: bool = False,
+    colors: Any = None,
+    **how: Any,
 ) -> None:
-    """Write a cage or a tessellation to a file, in the format of its suffix.
+    """Write a cage, a tessellation, or a surface as a solid to a file, in the format of its suffix.
 
     The file appears whole or not at all. For precision and what it keeps of a cage:
 
@@ -395,6 +404,8 @@ def write(
     ``.dae``               7 digits   triangles, "uv"                           ``[formats]``
     ``.3mf``               decimal    triangles                                 ``[formats]``
     =====================  =========  ========================================  ============
+
+    ``.step``, ``.stp``, ``.iges``, ``.igs`` and ``.brep`` hold surfaces, see **CAD** below.
 
     Data of faces (``mesh.face_data``) are in files of VTK; in USD texts are subsets, in a family by
     the name of the data, numbers uniform primvars; in OBJ there are those called "object", "group"
@@ -426,6 +437,12 @@ def write(
     USD knows "uniform" creasing alone: another one is kept in custom data, where ``read`` finds it
     but other programs do not.
 
+    **CAD** (with ``pip install "limitsurf[cad]"``). Surfaces, `BSplineFaces` and shapes of
+    OpenCASCADE (or of cadquery and build123d, which have one as ``wrapped``) are written as they
+    are: numbers unchanged, in millimetres if `unit` says nothing else. Of a surface all options of
+    `to_brep` are taken, faces are named by those of the cage, and in STEP the header tells how far
+    the file may be from the limit.
+
     **NPZ.** Operators of Bezier extraction are arrays by the names of `BezierExtraction`, those of
     what remains with ``rest_`` before, and version, degree and tensor.
 
@@ -433,18 +450,29 @@ def write(
     ----------
     file : str, os.PathLike or binary file
         A path; or what is open for writing, such as ``sys.stdout.buffer``, together with `suffix`.
-    x : Mesh, Tessellation or BezierExtraction
-        Points of shape (n_vertices, 3). Operators of float64, to ".npz".
+    x : Mesh, Tessellation, BezierExtraction, LimitSurface, BSplineFaces or TopoDS_Shape
+        Points of shape (n_vertices, 3). Operators of float64, to ".npz"; the last three to files of
+        CAD systems.
     suffix : str, optional
         Such as ".obj", in place of that of the path; upper or lower case.
+    unit : {"mm", "cm", "m", "km", "um", "in", "ft"}
+        Of files of CAD systems, what their numbers are said to be.
+    check : bool
+        Whether such a file is read again first, and is an error if that is no valid shape.
+    colors : str or array_like, optional
+        Of a surface, colours in STEP and IGES: data of its faces or a channel by name, or
+        (n_faces, 3) numbers, in [0, 1] or integers up to 255.
+    **how
+        Of a surface, what `to_brep` takes: ``solid``, ``tolerance``, ``depth`` and others.
 
     Raises
     ------
     ValueError
-        An unknown suffix; points that are not of shape (n_vertices, 3) or too large for the
-        format; a tessellation without polygons; in OBJ a scheme that is no name; in USD a scheme
-        other than "catmull-clark", "loop", "bilinear" and "none", channels with a name that is no
-        identifier, or of shapes other than (k,), (k, 2), (k, 3) and (k, 4).
+        An unknown suffix; a file that `check` finds fault with; points that are not of shape
+        (n_vertices, 3) or too large for the format; a tessellation without polygons; in OBJ a
+        scheme that is no name; in USD a scheme other than "catmull-clark", "loop", "bilinear" and
+        "none", channels with a name that is no identifier, or of shapes other than (k,), (k, 2),
+        (k, 3) and (k, 4).
     OSError
         A file that cannot be written.
     ImportError
@@ -467,25 +495,15 @@ def write(
     True
     """
     name, kind = _named(file, suffix, "<stdout>")
-    given: Any = x
-    arrays = kind == ".npz" and hasattr(given, "operators")
-    if kind not in formats.WRITABLE and not arrays:
-        known = ", ".join(formats.WRITABLE)
-        raise ValueError(f"{name}: unknown suffix {kind!r}, need one of {known}")
-    if not isinstance(given, Mesh) and not hasattr(given, "normal_indices") and not arrays:
-        raise no_polygons(given)
+    _check(name, kind, x, {"unit": unit, "check": check, "colors": colors, **how})
     try:
-        if arrays:
-            content: Any = extraction.content(given)
-        elif kind == ".obj":
-            content = obj.statements(given)
-            warn_of_loss(name, kind, given, uv=True, tags=True, data=obj.named(given))
-        elif kind in formats.USD:
-            content = _usd().content(given, kind)
-            points = float_points(given) if isinstance(given, Mesh) else given.points
-            warn_of_rounding(name, kind, given, points, points.astype(np.float32), 3)
+        if kind in formats.CAD:
+            from limitsurf.shell.io import step
+
+            options: Any = {"unit": unit, "check": check, "colors": colors, "how": how}
+            content: Any = step.content(name, kind, x, **options)
         else:
-            content = _content_of(name, kind, given)
+            content = _cage_content(name, kind, x)
         if not isinstance(file, (str, bytes, os.PathLike)):
             _write(file, content, kind == ".obj")
             return
@@ -499,6 +517,38 @@ def write(
         raise type(error)(error.errno, error.strerror, name) from None
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
+
+
+def _check(name: str, kind: str, x: Any, how: dict[str, Any]) -> None:
+    """Refuse a format, or what it cannot hold, by its suffix."""
+    if kind in formats.CAD:
+        return
+    usual = {"unit": "mm", "check": False, "colors": None}
+    if said := sorted(key for key in how if key not in usual or how[key] is not usual[key]):
+        known = ", ".join(formats.CAD)
+        raise TypeError(f"{name}: {', '.join(said)}: of files of CAD systems alone, {known}")
+    arrays = kind == ".npz" and hasattr(x, "operators")
+    if kind not in formats.WRITABLE and not arrays:
+        known = ", ".join((*formats.WRITABLE, *formats.CAD))
+        raise ValueError(f"{name}: unknown suffix {kind!r}, need one of {known}")
+    if not isinstance(x, Mesh) and not hasattr(x, "normal_indices") and not arrays:
+        raise no_polygons(x)
+
+
+def _cage_content(name: str, kind: str, x: Any) -> Any:
+    """The bytes, or for OBJ the text, of a file of a cage, a tessellation or operators."""
+    if kind == ".npz":
+        return extraction.content(x)
+    if kind == ".obj":
+        content = obj.statements(x)
+        warn_of_loss(name, kind, x, uv=True, tags=True, data=obj.named(x))
+        return content
+    if kind in formats.USD:
+        found = _usd().content(x, kind)
+        points = float_points(x) if isinstance(x, Mesh) else x.points
+        warn_of_rounding(name, kind, x, points, points.astype(np.float32), 3)
+        return found
+    return _content_of(name, kind, x)
 
 
 def _content_of(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]:

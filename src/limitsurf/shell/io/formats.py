@@ -25,6 +25,7 @@ PLAIN = (".obj", ".ply", ".off")
 VTK = vtk_reader.SUFFIXES
 TRIMESH = (".stl", ".glb", ".gltf", ".3mf", ".dae")
 READABLE = (*PLAIN, ".msh", *USD, ".usdz", *VTK, *TRIMESH)
+CAD = (".step", ".stp", ".iges", ".igs", ".brep")  # of surfaces, see `step`
 WRITABLE = (*PLAIN, *USD, *VTK, *TRIMESH)
 # what else a format holds of a tessellation
 WITH_NORMALS = (".obj", ".ply", *USD, *VTK, ".glb", ".gltf", ".dae")
@@ -49,7 +50,11 @@ _DETOURS = {
     ".blend .fbx .abc .x3d .x3dv .bvh .lwo .svg": "Blender opens it, and exports USD or OBJ",
     ".ma .mb .max .c4d .hip .hipnc .lxo .zpr .ztl": "the program that wrote it exports USD or OBJ",
     ".skp .dwg .dxf": "the program that wrote it exports COLLADA (.dae) or OBJ",
-    ".step .stp .iges .igs .brep .x_t .sat .fcstd .sldprt .ipt": (
+    ".step .stp .iges .igs .brep": (
+        "a CAD kernel's faces are no cage: limitsurf.read_brep reads them, and its to_mesh() makes "
+        "a cage of those that are limit faces; FreeCAD or Gmsh mesh others, and write OBJ or .msh"
+    ),
+    ".x_t .sat .fcstd .sldprt .ipt": (
         "a CAD kernel's faces are no cage: FreeCAD or Gmsh mesh it, and write OBJ or .msh"
     ),
     ".mesh .meshb .inp .bdf .nas .fem .su2 .med .xdmf .cgns .unv": (
