@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from limitsurf._kernels import reference as kernels
 from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import FLOAT64, NumberType
-from limitsurf.refine.neighbourhoods import Kinds, kinds_of
+from limitsurf.refine.neighbourhoods import Kinds
 from limitsurf.rules import Rules
 
 Array = NDArray[Any]
@@ -203,10 +203,14 @@ def _solved(matrix: Array, right: Array, exact: bool) -> Array:
     return rows[:, n:]
 
 
-@lru_cache(maxsize=64)
 def local_steps(rules: Rules, number: NumberType) -> LocalSteps:
-    """Steps under a scheme."""
-    return LocalSteps(kinds_of(rules, number))
+    """Steps under a scheme; no option makes a difference."""
+    return _local_steps(Rules(rules.scheme, "edge_and_corner", "uniform", "catmull-clark"), number)
+
+
+@lru_cache(maxsize=64)
+def _local_steps(rules: Rules, number: NumberType) -> LocalSteps:
+    return LocalSteps(Kinds(rules, number))
 
 
 def limit_normals(mesh: Mesh, rules: Rules, points: Array, errors: Array) -> Array:
