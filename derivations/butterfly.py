@@ -60,7 +60,7 @@ def steps_of(name: str, number: numbers.NumberType) -> LocalSteps:
 
 
 # %% [markdown]
-# ## The stencils
+# ## 1. The stencils
 #
 # In units of half an edge, from the middle of an edge, along both directions of the lattice: its
 # ends, the corners across, the wings. With one weight for each of the three sorts, polynomials up
@@ -94,7 +94,7 @@ assert sum(found[w] * p**4 for w, at in places.items() for p, _ in at) != 0
 assert sum(curve[w] * 2 * p**4 for w, p in ((near, 1), (far, 3))) != 0
 
 # %% [markdown]
-# ## The regular matrix
+# ## 2. The regular matrix
 #
 # On the 27 points around a triangle, those of the faces that touch its neighbours. All weights
 # are rational, so is the matrix of the child at corner 0, and ranks tell what blocks there are:
@@ -116,7 +116,7 @@ assert np.abs(values[:3] - [1, 0.5, 0.5]).max() < 1e-9
 assert np.abs(values[10:]).max() < 0.19
 
 # %% [markdown]
-# ## Derivatives
+# ## 3. Derivatives
 #
 # Of the points around a triangle, take its corner 0 away, and then the plane through its corners:
 # sides $s$ and a rest $r$. As the scheme keeps what is linear, a step, doubled, has blocks
@@ -149,7 +149,7 @@ for k, (u, v) in enumerate(((0, 0), (1, 0), (0, 1))):
         assert along[1] == (j * u**i * v ** (j - 1) if j else 0)
 
 # %% [markdown]
-# ## The modified masks
+# ## 4. The modified masks
 #
 # At a vertex of valence $N$ the new neighbours are $3/4$ of it and a circulant of the old ones.
 # The eigenvalue of frequency $f$ of that circulant is what the mask has as its Fourier
@@ -169,7 +169,7 @@ for N in (3, 4, 5, 7, 8, 9, 12):
     assert np.abs(np.array(waves) - wanted).max() < 1e-14
 
 # %% [markdown]
-# ## The original masks at extraordinary vertices
+# ## 5. The original masks at extraordinary vertices
 #
 # Around the vertex: neighbours $a_j$, then $c_j$ between $a_j$ and $a_{j+1}$, and $b_j$ behind
 # $a_j$. With $\theta = 2 \pi f / N$, and $c_j$ counted at half angles, the eight-point stencil
@@ -260,7 +260,7 @@ for N in (3, 4, 5, 6, 7, 8, 9, 12, 20, 50):
     assert normal
 
 # %% [markdown]
-# ## Boundaries
+# ## 6. Boundaries
 #
 # Ends on a boundary have no mask of their own: both schemes are the same there. Along the
 # boundary the four-point scheme has $1/2$, with $1/4$ next; what leads away from it, by the
@@ -283,7 +283,7 @@ for name in ("butterfly", "modified-butterfly"):
             assert np.abs(found[:2] - 0.5).max() < 1e-9
 
 # %% [markdown]
-# ## Parameters without rounding
+# ## 7. Parameters without rounding
 #
 # A triangle is halved by doubling two of the three barycentric coordinates and taking 1 from one
 # of them, and in its middle by $1 - 2x$ and $2y - (1 - 2x)$, where $x \ge y$ are those that are
