@@ -6,6 +6,7 @@ import pickle
 from fractions import Fraction as F
 from typing import Any
 
+import command_line
 import numpy as np
 import oracles
 import oracles_butterfly
@@ -429,3 +430,20 @@ def test_broken_masks_are_refused(spokes, text):
         ls.refined(ls.Mesh(points, faces), 1, scheme=scheme)
     with pytest.raises(ValueError, match="curve sum to 2"):
         dataclasses.replace(known, curve=(F(1), F(0)))
+
+
+@schemes
+def test_commands(scheme, tmp_path):
+    path, out = tmp_path / "cage.obj", tmp_path / "out.obj"
+    ls.write(path, ls.Mesh(*zoo_triangles.ZOO["octahedron"](), scheme=scheme))
+    told = command_line.succeed("info", path)
+    assert scheme in told
+    assert "patches" not in told
+    rows = command_line.succeed("evaluate", path, "--grid", 3, "--order", 1, "--normals")
+    assert len(rows.splitlines()) == 1 + 8 * 9
+    command_line.succeed("refine", path, "-o", out)
+    assert np.array_equal(ls.read(out).points[:6], ls.read(path).points)
+    command_line.succeed("tessellate", path, "-n", 2, "-o", out)
+    assert ls.read(out).n_faces == 8 * 4
+    command_line.succeed("validate", path)
+    assert f"'{scheme}'" in command_line.fail("measure", path)
