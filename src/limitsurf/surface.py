@@ -152,6 +152,12 @@ class LimitSurface:
     scheme `eigenbasis` tells the same of each kind: ``ls.eigenbasis("loop", kind="crease",
     faces=3)`` has these factors as ``growth``, and ``has_tangent_plane``.
 
+    **Without pieces.** The butterfly schemes go through the points of the cage, and have no
+    polynomial pieces: first derivatives are all that there are, those of higher order are NaN,
+    exact numbers go in at dyadic u and v, and `curvature` is a ValueError, as is whatever else
+    needs pieces. At extraordinary vertices first derivatives are 0 or NaN
+    (``derivations/butterfly.py``).
+
     **NaN** is returned for NaN or infinite u or v, where face, u or v is masked (``numpy.ma``), on
     faces without a limit, and where a value does not exist; nowhere else.
 

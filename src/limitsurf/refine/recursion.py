@@ -277,6 +277,7 @@ def refined(
         boundaries, and the boundary of the refined mesh has no limit; vertices of no face are gone.
         Children of holes are holes, under dual schemes the faces of faces alone, and so are those
         of boundary faces under boundary="none".
+        Under the butterfly schemes vertex points are the vertices, which are their own limits.
         Creases and corners carry their sharpness on, and channels are refined with their seams.
         It also has `parent_face`, `parent_u`, `parent_v`, `limit_points` and `limit_normals`.
 
