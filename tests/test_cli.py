@@ -255,12 +255,12 @@ def test_info_of_what_is_not_manifold(tmp_path):
 
 
 def test_info_of_a_scheme_that_is_not_known(tmp_path):
-    path = tmp_path / "butterfly.obj"
-    ls.write(path, ls.Mesh(*zoo.tetrahedron(), scheme="butterfly"))
+    path = tmp_path / "kobbelt.obj"
+    ls.write(path, ls.Mesh(*zoo.tetrahedron(), scheme="kobbelt"))
     found = told(succeed("info", path))
     assert found["vertices"].strip() == "4"
-    assert "'butterfly'" in found["limit surface"]
-    assert "'butterfly'" in fail("evaluate", path, "--grid", 1)
+    assert "'kobbelt'" in found["limit surface"]
+    assert "'kobbelt'" in fail("evaluate", path, "--grid", 1)
 
 
 def test_bilinear(tmp_path):
@@ -315,11 +315,11 @@ def test_info_as_json(cage, tmp_path):
     assert found["no_surface"] is None
     path = tmp_path / "sharp.obj"
     creases = {(0, 1): 0.5, (1, 3): np.inf}
-    ls.write(path, ls.Mesh(*zoo.cube(), creases=creases, scheme="butterfly"))
+    ls.write(path, ls.Mesh(*zoo.cube(), creases=creases, scheme="kobbelt"))
     other = facts("info", path)
     assert other.keys() == found.keys()
     assert other["creases"] == {"number": 2, "infinite": 1, "least": 0.5, "most": 0.5}
-    assert "'butterfly'" in other["no_surface"]
+    assert "'kobbelt'" in other["no_surface"]
     assert other["limit_faces"] is None
 
 

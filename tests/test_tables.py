@@ -941,7 +941,7 @@ def test_eigenbasis_refuses_other_valences(valence):
     assert repr(valence) in str(caught.value)
 
 
-@pytest.mark.parametrize("scheme", ["butterfly", "", None, 7])
+@pytest.mark.parametrize("scheme", ["kobbelt", "", None, 7])
 def test_eigenbasis_refuses_unknown_schemes(scheme):
     error = ValueError if isinstance(scheme, str) else TypeError
     with pytest.raises(error, match=r"(unknown scheme|scheme: got) .*catmull-clark") as caught:

@@ -19,7 +19,7 @@ from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.faces import IntArray
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, kept, valid_mesh
 from limitsurf.channels import ChannelMesh
-from limitsurf.refine import dual
+from limitsurf.refine import dual, interpolating, local_steps
 from limitsurf.refine.limits import face_normals, limit_normals, limit_points
 from limitsurf.refine.masks import all_limit_normals, all_limit_points
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
@@ -116,6 +116,8 @@ class RefinedMesh(RuledMesh):
         """
         if self.rules.scheme.lattice.dual:
             return self._dual_limits()
+        if not self.rules.scheme.has_pieces:
+            return interpolating.limit_points(self, self.rules)
         if self._wants_finer:
             finer = refined(self, **vars(self.rules))
             limits = finer._limits()  # noqa: SLF001  (one of these, too)
@@ -126,6 +128,8 @@ class RefinedMesh(RuledMesh):
     def _wants_finer(self) -> bool:
         """Whether limit masks hold after one more step only: amid regular faces and vertices."""
         scheme = self.rules.scheme
+        if not scheme.has_pieces:  # cages have neighbourhoods of many kinds, refined ones of few
+            return len(vars(self).get("_lineage", ())) < 2
         return callable(scheme.edge) or not all_regular(self, scheme.lattice)
 
     def _dual_limits(self) -> Array:
@@ -186,11 +190,14 @@ class RefinedMesh(RuledMesh):
         """Limit normals by the tangent masks of what is at each vertex."""
         rules, (points, _) = self.rules, _balanced(self.points)
         local = rules.scheme.local
-        if not local and _kernels.compiled(self.n_corners, 60):
+        pieces = rules.scheme.has_pieces
+        if pieces and not local and _kernels.compiled(self.n_corners, 60):
             return all_limit_normals(self, rules, points, self.rounded)
         # what refinement rounded; a cage is exact
         errors = kernels.largest(points)[:, 0] * self.rounded
-        if local:
+        if not pieces:
+            result = local_steps.limit_normals(self, rules, points, errors)
+        elif local:
             result = face_normals(self, points, errors)
         else:
             sharpness = Sharpness.of(self, rules, numbers.FLOAT64)
@@ -270,6 +277,7 @@ def refined(
         boundaries, and the boundary of the refined mesh has no limit; vertices of no face are gone.
         Children of holes are holes, under dual schemes the faces of faces alone, and so are those
         of boundary faces under boundary="none".
+        Under the butterfly schemes vertex points are the vertices, which are their own limits.
         Creases and corners carry their sharpness on, and channels are refined with their seams.
         It also has `parent_face`, `parent_u`, `parent_v`, `limit_points` and `limit_normals`.
 
