@@ -56,7 +56,7 @@ cage = ls.Mesh(points, faces)
 def surfaces(mesh: ls.Mesh) -> dict[str, ls.LimitSurface]:
     """The limit surfaces of a cage by all schemes that take it; the others say why they do not."""
     found = {}
-    for name in ls.schemes:
+    for name in ls.schemes.with_pieces:
         try:
             found[name] = ls.LimitSurface(mesh, scheme=name)
         except ValueError as error:
@@ -120,7 +120,7 @@ for name, surface in shown.items():
 # is regular. Schemes that do not round have no poles.
 
 # %%
-for name in ls.schemes:
+for name in ls.schemes.with_pieces:
     try:
         bases = [ls.eigenbasis(name, valence=n) for n in range(3, 9)]
     except ValueError as error:

@@ -11,7 +11,7 @@ from test_fem import closed, errors, gradient, square, two_poles, u
 import limitsurf as ls
 from limitsurf.fem.supports import at, clamped, fixed
 
-SPLIT = [name for name in ls.schemes if not ls.schemes[name].lattice.dual]
+SPLIT = [name for name in ls.schemes.with_pieces if not ls.schemes[name].lattice.dual]
 
 
 def places(surface, count=4):

@@ -50,7 +50,7 @@ def of_scheme(name, cage, **options):
 
 SCHEMES = [
     (name, cage, closed)
-    for name in ls.schemes
+    for name in ls.schemes.with_pieces
     for cages, closed in ((("cube", "octahedron", "crowded"), True),
                           (("grid_3x3", "grid_4x4", "fan_7"), False))
     for cage in [next(x for x in cages if x in KINDS[name].cages)]

@@ -121,7 +121,7 @@ SURFACES = {
     "loop_open": lambda: made(zoo_triangles.ZOO["grid_3x2"](), scheme="loop"),
     **{
         f"{name}_prism": lambda name=name: made(zoo.prism(5), scheme=name)
-        for name in ls.schemes
+        for name in ls.schemes.with_pieces
         if not ls.schemes[name].lattice.sloped
     },
     "linear": lambda: made(zoo_triangles.icosahedron(), scheme="linear"),

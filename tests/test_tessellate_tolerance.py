@@ -37,14 +37,14 @@ CASES = {
     "holes": lambda: made(*zoo.torus(4, 5), {"holes": [3, 7]}),
     "none": lambda: made(*zoo.grid(4, 4), boundary="none"),
     "two_sided": lambda: tagged("opposite_orientation"),
-    **{f"torus_of_{x}": (lambda x=x: made(*torus(x), scheme=x)) for x in ls.schemes},
-    **{f"open_of_{x}": (lambda x=x: made(*grid(x), scheme=x)) for x in ls.schemes},
+    **{f"torus_of_{x}": (lambda x=x: made(*torus(x), scheme=x)) for x in ls.schemes.with_pieces},
+    **{f"open_of_{x}": (lambda x=x: made(*grid(x), scheme=x)) for x in ls.schemes.with_pieces},
     "prism_of_doo-sabin": lambda: made(*zoo.prism(5), scheme="doo-sabin"),
     "flat_ngons": lambda: made(*zoo.truncated(zoo.octahedron()), scheme="bilinear"),
     "loop_dart": lambda: made(*zoo_triangles.TAGGED["dart_4"](), scheme="loop"),
 }
 CLOSED = ["cube", "bipyramid", "ngons", "semi", "prism_of_doo-sabin", "flat_ngons"]
-CLOSED += [f"torus_of_{x}" for x in ls.schemes]
+CLOSED += [f"torus_of_{x}" for x in ls.schemes.with_pieces]
 
 
 def torus(scheme):

@@ -10,7 +10,7 @@ import limitsurf as ls
 from limitsurf.pieces.bernstein import is_tensor
 from limitsurf.shell.io import vtk_bezier
 
-TRIANGLES = [name for name in ls.schemes if ls.schemes[name].lattice.face_size == 3]
+TRIANGLES = [name for name in ls.schemes.with_pieces if ls.schemes[name].lattice.face_size == 3]
 
 
 def surface_of(scheme, **options):
@@ -58,7 +58,8 @@ CREASED = {"creases": {(0, 1): 1.5, (2, 3): np.inf}}
 
 
 @pytest.mark.parametrize(
-    ("scheme", "tags"), [*((name, {}) for name in ls.schemes), ("catmull-clark", CREASED)]
+    ("scheme", "tags"),
+    [*((name, {}) for name in ls.schemes.with_pieces), ("catmull-clark", CREASED)],
 )
 def test_vtk_evaluates_cells_as_the_surface(scheme, tags, tmp_path):
     import pyvista

@@ -73,7 +73,7 @@ def compile_kinds(kinds: tuple[str, ...]) -> None:
     for kind in kinds:
         if kind == _kernels.SEARCHES:
             _search()
-        for scheme in SCHEMES.values():
+        for scheme in SCHEMES.with_pieces.values():
             shape = _kernels.shape(scheme.spline.directions)
             if kind == _kernels.MESHES and not scheme.lattice.dual:  # they need no others
                 _use_meshes(scheme)

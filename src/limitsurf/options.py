@@ -54,7 +54,7 @@ class Rules:
         named = scheme if scheme is not None else mesh.scheme
         rules = cls(tables.find_scheme("catmull-clark" if named is None else named), **chosen)
         _check_faces(mesh, rules.scheme)
-        if rules.scheme.lattice.dual:
+        if not rules.scheme.has_creases:
             _check_smooth(mesh, rules)
         if rules.triangles == "smooth" and rules.scheme.smooth_triangle is None:
             raise ValueError(f'scheme {rules.scheme.name!r} has no triangle rule "smooth"')

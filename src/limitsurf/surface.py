@@ -13,7 +13,7 @@ from limitsurf import _kernels, html, lazy, numbers
 from limitsurf.cage.checks import checked_integer
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles
 from limitsurf.channels import ChannelMesh
-from limitsurf.engine.choice import Answers, Choice, chosen
+from limitsurf.engine.choice import Answers, Choice, chosen, topology_of
 from limitsurf.engine.orders import checked_order, checked_orders, orders_up_to
 from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.results import arrays_of, by_order, written
@@ -203,8 +203,8 @@ class LimitSurface:
             how = f"; limitsurf.read({mesh!r}) is one" if isinstance(mesh, (str, PathLike)) else ""
             raise TypeError(f"a surface needs a Mesh, got {type(mesh).__name__}{how}")
         rules, choice = Rules.resolve(mesh, scheme, boundary, creasing, triangles), chosen(engine)
-        topology = Topology(mesh, rules, choice)
-        topology.groups.kinds  # noqa: B018  (refuses masks that do not converge)
+        topology = topology_of(mesh, rules, choice)
+        topology.prepare()
         self._begin(mesh, topology, choice, {})
 
     def _begin(
@@ -233,11 +233,12 @@ class LimitSurface:
     def __getstate__(self) -> dict[str, Any]:
         # the cage and its patches; everything else is computed again where it arrives
         topology = self._topology
-        known = {"mesh": self._mesh, "rules": topology.rules, "patches": topology.patches}
+        patches = topology.patches if topology.rules.scheme.has_pieces else None
+        known = {"mesh": self._mesh, "rules": topology.rules, "patches": patches}
         return {**known, "choice": self._choice}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        topology = Topology(state["mesh"], state["rules"], state["choice"], state["patches"])
+        topology = topology_of(state["mesh"], state["rules"], state["choice"], state["patches"])
         self._begin(state["mesh"], topology, state["choice"], {})
 
     def of_channel(self, channel: str | None) -> LimitSurface:

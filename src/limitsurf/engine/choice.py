@@ -13,10 +13,16 @@ from limitsurf._kernels import VARIABLE as VARIABLE
 from limitsurf.caching import cached_property
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.compiled import PLACES, Compiled
+from limitsurf.engine.interpolating import Interpolating
 from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.reference import Reference
+from limitsurf.engine.stepwise import StepwiseTopology
 from limitsurf.engine.topology import Topology
+from limitsurf.patches import PatchTable
 from limitsurf.refine import sharing, stacked
+from limitsurf.rules import Rules
+from limitsurf.scheme.scheme import Scheme
+from limitsurf.scheme.stepwise import InterpolatingScheme
 
 Array = NDArray[Any]
 Choice: TypeAlias = Literal["auto", "reference", "compiled"]
@@ -44,6 +50,30 @@ def chosen(engine: str | None) -> Choice:
     return choice
 
 
+def topology_of(
+    mesh: Mesh, rules: Rules, choice: Choice, patches: PatchTable | None = None
+) -> Topology:
+    """What answers depend on besides the points; with patches if there are any."""
+    if rules.scheme.has_pieces:
+        return Topology(mesh, rules, choice, patches)
+    return StepwiseTopology(mesh, rules, choice)
+
+
+# who answers where a scheme has no pieces, by its kind: (topology, mesh, exact) -> Engine
+STEPWISE: dict[type[Scheme], Callable[[StepwiseTopology, Mesh, bool], Any]] = {
+    InterpolatingScheme: Interpolating,
+}
+
+
+def _reference(topology: Topology, mesh: Mesh, exact: bool) -> Reference:
+    """NumPy, for whichever kind of scheme there is."""
+    if isinstance(topology, StepwiseTopology):
+        found: Any = STEPWISE[type(topology.rules.scheme)](topology, mesh, exact)
+        engine: Reference = found  # of pieces it is asked for nothing
+        return engine
+    return Reference(topology, mesh, exact)
+
+
 class Answers:
     """Both engines for the points of `mesh`, and which of them is asked."""
 
@@ -53,12 +83,12 @@ class Answers:
     @cached_property
     def reference(self) -> Reference:
         """NumPy in float64."""
-        return Reference(self.topology, self._mesh, False)
+        return _reference(self.topology, self._mesh, False)
 
     @cached_property
     def exact(self) -> Reference:
         """NumPy in Fractions."""
-        return Reference(self.topology, self._mesh, True)
+        return _reference(self.topology, self._mesh, True)
 
     @cached_property
     def compiled(self) -> Compiled:
@@ -81,9 +111,8 @@ class Answers:
             return None
         if type(workers) is not int or workers != 1 or not 0 <= face < _FAR:
             return None
-        if self._choice == "compiled" or (
-            self._choice == "auto" and self.topology.shape in _kernels.available
-        ):
+        compiled = self.topology.shape is not None and self._choice == "compiled"
+        if compiled or (self._choice == "auto" and self.topology.shape in _kernels.available):
             kernels = self.compiled
             if kernels.knows(orders or (), False):
                 found: Any = kernels.one(face, u, v, orders)

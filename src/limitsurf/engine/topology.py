@@ -58,6 +58,15 @@ class Topology:
         self.mesh = mesh.with_points(np.zeros((mesh.n_vertices, 0)))
         self.groups = Groups(self.patches, rules.scheme, numbers.FLOAT64)
 
+    def prepare(self) -> None:
+        """Refuse masks that do not converge."""
+        self.groups.kinds  # noqa: B018
+
+    @property
+    def with_limit(self) -> Array:
+        """Which limit faces have a limit, (n_limit_faces,) bool."""
+        return self.patches.with_limit
+
     @cached_property
     def exact_groups(self) -> Groups:
         """Queries by kind of patch, in Fractions."""

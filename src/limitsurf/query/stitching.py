@@ -71,7 +71,7 @@ def levels(
     cells = Cells(surface, workers, 0)
     turn = cells.beyond.corner(np.arange(len(cells.beyond)))
     every = [wanted.scaled(cells.power) for wanted in all_wanted]
-    division = Division(cells, surface.patches.with_limit)
+    division = Division(cells, surface.topology.with_limit)
     parts = None
     for scaled in every:
         division.wanted = scaled
@@ -176,8 +176,8 @@ class Stitches:
 
     def __init__(self, surface: LimitSurface, parts: Parts, turn: Array) -> None:
         mesh, limit_faces = surface.mesh, surface.limit_faces
-        self._lattice = surface.patches.lattice
-        self.face = np.flatnonzero(surface.patches.with_limit)
+        self._lattice = surface.topology.lattice
+        self.face = np.flatnonzero(surface.topology.with_limit)
         corner = limit_faces.corner[self.face]
         self._whole = corner < 0
         self._corner = mesh.offsets[limit_faces.face[self.face]] + np.maximum(corner, 0)

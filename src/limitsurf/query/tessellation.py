@@ -501,8 +501,8 @@ class _Sites:
 
     def __init__(self, surface: LimitSurface, n: int) -> None:
         mesh, limit_faces = surface.mesh, surface.limit_faces
-        self.net = Net(surface.patches.lattice, n)
-        self.face = np.flatnonzero(surface.patches.with_limit)
+        self.net = Net(surface.topology.lattice, n)
+        self.face = np.flatnonzero(surface.topology.with_limit)
         corner = limit_faces.corner[self.face]
         self.whole = corner < 0
         self.corner = mesh.offsets[limit_faces.face[self.face]] + np.maximum(corner, 0)

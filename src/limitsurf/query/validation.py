@@ -143,7 +143,7 @@ def on_refined(
     >>> [x.tolist() for x in on_refined(surface, np.array([0]), np.array([0.75]), np.array([0.25]))]
     [[1], [0.5], [0.5]]
     """
-    mesh, limit_faces, lattice = surface.mesh, surface.limit_faces, surface.patches.lattice
+    mesh, limit_faces, lattice = surface.mesh, surface.limit_faces, surface.topology.lattice
     parent, corner = limit_faces.face[face], limit_faces.corner[face]
     if lattice.dual:
         return _on_dual(surface, mesh.offsets[parent], corner, u, v)

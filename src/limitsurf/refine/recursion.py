@@ -19,7 +19,7 @@ from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.faces import IntArray
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, kept, valid_mesh
 from limitsurf.channels import ChannelMesh
-from limitsurf.refine import dual
+from limitsurf.refine import dual, interpolating
 from limitsurf.refine.limits import face_normals, limit_normals, limit_points
 from limitsurf.refine.masks import all_limit_normals, all_limit_points
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
@@ -116,6 +116,8 @@ class RefinedMesh(RuledMesh):
         """
         if self.rules.scheme.lattice.dual:
             return self._dual_limits()
+        if not self.rules.scheme.has_pieces:
+            return interpolating.limit_points(self, self.rules)
         if self._wants_finer:
             finer = refined(self, **vars(self.rules))
             limits = finer._limits()  # noqa: SLF001  (one of these, too)

@@ -14,6 +14,7 @@ from limitsurf import _kernels, numbers, tables
 from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.mesh import Mesh, kept
 from limitsurf.numbers import NumberType
+from limitsurf.refine import interpolating
 from limitsurf.refine.operators import SparseRows, csr, sparse_operator
 from limitsurf.rules import DART, Rules, Sharpness
 from limitsurf.topology import child_vertices, vertex_numbers
@@ -46,6 +47,10 @@ def stage_rows(
     vertices and face points, (V + E + F, V + F). A face of n corners costs n entries in each; in
     their product it would cost n^2. Where faces have no points F is 0.
     """
+    if not rules.scheme.has_pieces:
+        nothing = np.zeros(0, dtype=np.int64)
+        none = sparse_operator(nothing, nothing, number.full(0, number.zero), (0, mesh.n_vertices))
+        return none, interpolating.stage(mesh, rules, number)
     V, centres = mesh.n_vertices, rules.scheme.lattice.face_points
     F = mesh.n_faces * centres
     vertices = _VertexMasks.of(mesh, rules, sharpness, number)
@@ -310,6 +315,8 @@ def refined_values(
     mesh: Mesh, rules: Rules, sharpness: Sharpness, values: Array, compiled: bool
 ) -> Array:
     """One level of refinement of values at the vertices, (n_vertices, d)."""
+    if not rules.scheme.has_pieces:
+        return np.asarray(interpolating.stage(mesh, rules, numbers.type_of(values)) @ values)
     if not compiled or callable(rules.scheme.edge):
         faces, vertices = refinement_stages(mesh, rules, sharpness, numbers.type_of(values), False)
         return np.asarray(vertices @ np.concatenate([values, faces @ values]))

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from limitsurf.scheme.bilinear import BILINEAR, LINEAR
+from limitsurf.scheme.butterfly import BUTTERFLY, MODIFIED_BUTTERFLY
 from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from limitsurf.scheme.doo_sabin import DOO_SABIN
 from limitsurf.scheme.loop import LOOP, LOOP_WARREN
@@ -45,6 +46,18 @@ class Schemes(Mapping[str, Scheme]):
     def __len__(self) -> int:
         return len(self._known)
 
+    @property
+    def with_pieces(self) -> Schemes:
+        """Those whose limit faces are made of polynomial pieces, which many functions need.
+
+        Examples
+        --------
+        >>> import limitsurf as ls
+        >>> "loop" in ls.schemes.with_pieces, "butterfly" in ls.schemes.with_pieces
+        (True, False)
+        """
+        return Schemes(*(scheme for scheme in self.values() if scheme.has_pieces))
+
     def __repr__(self) -> str:
         rows = [(scheme.name, scheme.lattice.name, scheme.paper) for scheme in self.values()]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)][:2]
@@ -53,7 +66,10 @@ class Schemes(Mapping[str, Scheme]):
         )
 
 
-SCHEMES = Schemes(CATMULL_CLARK, LOOP, LOOP_WARREN, DOO_SABIN, BILINEAR, LINEAR)
+SCHEMES = Schemes(
+    *(CATMULL_CLARK, LOOP, LOOP_WARREN, DOO_SABIN, BILINEAR, LINEAR),
+    *(BUTTERFLY, MODIFIED_BUTTERFLY),
+)
 schemes = SCHEMES  # to users
 # those whose tables ship with the package
 SHIPPED_SCHEMES = CATMULL_CLARK, LOOP, DOO_SABIN

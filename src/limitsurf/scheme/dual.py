@@ -124,6 +124,11 @@ class DualScheme(Scheme):
         return self.waves is not None and n >= _GATHERED
 
     @property
+    def has_creases(self) -> bool:
+        """Whether there are rules for sharp edges and vertices."""
+        return False
+
+    @property
     def kinds(self) -> tuple[str, ...]:
         """The kinds of special corners that there are rules for: smooth ones."""
         return ("interior",)

@@ -165,6 +165,16 @@ class Scheme:
         """Whether limit faces depend on their own corners alone: no vertex is special, no edge."""
         return len(self.spline.template) == self.lattice.face_size
 
+    @property
+    def has_pieces(self) -> bool:
+        """Whether limit faces are made of polynomial pieces, those of the spline."""
+        return True
+
+    @property
+    def has_creases(self) -> bool:
+        """Whether there are rules for sharp edges and vertices."""
+        return True
+
     def face_mask(self, n: int) -> tuple[Fraction, ...]:
         """Weights of the ``n`` corners of a face in its face point, shape (n,); else (0,)."""
         return () if self.face is None else self._check(f"face({n})", self.face(n), (1,) * n)

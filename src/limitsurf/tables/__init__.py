@@ -22,6 +22,8 @@ from limitsurf.tables.masks import collapsed_masks as collapsed_masks
 from limitsurf.tables.masks import corner_weights as corner_weights
 from limitsurf.tables.masks import edge_face_weights as edge_face_weights
 from limitsurf.tables.masks import edge_weights as edge_weights
+from limitsurf.tables.masks import has_spokes as has_spokes
+from limitsurf.tables.masks import interpolating_weights as interpolating_weights
 from limitsurf.tables.masks import is_infinite as is_infinite
 from limitsurf.tables.masks import is_shared as is_shared
 from limitsurf.tables.masks import limit_mask as limit_mask
@@ -29,6 +31,7 @@ from limitsurf.tables.masks import normal_masks as normal_masks
 from limitsurf.tables.masks import orbits as orbits
 from limitsurf.tables.masks import ring_masks as ring_masks
 from limitsurf.tables.masks import rule_weights as rule_weights
+from limitsurf.tables.masks import spoke_weights as spoke_weights
 from limitsurf.tables.masks import strip_tables as strip_tables
 from limitsurf.tables.masks import strips_of as strips_of
 from limitsurf.tables.masks import vertex_weights as vertex_weights

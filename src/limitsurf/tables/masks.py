@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -253,3 +254,27 @@ def chaikin_weights(number: NumberType) -> Array:
 def is_infinite(sharpness: Array) -> Array:
     """Whether sharpness never falls, elementwise."""
     return np.asarray(sharpness >= INFINITE, dtype=bool)
+
+
+def has_spokes(scheme: Any, valence: int) -> bool:
+    """Whether edges of an interior vertex of that valence have a mask of their own."""
+    return scheme.spoke_mask(valence) is not None
+
+
+@lru_cache(maxsize=256)
+def spoke_weights(scheme: Any, valence: int, number: NumberType) -> Array:
+    """The mask of edges of an interior vertex, (valence + 1,); a TypeError where irrational."""
+    mask = scheme.spoke_mask(valence)
+    if number.exact and not all(isinstance(w, Fraction) for w in mask):
+        raise TypeError(f"the masks of scheme {scheme.name!r} are irrational at valence {valence}")
+    own, *around = (w if number.exact else float(w) for w in mask[: valence // 2 + 2])
+    found = number.array([own, *around, *around[(valence - 1) // 2 : 0 : -1]])
+    found.flags.writeable = False
+    return found
+
+
+@lru_cache(maxsize=64)
+def interpolating_weights(scheme: Any, number: NumberType) -> tuple[Any, ...]:
+    """Weights of ends, across, wings, and of the near and the far vertices of a curve."""
+    near, far = scheme.curve
+    return tuple(number.array([scheme.ends, scheme.across, scheme.wings, near, far]))

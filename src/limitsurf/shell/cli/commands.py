@@ -194,7 +194,7 @@ def evaluate(
                 "in NPY, Parquet or Zarr, and an --output in Parquet or Zarr"
             )
         surface = cage.surface(channels)
-        faces, lattice = len(surface.limit_faces), surface.patches.lattice
+        faces, lattice = len(surface.limit_faces), surface.topology.lattice
         if grid is not None:
             asked = sources.grid_queries(faces, grid, lattice)
         elif random is not None:

@@ -96,7 +96,7 @@ def _steady(surface: ls.LimitSurface, n: int, seed: int, quiet: bool) -> float:
 def _answers(surface: ls.LimitSurface, n: int, seed: int) -> list[Batch]:
     """Position, first derivatives and normal of random queries, batch by batch."""
     faces = len(surface.limit_faces)
-    asked, found = queries.random_queries(faces, n, seed, surface.patches.lattice).batches, []
+    asked, found = queries.random_queries(faces, n, seed, surface.topology.lattice).batches, []
     with terminal.counting("evaluating", n) as done:
         for batch in answers.answered(surface, asked, answers.Question(order=1, normals=True)):
             found.append(batch)

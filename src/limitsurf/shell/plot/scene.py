@@ -242,7 +242,7 @@ def build(surface: LimitSurface, wishes: Wishes, aspect: float, polygons: int) -
     places, extent, middle = unit_points(drawn.mesh)
     drawn = drawn.with_points(places)
     faces = len(drawn.limit_faces)
-    net = Net(drawn.patches.lattice, _steps(faces, wishes, polygons))
+    net = Net(drawn.topology.lattice, _steps(faces, wishes, polygons))
     query = (np.arange(faces)[:, None], *net.places)
     normal = partial(drawn.normal, workers=wishes.workers)
     points = drawn.evaluate(*query, workers=wishes.workers).reshape(-1, 3)
@@ -329,7 +329,7 @@ def _needles(drawn: LimitSurface, workers: int) -> Lines:
     """Normals at some places of each limit face."""
     faces = len(drawn.limit_faces)
     every = int(np.clip(math.sqrt(NEEDLES / faces), 1, 6))
-    net = Net(drawn.patches.lattice, every)
+    net = Net(drawn.topology.lattice, every)
     places = (np.arange(faces)[:, None], *(x[net.cells].mean(axis=1) for x in net.places))
     foot, length = drawn.evaluate(*places, workers=workers), 0.6 / every / math.sqrt(faces)
     tip = foot + np.clip(length, 0.01, 0.1) * drawn.normal(*places, workers=workers)
@@ -414,7 +414,7 @@ def extraordinary(surface: LimitSurface) -> list[Dots]:
     """
     if surface.rules["scheme"].local:
         return []
-    lattice = surface.patches.lattice
+    lattice = surface.topology.lattice
     mesh, first = surface.mesh, surface.limit_faces.first
     inside = ~(mesh.boundary_vertex | mesh.nonmanifold_vertex)
     valence = np.where(inside, mesh.vertex_faces, lattice.valence)
@@ -560,7 +560,7 @@ def _curvature(surface: LimitSurface, kind: str, query: Query, workers: int) -> 
         corner = np.isin(at[1], (0, 1)) & np.isin(at[2], (0, 1))
         return np.where(corner & (found == 0), np.nan, found)
 
-    values = filled(curvature, query, unit.patches.lattice)
+    values = filled(curvature, query, unit.topology.lattice)
     least = np.float64(FLATNESS)
     # one after the other: the power of an extent can be 0 or infinite where quotients are not
     with np.errstate(over="ignore", under="ignore", divide="ignore", invalid="ignore"):
