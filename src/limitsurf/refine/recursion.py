@@ -15,15 +15,16 @@ from limitsurf import _kernels, memory, numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.cage.checks import checked_integer, users_level
-from limitsurf.cage.connectivity import read_only
+from limitsurf.cage.connectivity import Connectivity, read_only
 from limitsurf.cage.faces import IntArray
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, kept, valid_mesh
 from limitsurf.channels import ChannelMesh
-from limitsurf.refine import dual, interpolating
+from limitsurf.refine import dual, interpolating, turning
 from limitsurf.refine.limits import face_normals, limit_normals, limit_points
 from limitsurf.refine.masks import all_limit_normals, all_limit_points
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
 from limitsurf.refine.stages import refined_values, refinement_stages
+from limitsurf.refine.thirds import Thirds
 from limitsurf.rules import RuledMesh, Rules, Sharpness
 from limitsurf.topology import (
     all_regular,
@@ -67,6 +68,8 @@ class RefinedMesh(RuledMesh):
 
     _lineage: tuple[Mesh, ...]  # from the cage to this mesh, without points
     _cage_rules: Rules  # of a dual scheme, by which the cage was refined
+    _steps: tuple[Thirds, ...]  # where edges are turned: two each, of the cage first
+    _levels: int
     rounded: bool  # whether the points come from refinement, and not from outside
 
     @cached_property
@@ -75,6 +78,11 @@ class RefinedMesh(RuledMesh):
         lattice = self.rules.scheme.lattice
         if lattice.dual:
             return read_only(dual.parents(self._lineage, self._cage_rules, lattice))
+        if self.rules.scheme.turns_edges:
+            cage = self._lineage[0]
+            corners = _cage_parameters(cage, lattice)
+            without = self.rules.without_limit(cage)
+            return read_only(turning.parents(self._steps, *corners, self._levels, without))
         limit_face, uv = _cage_parameters(self._lineage[0], lattice)
         for mesh in self._lineage[:-1]:
             limit_face, uv = _child_parameters(mesh, limit_face, uv, lattice)
@@ -116,6 +124,8 @@ class RefinedMesh(RuledMesh):
         """
         if self.rules.scheme.lattice.dual:
             return self._dual_limits()
+        if self.rules.scheme.turns_edges:
+            return self._turning_limits()
         if not self.rules.scheme.has_pieces:
             return interpolating.limit_points(self, self.rules)
         if self._wants_finer:
@@ -134,6 +144,23 @@ class RefinedMesh(RuledMesh):
         """Limit positions under a dual scheme."""
         points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
         result = dual.limits(self, self.rules, points)
+        result = np.ldexp(result, -balance) if balance else result
+        return np.asarray(result.reshape(self.points.shape))
+
+    def _whole(self, points: Array) -> tuple[Thirds, Array]:
+        """Steps of a mesh whose first vertices these are, and its points."""
+        if self._levels % 2 == 0:
+            return Thirds.of(self, self.rules), points
+        half = self._steps[-1]
+        operator = half.second(self.rules, numbers.type_of(points))
+        return half.child(), np.asarray(operator @ points)
+
+    def _turning_limits(self) -> Array:
+        """Limit positions under a scheme that turns edges."""
+        points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
+        step, points = self._whole(points)
+        result = turning.limits(step, self.rules, points)[: self.n_vertices]
+        result[self.rules.loose_vertices(self)] = np.nan
         result = np.ldexp(result, -balance) if balance else result
         return np.asarray(result.reshape(self.points.shape))
 
@@ -178,11 +205,24 @@ class RefinedMesh(RuledMesh):
         if self.rules.scheme.lattice.dual:
             points = np.ldexp(self.points, kernels.balance(self.points))
             return np.asarray(dual.limit_normals(self, self.rules, points, self.rounded))
+        if self.rules.scheme.turns_edges:
+            return self._turning_normals()
         if self._wants_finer:
             finer = refined(self, **vars(self.rules))
             halves = child_halves(self.connectivity, None, self.rules.scheme.lattice)
             return np.asarray(finer._normals()[halves[0]])  # noqa: SLF001  (one of these, too)
         return self._normals()
+
+    def _turning_normals(self) -> Floats:
+        """Limit normals under a scheme that turns edges, at whichever face a corner is."""
+        points = np.ldexp(self.points, kernels.balance(self.points))
+        step, points = self._whole(points)
+        rounded = self.rounded or self._levels % 2 == 1
+        found = turning.limit_normals(step, self.rules, points, rounded)
+        if self._levels % 2:
+            found = found[turning.corners_of_halves(self._steps[-1])]
+        found.reshape(-1, 3, 3)[self.rules.without_limit(self)] = np.nan
+        return found
 
     def _normals(self) -> Floats:
         """Limit normals by the tangent masks of what is at each vertex."""
@@ -308,6 +348,8 @@ def refined(
     rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
     if rules.scheme.lattice.dual:
         return _dual_refined(mesh, levels, operator, rules, scheme)
+    if rules.scheme.turns_edges:
+        return _turning_refined(mesh, levels, operator, rules, scheme)
     number = numbers.type_of(mesh.points)
     points, balance = _balanced(mesh.points.reshape(mesh.n_vertices, -1))
     total = identity(mesh.n_vertices, number) if operator else None
@@ -420,6 +462,61 @@ def _dual_refined(
         rules=own,
         _cage_rules=rules,
         _lineage=(*lineage, without_points(coarse)),
+        rounded=levels > 0 or (isinstance(mesh, RefinedMesh) and mesh.rounded),
+    )
+    return (fine, total) if operator else fine
+
+
+def _turning_refined(
+    mesh: Mesh, levels: int, operator: bool, rules: Rules, scheme: Any
+) -> RefinedMesh | tuple[RefinedMesh, Any]:
+    """What `refined` returns under a scheme that turns edges."""
+    number = numbers.type_of(mesh.points)
+    points, balance = _balanced(mesh.points.reshape(mesh.n_vertices, -1))
+    total = identity(mesh.n_vertices, number) if operator else None
+    if levels and mesh.channels:
+        names = ", ".join(map(repr, mesh.channels))
+        warnings.warn(
+            f"channels are left out ({names}): scheme {rules.scheme.name!r} makes faces across "
+            "edges, on both sides of seams",
+            UserWarning,
+            stacklevel=users_level(),
+        )
+    step, steps = Thirds.of(mesh, rules), []
+    faces, face = mesh.indices.reshape(-1, 3), np.arange(mesh.n_faces)
+    for level in range(levels):
+        if level % 2 == 0:
+            step = steps[-1].child() if steps else step
+            steps.append(step)
+        matrix = turning.operator(step, bool(level % 2), rules, number)
+        points = np.asarray(matrix @ points)
+        total = None if total is None else multiplied(matrix, total, False)
+        if level % 2:
+            faces, face = step.whole_faces, np.repeat(face[::3] if level else face, 9)
+        else:
+            faces, face = step.half_faces, np.repeat(face, 3)
+    points = np.ldexp(points, -balance) if balance else points
+    hole = np.zeros(mesh.n_faces, dtype=bool)
+    hole[mesh.holes] = True
+    fine = valid_mesh(
+        RefinedMesh,
+        points.reshape(len(points), *mesh.points.shape[1:]),
+        Connectivity(len(points), np.full(len(faces), 3), faces.ravel())
+        if levels
+        else mesh.connectivity,
+        scheme=scheme if scheme is not None else mesh.scheme,
+        boundary=mesh.boundary,
+        holes=np.flatnonzero(hole[face]),
+        channels=None if levels else mesh.channels,
+        face_data={name: values[face] for name, values in mesh.face_data.items()},
+        units=mesh.units,
+        up=mesh.up,
+    )
+    vars(fine).update(
+        rules=rules,
+        _lineage=(without_points(mesh),),
+        _steps=tuple(steps or [step]),
+        _levels=levels,
         rounded=levels > 0 or (isinstance(mesh, RefinedMesh) and mesh.rounded),
     )
     return (fine, total) if operator else fine

@@ -18,6 +18,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf import tables
 from limitsurf.caching import cached_property
 from limitsurf.cage.connectivity import Connectivity, Fans
 from limitsurf.cage.mesh import Mesh
@@ -118,7 +119,7 @@ class Thirds:
         return np.roll(values.reshape(-1, 3), 1, axis=1).ravel()
 
     @cached_property
-    def _rim(self) -> tuple[Array, Array, Array]:
+    def rim(self) -> tuple[Array, Array, Array]:
         """Smooth boundary vertices, and both neighbours of each along the boundary."""
         fans = self.fans
         open_ = np.flatnonzero(~fans.closed & self.smooth[fans.vertex])
@@ -151,7 +152,11 @@ class Thirds:
     def second(self, rules: Rules, number: NumberType) -> Any:
         """The points after both steps as rows over those after the first."""
         V, F = self.mesh.n_vertices, self.mesh.n_faces
-        parts = [*self._old(rules, number), *self._middles(rules, number), *self._edges(number)]
+        parts = [
+            *self._old(rules, number),
+            *self._middles(rules, number),
+            *self._edges(rules, number),
+        ]
         return _operator(parts, (self.n_whole, V + F))
 
     def _old(self, rules: Rules, number: NumberType) -> list[Entries]:
@@ -162,9 +167,9 @@ class Thirds:
         share = number.full(V, number.zero)
         share[inner] = each
         spoke = np.flatnonzero(self.interior[tail])
-        at, one, other = self._rim
+        at, one, other = self.rim
         stay = np.flatnonzero(~self.interior & ~self.smooth)
-        vertex, beside, _ = _curve(rules, number)
+        (vertex, beside), _ = tables.curve_weights(rules.scheme, number)
         return [
             (inner, inner, own),
             (tail[spoke], V + spoke // 3, share[tail[spoke]]),
@@ -190,7 +195,7 @@ class Thirds:
             (V + face[side], V + self.twin[side] // 3, each[face[side]]),
         ]
 
-    def _edges(self, number: NumberType) -> list[Entries]:
+    def _edges(self, rules: Rules, number: NumberType) -> list[Entries]:
         """Entries of points on edges: inside the middles of small faces, else on the curve."""
         V = self.mesh.n_vertices
         tail, head, _ = self._corners
@@ -200,23 +205,30 @@ class Thirds:
         parts = [(near[side], x, third) for x in (tail[side], V + side // 3)]
         parts.append((near[side], V + self.twin[side] // 3, third))
         # of an edge of three faces and more all say the same
-        edge, rim = np.unique(
-            self.mesh.corner_edge[np.flatnonzero(self.twin < 0)], return_index=True
-        )
-        rim = np.flatnonzero(self.twin < 0)[rim]
+        rim = np.flatnonzero(self.twin < 0)
+        rim = rim[np.unique(self.mesh.corner_edge[rim], return_index=True)[1]]
+        _, (own_weight, along, beyond) = tables.curve_weights(rules.scheme, number)
         other = np.full((2, V), -1)
-        at, one, two = self._rim
+        at, one, two = self.rim
         other[0, at], other[1, at] = one, two
         for point, own, towards, k in ((near, tail, head, 1), (far, head, tail, 0)):
             smooth = self.smooth[own[rim]]
             here, fixed = rim[smooth], rim[~smooth]
             parts += [
-                (point[here], x, number.full(len(here), number.one) * w / 27)
-                for x, w in ((own[here], 16), (towards[here], 10), (other[k, own[here]], 1))
+                (point[here], x, number.full(len(here), w))
+                for x, w in (
+                    (own[here], own_weight),
+                    (towards[here], along),
+                    (other[k, own[here]], beyond),
+                )
             ]
+            # the neighbour beyond a corner is the mirror image of the one before
             parts += [
-                (point[fixed], x, number.full(len(fixed), number.one) * w / 3)
-                for x, w in ((own[fixed], 2), (towards[fixed], 1))
+                (point[fixed], x, number.full(len(fixed), w))
+                for x, w in (
+                    (own[fixed], own_weight + 2 * beyond),
+                    (towards[fixed], along - beyond),
+                )
             ]
         return parts
 

@@ -13,6 +13,7 @@ from limitsurf.scheme.catmull_clark import CATMULL_CLARK
 from limitsurf.scheme.doo_sabin import DOO_SABIN
 from limitsurf.scheme.loop import LOOP, LOOP_WARREN
 from limitsurf.scheme.scheme import Scheme
+from limitsurf.scheme.sqrt3 import SQRT3
 
 
 class Schemes(Mapping[str, Scheme]):
@@ -68,7 +69,7 @@ class Schemes(Mapping[str, Scheme]):
 
 SCHEMES = Schemes(
     *(CATMULL_CLARK, LOOP, LOOP_WARREN, DOO_SABIN, BILINEAR, LINEAR),
-    *(BUTTERFLY, MODIFIED_BUTTERFLY),
+    *(BUTTERFLY, MODIFIED_BUTTERFLY, SQRT3),
 )
 schemes = SCHEMES  # to users
 # those whose tables ship with the package

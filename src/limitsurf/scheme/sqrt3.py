@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from limitsurf.scheme.dual import cosine
-from limitsurf.scheme.scheme import Weight, Weights
+from limitsurf.scheme.scheme import Weight, Weights, exact_weight
 from limitsurf.scheme.stepwise import StepwiseScheme
 
 
@@ -48,6 +48,17 @@ class TurningScheme(StepwiseScheme):
 
     def __hash__(self) -> int:
         return hash(self.name)
+
+    @property
+    def turns_edges(self) -> bool:
+        """Whether two steps cut edges into three, and one makes faces across edges."""
+        return True
+
+    def share_at(self, valence: int) -> Weight:
+        """What the neighbours of an interior vertex have in its new point, checked."""
+        found = self.share(valence)
+        self._check(f"share({valence})", (1 - found, found), (1, 1), algebraic=True)
+        return exact_weight(found)
 
 
 def _share(valence: int) -> Weight:
