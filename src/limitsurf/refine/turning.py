@@ -64,7 +64,7 @@ def limit_normals(step: Thirds, rules: Rules, points: Array, rounded: bool) -> A
         own = fans.sizes == k
         for which in (own & fans.closed, own & open_):
             fan = np.flatnonzero(which)
-            masks = _masks(rules, k, bool(fans.closed[fan].all()))
+            masks = tangent_masks(rules, k, bool(fans.closed[fan].all()))
             smooth = step.interior | step.smooth
             for fixed, pair in zip((False, True), masks, strict=True):
                 some = fan[smooth[fans.vertex[fan]] != fixed]
@@ -85,7 +85,7 @@ def limit_normals(step: Thirds, rules: Rules, points: Array, rounded: bool) -> A
 
 
 @lru_cache(maxsize=1024)
-def _masks(rules: Rules, faces: int, closed: bool) -> tuple[Array | None, Array | None]:
+def tangent_masks(rules: Rules, faces: int, closed: bool) -> tuple[Array | None, Array | None]:
     """Both tangent masks (2, ring) of a vertex amid so many faces, and of one that stays."""
     if closed:
         if faces < 3:
