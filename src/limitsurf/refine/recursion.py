@@ -497,7 +497,7 @@ def _turning_refined(
             faces, face = step.half_faces, np.repeat(face, 3)
     points = np.ldexp(points, -balance) if balance else points
     hole = np.zeros(mesh.n_faces, dtype=bool)
-    hole[mesh.holes] = True
+    hole[np.flatnonzero(rules.without_limit(mesh)) if levels else mesh.holes] = True
     fine = valid_mesh(
         RefinedMesh,
         points.reshape(len(points), *mesh.points.shape[1:]),
