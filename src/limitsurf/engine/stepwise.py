@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,14 @@ class StepwiseTopology(Topology):
         self.rules, self.lattice, self.choice = rules, rules.scheme.lattice, choice
         self.limit_faces = LimitFaces.of(mesh, self.lattice)
         self.mesh = mesh.with_points(np.zeros((mesh.n_vertices, 0)))
+        self._kept: dict[str, Any] = {}
         self._with_limit = ~rules.without_limit(mesh)[self.limit_faces.face]
+
+    def kept(self, name: str, make: Callable[[], Any]) -> Any:
+        """What answers depend on besides the points, made when it is first asked for."""
+        if name not in self._kept:
+            self._kept[name] = make()
+        return self._kept[name]
 
     @property
     def patches(self) -> Any:  # type: ignore[override]

@@ -173,7 +173,7 @@ class Turning:
     # ---------------------------------------------------------------- weights
 
     def _chunks(self, request: Request, orders: Sequence[Order] | None) -> Any:
-        """Weights where there is a limit; for None of what spans tangent planes, for () tangents."""
+        """Weights where there is a limit; for None what spans tangent planes, for () tangents."""
         topology = self._topology
         request.check(len(topology.limit_faces), topology.lattice)
         face = request.face.ravel().astype(np.int64, copy=False)
@@ -270,7 +270,7 @@ class _Place:
 
     def planes(self, scale: Array, tangents: bool) -> Array:
         """Weights of two vectors that span tangent planes, or are along d/du and d/dv."""
-        descent, weights = self._ended(STEPS[1], flat=not tangents)
+        _, weights = self._ended(STEPS[1], flat=not tangents)
         weights = weights[1:, :, : self._width] * np.sign(scale)[:, None]
         largest = np.abs(weights).max(axis=2, keepdims=True)
         weights /= np.where(largest > 0, largest, 1)

@@ -19,7 +19,7 @@ from limitsurf.cage.connectivity import Connectivity, read_only
 from limitsurf.cage.faces import IntArray
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, kept, valid_mesh
 from limitsurf.channels import ChannelMesh
-from limitsurf.refine import dual, interpolating, turning
+from limitsurf.refine import dual, interpolating, local_steps, turning
 from limitsurf.refine.limits import face_normals, limit_normals, limit_points
 from limitsurf.refine.masks import all_limit_normals, all_limit_points
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
@@ -138,6 +138,8 @@ class RefinedMesh(RuledMesh):
     def _wants_finer(self) -> bool:
         """Whether limit masks hold after one more step only: amid regular faces and vertices."""
         scheme = self.rules.scheme
+        if not scheme.has_pieces:  # cages have neighbourhoods of many kinds, refined ones of few
+            return len(vars(self).get("_lineage", ())) < 2
         return callable(scheme.edge) or not all_regular(self, scheme.lattice)
 
     def _dual_limits(self) -> Array:
@@ -228,11 +230,14 @@ class RefinedMesh(RuledMesh):
         """Limit normals by the tangent masks of what is at each vertex."""
         rules, (points, _) = self.rules, _balanced(self.points)
         local = rules.scheme.local
-        if not local and _kernels.compiled(self.n_corners, 60):
+        pieces = rules.scheme.has_pieces
+        if pieces and not local and _kernels.compiled(self.n_corners, 60):
             return all_limit_normals(self, rules, points, self.rounded)
         # what refinement rounded; a cage is exact
         errors = kernels.largest(points)[:, 0] * self.rounded
-        if local:
+        if not pieces:
+            result = local_steps.limit_normals(self, rules, points, errors)
+        elif local:
             result = face_normals(self, points, errors)
         else:
             sharpness = Sharpness.of(self, rules, numbers.FLOAT64)

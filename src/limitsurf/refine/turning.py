@@ -123,7 +123,8 @@ def parents(
 ) -> tuple[Array, Array, Array]:
     """Limit face and parameters of each vertex after so many steps.
 
-    Known are those of the corners of the cage, and its steps; `without` tells its faces that have no limit.
+    Known are those of the corners of the cage, and its steps; `without` tells which of its faces
+    have no limit.
     """
     face, uv = limit_face[::3], uv.reshape(-1, 3, 2)
     faces, V = steps[0].mesh.indices.reshape(-1, 3), steps[0].mesh.n_vertices

@@ -10,10 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 from limitsurf.scheme.lattice import TRIANGLES, Lattice
 from limitsurf.scheme.scheme import Scheme
+
+_DIGITS = 50  # to which irrational weights are looked at
 
 
 class _NoSpline:
@@ -127,8 +130,31 @@ class InterpolatingScheme(StepwiseScheme):
 
         Of the vertex, then of its neighbours from the other end of the edge on.
         """
-        found = None if self.spokes is None else self.spokes(valence)
-        if found is None:
-            return None
-        self._check(f"spokes({valence})", found, (1,) * (valence + 1), algebraic=True)
-        return found
+        return None if self.spokes is None else _checked(self.name, self.spokes, valence)
+
+
+@lru_cache(maxsize=1024)
+def _checked(
+    name: str, spokes: Callable[[int], tuple[Any, ...] | None], valence: int
+) -> tuple[Any, ...] | None:
+    """A mask of edges of a vertex: exact numbers whose sum is one, the same in both directions."""
+    found = spokes(valence)
+    if found is None:
+        return None
+    rational = all(isinstance(w, (Fraction, int)) for w in found)
+    half = [w if rational else _digits(w) for w in found[: valence // 2 + 2]]
+    total = half[0] + half[1] + 2 * sum(half[2:]) - (half[-1] if valence % 2 == 0 else 0)
+    if len(found) != valence + 1 or not abs(total - 1) * 10**_DIGITS < 1:
+        raise ValueError(
+            f"scheme {name!r}: spokes({valence}) must be {valence + 1} exact numbers of sum 1, "
+            f"got {found!r}"
+        )
+    if found[2:] != found[:1:-1]:
+        raise ValueError(f"scheme {name!r}: spokes({valence}) is not symmetric: {found!r}")
+    return tuple(Fraction(w) if isinstance(w, int) else w for w in found)
+
+
+def _digits(weight: Any) -> Any:
+    import sympy
+
+    return sympy.sympify(weight).evalf(_DIGITS + 5)

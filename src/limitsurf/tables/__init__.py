@@ -32,8 +32,8 @@ from limitsurf.tables.masks import normal_masks as normal_masks
 from limitsurf.tables.masks import orbits as orbits
 from limitsurf.tables.masks import ring_masks as ring_masks
 from limitsurf.tables.masks import rule_weights as rule_weights
-from limitsurf.tables.masks import spoke_weights as spoke_weights
 from limitsurf.tables.masks import shares as shares
+from limitsurf.tables.masks import spoke_weights as spoke_weights
 from limitsurf.tables.masks import strip_tables as strip_tables
 from limitsurf.tables.masks import strips_of as strips_of
 from limitsurf.tables.masks import vertex_weights as vertex_weights
