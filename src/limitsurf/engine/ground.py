@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from limitsurf import numbers
 from limitsurf.caching import cached_property
 from limitsurf.cage.mesh import Mesh
-from limitsurf.engine.neighbourhoods import FIRST, Maps, Neighbourhood
+from limitsurf.engine.surroundings import FIRST, Maps, Neighbourhood
 from limitsurf.engine.ternary import Kinds, kinds_of, split
 from limitsurf.refine import sparse_operator, stacked
 from limitsurf.refine.thirds import Thirds
@@ -42,7 +42,7 @@ class Ground:
         """Which faces have none but regular vertices near, (n_faces,) bool."""
         mesh, step = self._mesh, self._step
         plain = step.interior & (mesh.vertex_faces == 6)
-        around = plain[mesh.indices].reshape(-1, 3).all(axis=1)
+        around = np.asarray(plain[mesh.indices].reshape(-1, 3).all(axis=1))
         near = plain.copy()
         near[mesh.indices[~around[mesh.corner_face]]] = False
         return np.asarray(near[mesh.indices].reshape(-1, 3).all(axis=1))
@@ -55,7 +55,7 @@ class Ground:
         near = np.zeros(mesh.n_vertices, dtype=bool)
         near[mesh.indices[~self.regular[mesh.corner_face]]] = True
         for _ in range(2):  # two rings of faces around
-            some = near[mesh.indices].reshape(-1, 3).any(axis=1)
+            some = np.asarray(near[mesh.indices].reshape(-1, 3).any(axis=1))
             near[mesh.indices[some[mesh.corner_face]]] = True
         return MeshPart.of(mesh, near[mesh.indices])
 

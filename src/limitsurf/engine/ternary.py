@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.cage.connectivity import Connectivity
-from limitsurf.engine.neighbourhoods import PARTS, Maps, Neighbourhood
+from limitsurf.engine.surroundings import PARTS, Maps, Neighbourhood
 from limitsurf.options import Rules
 from limitsurf.refine import turning
 
@@ -131,7 +131,7 @@ class Kinds:
     def repeats(self, kinds: Array) -> Array:
         """Whether kinds are special at the first corner, and so is what is there after a step."""
         table = self.table(kinds)
-        return (table[kinds, 0] == kinds) & (kinds != 0)
+        return np.asarray((table[kinds, 0] == kinds) & (kinds != 0))
 
     def descend(self, kind: Array, s: Array, t: Array, steps: int) -> Descent:
         """Follow places down."""

@@ -180,13 +180,10 @@ class Turning:
         u, v = request.u.ravel(), request.v.ravel()
         for start in range(0, len(face), CHUNK):
             part = slice(start, start + CHUNK)
-            some = face[part], u[part], v[part]
-            known = np.isfinite(some[1]) & np.isfinite(some[2])
-            which = np.flatnonzero(known)
-            which = which[topology.with_limit[some[0][which]]]
+            which = start + np.flatnonzero(np.isfinite(u[part]) & np.isfinite(v[part]))
+            which = which[topology.with_limit[face[which]]]
             if len(which):
-                vertices, weights = self._weights(*(x[which] for x in some), orders)
-                yield Found(start + which, vertices, weights)
+                yield Found(which, *self._weights(face[which], u[which], v[which], orders))
 
     def _weights(
         self, face: Array, u: Array, v: Array, orders: Sequence[Order] | None

@@ -80,9 +80,9 @@ class RefinedMesh(RuledMesh):
             return read_only(dual.parents(self._lineage, self._cage_rules, lattice))
         if self.rules.scheme.turns_edges:
             cage = self._lineage[0]
-            corners = _cage_parameters(cage, lattice)
-            without = self.rules.without_limit(cage)
-            return read_only(turning.parents(self._steps, *corners, self._levels, without))
+            at = _cage_parameters(cage, lattice)
+            lost = self.rules.without_limit(cage)
+            return read_only(turning.parents(self._steps, *at, self._levels, lost))
         limit_face, uv = _cage_parameters(self._lineage[0], lattice)
         for mesh in self._lineage[:-1]:
             limit_face, uv = _child_parameters(mesh, limit_face, uv, lattice)
@@ -487,7 +487,7 @@ def _turning_refined(
             UserWarning,
             stacklevel=users_level(),
         )
-    step, steps = Thirds.of(mesh, rules), []
+    step, steps = Thirds.of(mesh, rules), list[Thirds]()
     faces, face = mesh.indices.reshape(-1, 3), np.arange(mesh.n_faces)
     for level in range(levels):
         if level % 2 == 0:

@@ -140,8 +140,8 @@ class Neighbourhood:
                 needed.add(self.steps[k][0])
         return sorted(needed)
 
-    def parts(self, rules: Rules) -> tuple[list[Neighbourhood], Array]:
-        """Neighbourhoods of the nine parts, and their vertices as rows over the own ones."""
+    def parts(self, rules: Rules) -> tuple[list[Neighbourhood], list[Array]]:
+        """Neighbourhoods of the nine parts, and the vertices of each as rows over the own ones."""
         cage = Connectivity(self.size, np.full(len(self.faces), 3), self.faces.ravel())
         fans = Fans.of(cage, cage.twin)
         rim = np.zeros(self.size, dtype=bool)
@@ -151,7 +151,7 @@ class Neighbourhood:
         matrix = step.second(rules, number) @ step.first(rules, number)
         finer = step.child()
         maps, fixed = Maps(finer.twin).tables, ~(finer.interior | finer.smooth)
-        found, rows = [], []
+        found, rows = [], list[Array]()
         for face, corner in enumerate(FIRST.tolist()):
             # the triangle is the first face
             part = Neighbourhood.of(maps, finer.mesh.indices, fixed, 3 * face + corner)
