@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.caching import cached_property
 from limitsurf.cage.connectivity import Connectivity
 from limitsurf.engine.surroundings import PARTS, Maps, Neighbourhood
 from limitsurf.options import Rules
@@ -25,7 +26,7 @@ Array = NDArray[Any]
 # Steps among regular neighbourhoods after which what quadratics miss is below rounding errors, of
 # positions and first derivatives; and steps after which no more are taken beside boundaries. See
 # `derivations/sqrt3.py`.
-STEPS = 20, 26
+STEPS = 20, 28
 DEEPEST = 38
 
 # number of the part by where its cell is, and whether it is turned
@@ -230,7 +231,7 @@ class Corner:
         ring, closed = kinds.known[kind].ring
         # first derivatives grow by this with each step
         self.vanishes = 3 * self.value < 1 - 1e-9 and closed
-        self._powers = [own / self.value]
+        self._own, self._powers = own, {self.value: [own / self.value]}
         masks = turning.tangent_masks(kinds.rules, len(ring) - (not closed), closed)
         pair = masks[int(kinds.known[kind].fixed[0])]
         self.tangents = self.edges = None
@@ -243,16 +244,62 @@ class Corner:
                 angle = turn * (place + np.arange(2))
                 self.edges = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ self.tangents
 
-    def power(self, weights: Array, n: Array) -> Array:
-        """Weights (k, Q, size - 1) times so many steps, but for the powers of the eigenvalue."""
+    def power(self, weights: Array, n: Array, value: float | None = None) -> Array:
+        """Weights (k, Q, size - 1) times so many steps, but for the powers of the eigenvalue.
+
+        If a value is given, for its powers, and those of what is left without the tangents.
+        """
+        if value is None:
+            powers = self._powers[self.value]
+        else:
+            powers = self._powers.setdefault(-value, [self._rest / value])
         bit = 0
         while (n >> bit).any():
-            while len(self._powers) <= bit:
-                self._powers.append(self._powers[-1] @ self._powers[-1])
+            while len(powers) <= bit:
+                powers.append(powers[-1] @ powers[-1])
             which = np.flatnonzero(n >> bit & 1)
-            weights[:, which] = weights[:, which] @ self._powers[bit]
+            weights[:, which] = weights[:, which] @ powers[bit]
             bit += 1
         return weights
+
+    @cached_property
+    def _dual(self) -> tuple[Array, Array]:
+        """The eigenvalues of both tangents, (2,), and what they are 1 on, each, (size - 1, 2)."""
+        tangents = self.tangents
+        assert tangents is not None
+        values = ((tangents @ self._own) * tangents).sum(axis=1) / (tangents**2).sum(axis=1)
+        every, vectors = np.linalg.eig(self._own)
+        first = np.argsort(np.abs(every - values[0]))[0]
+        near = np.argsort(np.abs(every - values[1]))
+        which = [first, near[near != first][0]]
+        both = np.concatenate([vectors[:, which].real, vectors[:, which].imag], axis=1)
+        basis = np.linalg.svd(both, full_matrices=False)[0][:, :2]
+        return values, basis @ np.linalg.inv(tangents @ basis)
+
+    @cached_property
+    def _rest(self) -> Array:
+        """What a step makes of differences, less what it does to the tangents."""
+        values, dual = self._dual
+        return np.asarray(self._own - (dual * values) @ self.tangents)
+
+    def planes(self, weights: Array, n: Array) -> Array:
+        """Vectors (2, Q, size - 1) after so many steps that span what these do; of their size.
+
+        Each is a tangent and what vanishes beside it, so that neither is lost beside the other.
+        """
+        if self.tangents is None:
+            return self.power(weights, n)
+        values, dual = self._dual
+        shares = np.einsum("kqm,mj->qkj", weights, dual)
+        rest = weights - np.einsum("qkj,jm->kqm", shares, self.tangents)
+        sign = np.sign(np.linalg.det(shares))
+        turned = np.einsum("qjk,kqm->jqm", np.linalg.pinv(shares), rest)
+        found = np.empty_like(weights)
+        for j, value in enumerate(values.tolist()):
+            later = self.power(turned[j : j + 1].copy(), n, value)[0]
+            found[j] = self.tangents[j] + later
+        found[1] *= sign[:, None]
+        return found
 
 
 def quadratic(s: Array, t: Array) -> tuple[Array, Array, Array]:

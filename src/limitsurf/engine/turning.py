@@ -275,7 +275,8 @@ class _Place:
         for kind in np.unique(self._kind[ran]).tolist():
             here = ran[self._kind[ran] == kind]
             corner = self._kinds.corner(kind)
-            some = corner.power(weights[:, here, : len(corner.limit)].copy(), self._run[here])
+            some = weights[:, here, : len(corner.limit)].copy()
+            some = (corner.power if tangents else corner.planes)(some, self._run[here])
             at = np.flatnonzero(self._at[here])
             some[:, at] = np.nan
             vectors = corner.edges if tangents else corner.tangents

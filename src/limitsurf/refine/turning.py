@@ -19,7 +19,7 @@ from limitsurf.refine.thirds import Thirds
 Array = NDArray[Any]
 
 # faces around boundary vertices of which the limit has a tangent plane, derivations/sqrt3.py
-_SMOOTH = range(2, 6)
+_SMOOTH = range(1, 6)
 _FIXED = range(1, 3)
 
 
@@ -106,8 +106,11 @@ def tangent_masks(rules: Rules, faces: int, closed: bool) -> tuple[Array | None,
 def across(rules: Rules, faces: int) -> Array:
     """The mask of the direction into the surface at a boundary vertex of k faces, (k + 2,).
 
-    The sine wave once along the spokes, and what of the curve makes it an eigenvector.
+    The sine wave once along the spokes, and what of the curve makes it an eigenvector. Of one face
+    the curve bounds both sides, and what is left of it, second differences, leads inwards.
     """
+    if faces == 1:
+        return np.array([-2.0, 1.0, 1.0])
     (own, beside), (near, along, beyond) = (
         x.astype(float) for x in tables.curve_weights(rules.scheme, numbers.RATIONAL)
     )
