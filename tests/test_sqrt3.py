@@ -277,6 +277,23 @@ def test_normals_on_boundaries_where_there_is_a_tangent_plane(faces):
         assert np.isnan(at).all()
 
 
+@pytest.mark.parametrize("faces", [1, 2, 4, 5, 7])
+def test_derivatives_along_boundaries_at_vertices_and_near(faces):
+    """Of the cubic B-spline, and of a straight end where the corner stays."""
+    rng = np.random.default_rng(faces)
+    turn = np.arange(faces + 1) * 3 / faces
+    ring = np.stack([np.cos(turn), np.sin(turn), rng.normal(size=faces + 1)], axis=1)
+    mesh = ls.Mesh(np.vstack([[0.0, 0, 0], ring]), [[0, i + 1, i + 2] for i in range(faces)])
+    for boundary in ("edge_only", "edge_and_corner"):
+        surface = ls.LimitSurface(mesh, scheme="sqrt3", boundary=boundary)
+        stays = faces == 1 and boundary == "edge_and_corner"
+        slope = ring[0] if stays else (ring[0] - ring[-1]) / 2
+        back = ring[-1] if stays else -slope
+        for x in (0.0, 1e-300, 1e-100):
+            assert np.abs(surface.evaluate(0, x, 0.0, nu=(1, 0)) - slope).max() < 1e-13
+            assert np.abs(surface.evaluate(faces - 1, 0.0, x, nu=(0, 1)) - back).max() < 1e-13
+
+
 # ---------------------------------------------------------------- calls
 
 

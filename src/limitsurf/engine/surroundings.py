@@ -124,6 +124,18 @@ class Neighbourhood:
                 break
         return np.array(ring), closed
 
+    @cached_property
+    def curve(self) -> Array:
+        """Vertices of the boundary that the first one is on, but that: neighbours, then those next.
+
+        Both neighbours are those of the ring, the first and the last.
+        """
+        ring, _ = self.ring
+        ends = [int(ring[0]), int(ring[-1])]
+        rim = [(a, b) for a, b in self._next if (b, a) not in self._next]
+        on = [b for a, b in rim if a == ends[0]] + [a for a, b in rim if b == ends[1]]
+        return np.array(ends + [x for x in dict.fromkeys(on) if x not in (0, *ends)])
+
     def vertices(self, maps: Array, indices: Array, sides: Array) -> Array:
         """The vertices (Q, size) of like triangles of a mesh, by their first sides."""
         wanted, found = self._needed, {0: sides}

@@ -220,6 +220,9 @@ class Corner:
         The largest eigenvalue of what one step makes of differences.
     limit : (size - 1,)
         Weights of differences in the limit at the corner.
+    open_sides : (3,) bool
+    curve : (m,) int
+        Where the first and the last neighbour are, and others on the boundary, if there is one.
     tangents : (2, size - 1) or None
         Of both derivatives there, in directions that are limits, up to their lengths.
     """
@@ -229,6 +232,7 @@ class Corner:
         self.value = float(np.abs(np.linalg.eigvals(own)).max())
         self.limit = np.linalg.solve((np.eye(len(own)) - own).T, shift)
         ring, closed = kinds.known[kind].ring
+        self.open_sides, self.curve = kinds.known[kind].open_sides, kinds.known[kind].curve - 1
         # first derivatives grow by this with each step
         self.vanishes = 3 * self.value < 1 - 1e-9 and closed
         self._own, self._powers = own, {self.value: [own / self.value]}
@@ -244,6 +248,12 @@ class Corner:
                 angle = turn * (place + np.arange(2))
                 self.edges = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ self.tangents
 
+    def on_curve(self, weights: Array, n: Array) -> Array:
+        """Weights (Q, m) of what is on the boundary after so many steps, times powers of three."""
+        own = 3 * self._own[np.ix_(self.curve, self.curve)]
+        powers = self._powers.setdefault(0.0, [own])
+        return _raised(powers, weights[None], n)[0]
+
     def power(self, weights: Array, n: Array, value: float | None = None) -> Array:
         """Weights (k, Q, size - 1) times so many steps, but for the powers of the eigenvalue.
 
@@ -253,14 +263,7 @@ class Corner:
             powers = self._powers[self.value]
         else:
             powers = self._powers.setdefault(-value, [self._rest / value])
-        bit = 0
-        while (n >> bit).any():
-            while len(powers) <= bit:
-                powers.append(powers[-1] @ powers[-1])
-            which = np.flatnonzero(n >> bit & 1)
-            weights[:, which] = weights[:, which] @ powers[bit]
-            bit += 1
-        return weights
+        return _raised(powers, weights, n)
 
     @cached_property
     def _dual(self) -> tuple[Array, Array]:
@@ -300,6 +303,18 @@ class Corner:
             found[j] = self.tangents[j] + later
         found[1] *= sign[:, None]
         return found
+
+
+def _raised(powers: list[Array], weights: Array, n: Array) -> Array:
+    """Weights (k, Q, m) times powers of a matrix, of which the list has those of 1, 2, 4, ..."""
+    bit = 0
+    while (n >> bit).any():
+        while len(powers) <= bit:
+            powers.append(powers[-1] @ powers[-1])
+        which = np.flatnonzero(n >> bit & 1)
+        weights[:, which] = weights[:, which] @ powers[bit]
+        bit += 1
+    return weights
 
 
 def quadratic(s: Array, t: Array) -> tuple[Array, Array, Array]:

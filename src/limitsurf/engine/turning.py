@@ -14,13 +14,14 @@ from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.ground import Ground
 from limitsurf.engine.protocol import Order, Request
 from limitsurf.engine.stepwise import StepwiseTopology
-from limitsurf.engine.ternary import STEPS, Descent, Kinds
+from limitsurf.engine.ternary import STEPS, Corner, Descent, Kinds
 from limitsurf.refine import on_one_pattern, sparse_operator
 
 Array = NDArray[Any]
 
 CHUNK = 1 << 14  # queries at a time
 _POSITION: Order = (0, 0)
+LONG = 1 << 6  # steps after which all but the slowest is gone
 # directions of d/du and d/dv in the coordinates of each corner, (turn, 2, 2)
 _TURNED = np.array([[[1, 0], [0, 1]], [[0, -1], [1, -1]], [[-1, 1], [-1, 0]]], dtype=float)
 
@@ -242,17 +243,17 @@ class _Place:
         ran = np.flatnonzero((self._run > 0) | self._at)
         for kind in np.unique(self._kind[ran]).tolist():
             here = ran[self._kind[ran] == kind]
-            weights[:, here] = self._back(kind, here, weights[:, here])
+            weights[:, here] = self._back(kind, here, weights[:, here], scale)
         for k, nu in enumerate(orders):
             if nu in wanted:
                 found[k] = weights[wanted.index(nu)]
         return found
 
-    def _back(self, kind: int, here: Array, weights: Array) -> Array:
+    def _back(self, kind: int, here: Array, weights: Array, scale: Array) -> Array:
         """Weights taken back through runs towards the corner of places of one kind."""
         corner, run = self._kinds.corner(kind), self._run[here]
         size = len(corner.limit)
-        some = weights[..., :size].copy()
+        some, start = weights[..., :size].copy(), weights[..., :size]
         some[0] -= corner.limit
         some = corner.power(some, run)
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
@@ -262,8 +263,35 @@ class _Place:
         at = self._at[here]
         some[0, at] = corner.limit
         some[1:, at] = 0 if corner.vanishes else np.nan
+        for side, beside, across in ((0, self._t, 1), (2, self._s, 0)):
+            if corner.open_sides[side]:
+                self._along(corner, side, here, beside[here] == 0, across, start, some, scale)
         weights[..., :size] = some
         return weights
+
+    def _along(
+        self,
+        corner: Corner,
+        side: int,
+        here: Array,
+        on: Array,
+        across: int,
+        start: Array,
+        found: Array,
+        scale: Array,
+    ) -> None:
+        """Derivatives along a boundary, at places on it: of the curve alone."""
+        for k in range(2):
+            ways = self._directions[k, here]
+            some = np.flatnonzero(on & (ways[:, across] == 0))
+            at = self._at[here[some]]
+            begin = start[1 + k, some][:, corner.curve]
+            own = ways[some, 1 - across] * scale[here[some]]
+            begin[at] = 0
+            begin[at, side // 2] = own[at]
+            found[1 + k, some] = 0
+            run = np.where(at, LONG, self._run[here[some]])
+            found[1 + k, some[:, None], corner.curve] = corner.on_curve(begin, run)
 
     def planes(self, scale: Array, tangents: bool) -> Array:
         """Weights of two vectors that span tangent planes, or are along d/du and d/dv."""

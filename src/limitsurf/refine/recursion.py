@@ -294,7 +294,7 @@ def refined(
     mesh : Mesh
         Points of shape (n_vertices, ...); objects (Fractions) are refined exactly.
     levels : int
-        How often, 0 or more. Every level has four times as many faces.
+        How often, 0 or more. Every level has four times as many faces, under "sqrt3" three times.
     operator : bool
         Whether to return also R with ``R @ mesh.points == fine.points``, of shape
         (fine.n_vertices, mesh.n_vertices): a ``csr_array``, or an `ExactOperator` if the points
@@ -315,6 +315,12 @@ def refined(
         ``edges`` has them both. Dual schemes make a vertex of each corner of a face, and faces of
         faces, edges and vertices, in this order; the first step also makes points beyond
         boundaries, and the boundary of the refined mesh has no limit; vertices of no face are gone.
+        "sqrt3" makes the middles of faces; from each corner on there is the face of it and the
+        middles on both sides of the next edge, or at a boundary of that edge and the middle. After
+        an even number of steps there are also two points on each edge, near its first end and near
+        its second, and nine faces in each two steps before: three at the corners, three amid the
+        edges, three between the middle and these. Refine the cage again, not what an odd number of
+        steps has left: the boundary of that is due.
         Children of holes are holes, under dual schemes the faces of faces alone, and so are those
         of boundary faces under boundary="none".
         Creases and corners carry their sharpness on, and channels are refined with their seams.
@@ -349,8 +355,8 @@ def refined(
     [[2.0, 0.0], [0.0, 2.0], [4.0, 2.0], [2.0, 4.0], [2.0, 2.0]]
     """
     levels = checked_integer("levels", levels, 0)
-    refuse_levels(mesh, levels, operator)
     rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
+    refuse_levels(mesh, levels, operator, 3 if rules.scheme.turns_edges else 4)
     if rules.scheme.lattice.dual:
         return _dual_refined(mesh, levels, operator, rules, scheme)
     if rules.scheme.turns_edges:
@@ -550,8 +556,8 @@ def _balanced(points: Array) -> tuple[Array, int]:
     return (np.ldexp(points, balance) if balance else points), balance
 
 
-def refuse_levels(mesh: Mesh, levels: int, operator: bool = False) -> None:
-    """Refuse, by a MemoryError, so many refinements if there is no room for their faces.
+def refuse_levels(mesh: Mesh, levels: int, operator: bool = False, split: int = 4) -> None:
+    """Refuse, by a MemoryError, so many refinements into `split` if their faces have no room.
 
     What a face takes is the least that has been measured: a vertex, four corners with their
     neighbours, and with an operator some 16 entries twice.
@@ -559,11 +565,11 @@ def refuse_levels(mesh: Mesh, levels: int, operator: bool = False) -> None:
     columns = max(math.prod(mesh.points.shape[1:]), 1)
     each = 100 + (100 if numbers.type_of(mesh.points).exact else 8) * columns
     each += 32 * len(mesh.channels) + 400 * operator
-    faces = mesh.n_corners * 4 ** max(min(levels, 400) - 1, 0)  # more than any machine holds
+    faces = mesh.n_corners * split ** max(min(levels, 400) - 1, 0)  # more than any machine holds
     if not levels or faces * each < _LITTLE:
         return
     fit = memory.available() / (each * mesh.n_corners)
-    most = 0 if fit < 1 else int(math.log(fit, 4)) + 1 if math.isfinite(fit) else levels
+    most = 0 if fit < 1 else int(math.log(fit, split)) + 1 if math.isfinite(fit) else levels
     advice = f"up to {most} levels fit" if most else "no level fits"
     memory.refuse_beyond(faces, each, f"faces of {levels} levels", advice)
 
