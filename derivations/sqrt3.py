@@ -20,7 +20,7 @@ Run this file: it says nothing unless an assertion fails.
 """
 
 # %% [markdown]
-# # The $\sqrt 3$ scheme of Kobbelt
+# # The sqrt(3) scheme of Kobbelt
 #
 # Spectra of one step and of two around a vertex, for symbolic valence, in the interior and on
 # boundaries; limit and tangent masks; around which vertices there is a tangent plane; that the
@@ -183,7 +183,7 @@ for faces, fixed in ((1, [1 / 3, 1 / 3]), (2, [1 / 3, 1 / 3, 2 / 9]), (3, [1 / 3
     assert np.allclose([1 / 3, 1 / 3, *waves][:3], fixed)
 
 # %% [markdown]
-# ## 5. The regular limit is $C^2$
+# ## 5. The regular limit is C2
 #
 # The limit on a triangle amid regular vertices depends on the 27 of its two rings, and nine
 # matrices take these to those of its thirds. Quadratics become quadratics, so that what is left of

@@ -252,7 +252,8 @@ class Corner:
         """Weights (Q, m) of what is on the boundary after so many steps, times powers of three."""
         own = 3 * self._own[np.ix_(self.curve, self.curve)]
         powers = self._powers.setdefault(0.0, [own])
-        return _raised(powers, weights[None], n)[0]
+        (found,) = _raised(powers, weights[None], n)
+        return np.asarray(found)
 
     def power(self, weights: Array, n: Array, value: float | None = None) -> Array:
         """Weights (k, Q, size - 1) times so many steps, but for the powers of the eigenvalue.
