@@ -9,6 +9,7 @@ left over from rounding.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -88,6 +89,7 @@ class Kinds:
         self._table = np.full((0, 9), -1)
         self._maps: dict[tuple[int, int], tuple[Array, Array]] = {}
         self._rows: dict[int, Any] = {}
+        self._words: dict[int, tuple[Array, Array]] = {}
         self._corners: dict[int, Corner] = {}
         self.number(_regular())
 
@@ -159,41 +161,78 @@ class Kinds:
 
         Where the constant (n,) is 1 they are of positions, where it is 0 of differences.
         """
-        for kinds, parts in zip(descent.kinds[::-1], descent.parts[::-1], strict=True):
-            code = np.where(kinds < 0, -1, 9 * kinds + parts)
-            order = np.argsort(code, kind="stable")
-            found, first = np.unique(code[order], return_index=True)
-            ends = np.append(first[1:], len(order))
-            for one, start, end in zip(found.tolist(), first.tolist(), ends.tolist(), strict=True):
-                if one < 0:
-                    continue
-                own, shift = self.map(*divmod(one, 9))
-                which = order[start:end]
-                made = weights[:, which, : own.shape[0]] @ own
-                made += constant[:, None, None] * shift
-                weights[:, which, : own.shape[1]] = made
-                weights[:, which, own.shape[1] :] = 0
+        level = len(descent.kinds) - 1
+        while level >= 0:
+            kinds, parts = descent.kinds[level], descent.parts[level]
+            codes = np.where(kinds < 0, -1, 9 * kinds + parts)
+            if level:
+                # where both are regular, two steps at a time
+                two = (descent.kinds[level - 1] == 0) & (kinds == 0)
+                words = np.where(two, 9 * descent.parts[level - 1] + parts, -1)
+                self._apply(words, self._word, weights, constant)
+                self._apply(np.where(two, -1, codes), self._coded, weights, constant)
+                level -= 1
+                kinds, parts = descent.kinds[level], descent.parts[level]
+                codes = np.where(two | (kinds < 0), -1, 9 * kinds + parts)
+            self._apply(codes, self._coded, weights, constant)
+            level -= 1
         return weights
 
-    def ends(self, descent: Descent, directions: Array, width: int, flat: bool) -> Array:
+    def _coded(self, code: int) -> tuple[Array, Array]:
+        return self.map(*divmod(code, 9))
+
+    def _word(self, code: int) -> tuple[Array, Array]:
+        """What two parts make of differences amid regular vertices: of one, then of that."""
+        if code not in self._words:
+            first, second = divmod(code, 9)
+            (own, shift), (inner, inner_shift) = self.map(0, first), self.map(0, second)
+            self._words[code] = inner @ own, inner_shift @ own + shift
+        return self._words[code]
+
+    def _apply(
+        self,
+        codes: Array,
+        maps: Callable[[int], tuple[Array, Array]],
+        weights: Array,
+        constant: Array,
+    ) -> None:
+        """Take weights back, each by the map of its code; those of -1 stay."""
+        order = np.argsort(codes, kind="stable")
+        found, first = np.unique(codes[order], return_index=True)
+        ends = np.append(first[1:], len(order))
+        for one, start, end in zip(found.tolist(), first.tolist(), ends.tolist(), strict=True):
+            if one < 0:
+                continue
+            own, shift = maps(one)
+            which = order[start:end]
+            made = weights[:, which, : own.shape[0]] @ own
+            made += constant[:, None, None] * shift
+            weights[:, which, : own.shape[1]] = made
+            weights[:, which, own.shape[1] :] = 0
+
+    def ends(
+        self, descent: Descent, directions: Array, width: int, flat: bool, first: bool = True
+    ) -> Array:
         """Weights (3, Q, width) of the position and of two derivatives at the ends of a descent.
+
+        (1, Q, width) without first derivatives.
 
         Derivatives (2, Q, 2) are in directions of s and t at the beginning, without the powers of
         three. Beside boundaries those have a limit that are along the boundary; if `flat`, others
         are differences, whose directions have.
         """
         s, t, Q = descent.s, descent.t, len(descent.s)
-        found = np.zeros((3, Q, width))
+        found = np.zeros((1 + 2 * first, Q, width))
         along = directions * descent.sign[:, None]
         inner = np.flatnonzero(descent.kind == 0)
-        value, first, second = quadratic(s[inner], t[inner])
+        value, ds, dt = quadratic(s[inner], t[inner])
         found[0, inner, :6] = value
-        for k in range(2):
+        for k in range(2 * first):
             a, b = along[k, inner].T
-            found[1 + k, inner, :6] = a[:, None] * first + b[:, None] * second
+            found[1 + k, inner, :6] = a[:, None] * ds + b[:, None] * dt
         outer = np.flatnonzero(descent.kind != 0)
         found[0, outer, 0], found[0, outer, 1] = s[outer], t[outer]
-        for k in range(2):
+        for k in range(2 * first):
             found[1 + k, outer, :2] = along[k, outer]
             if not flat:
                 lost = ~self._follows(descent.kind[outer], directions[k, outer])

@@ -21,6 +21,7 @@ Array = NDArray[Any]
 
 CHUNK = 1 << 14  # queries at a time
 _POSITION: Order = (0, 0)
+_FIRST, _BOTH, _ALL = slice(1), slice(1, 3), slice(3)
 LONG = 1 << 6  # steps after which all but the slowest is gone
 # directions of d/du and d/dv in the coordinates of each corner, (turn, 2, 2)
 _TURNED = np.array([[[1, 0], [0, 1]], [[0, -1], [1, -1]], [[-1, 1], [-1, 0]]], dtype=float)
@@ -223,12 +224,13 @@ class _Place:
         self._run[over] -= 1
         self._s, self._t = (np.where(over, x / 3, x) for x in grown)
 
-    def _ended(self, steps: int, flat: bool) -> tuple[Descent, Array]:
-        """The descent, and weights of the position and both derivatives where runs end."""
+    def _ended(self, steps: int, flat: bool, which: slice) -> tuple[Descent, Array]:
+        """The descent, and weights where runs end: of some of the position and both derivatives."""
         kinds = self._kinds
         descent = kinds.descend(self._kind, self._s, self._t, steps)
-        weights = kinds.ends(descent, self._directions, max(self._width, 26), flat)
-        return descent, kinds.ascend(descent, weights, np.array([1.0, 0, 0]))
+        width, first = max(self._width, 26), which != _FIRST
+        weights = kinds.ends(descent, self._directions, width, flat, first)[which]
+        return descent, kinds.ascend(descent, weights, np.array([1.0, 0, 0])[which])
 
     def derivatives(self, scale: Array, orders: Sequence[Order]) -> Array:
         """Weights of derivatives, (n, Q, width)."""
@@ -237,7 +239,7 @@ class _Place:
         if not any(nu in wanted for nu in orders):
             return found
         first = any(nu in wanted[1:] for nu in orders)
-        descent, weights = self._ended(STEPS[first], flat=False)
+        descent, weights = self._ended(STEPS[first], False, _ALL if first else _FIRST)
         weights[1:] *= (scale * 3.0**descent.levels)[:, None]
         weights = weights[..., : self._width]
         ran = np.flatnonzero((self._run > 0) | self._at)
@@ -281,7 +283,7 @@ class _Place:
         scale: Array,
     ) -> None:
         """Derivatives along a boundary, at places on it: of the curve alone."""
-        for k in range(2):
+        for k in range(len(start) - 1):
             ways = self._directions[k, here]
             some = np.flatnonzero(on & (ways[:, across] == 0))
             at = self._at[here[some]]
@@ -295,8 +297,8 @@ class _Place:
 
     def planes(self, scale: Array, tangents: bool) -> Array:
         """Weights of two vectors that span tangent planes, or are along d/du and d/dv."""
-        _, weights = self._ended(STEPS[1], flat=not tangents)
-        weights = weights[1:, :, : self._width] * np.sign(scale)[:, None]
+        _, weights = self._ended(STEPS[1], not tangents, _BOTH)
+        weights = weights[..., : self._width] * np.sign(scale)[:, None]
         largest = np.abs(weights).max(axis=2, keepdims=True)
         weights /= np.where(largest > 0, largest, 1)
         ran = np.flatnonzero((self._run > 0) | self._at)

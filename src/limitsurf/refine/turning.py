@@ -13,6 +13,7 @@ from limitsurf import numbers, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.numbers import NumberType
 from limitsurf.options import Rules
+from limitsurf.refine.operators import sparse_operator
 from limitsurf.refine.stages import irrational
 from limitsurf.refine.thirds import Thirds
 
@@ -32,8 +33,9 @@ def limits(step: Thirds, rules: Rules, points: Array) -> Array:
     share = 3 * share / (1 + 3 * share)
     tail, head = mesh.indices, mesh.indices[mesh.next_corner]
     spoke = np.flatnonzero(step.interior[tail])
-    sums = number.full(points.shape, number.zero)
-    np.add.at(sums, tail[spoke], points[head[spoke]] - points[tail[spoke]])
+    ones, every = number.full(len(spoke), number.one), np.arange(len(spoke))
+    gathered = sparse_operator(tail[spoke], every, ones, (mesh.n_vertices, len(spoke)))
+    sums = np.asarray(gathered @ (points[head[spoke]] - points[tail[spoke]]))
     valence = number.array(mesh.vertex_faces[inner])
     result[inner] += sums[inner] * (share / valence)[:, None]
     at, one, other = step.rim
