@@ -125,7 +125,7 @@ def test_vertices_are_where_their_parents_are(name, levels):
 
 def test_faces_keep_their_data_and_holes_and_names_of_channels_are_told():
     points, faces = OPEN
-    uv = points[:, :2], np.ravel(faces), "all"
+    uv = points[:, :2], np.ravel(faces), "corners_only"
     mesh = ls.Mesh(points, faces, holes=[3], face_data={"part": np.arange(20)}, channels={"uv": uv})
     for levels, each in ((1, 3), (2, 9), (3, 27)):
         with pytest.warns(UserWarning, match="channels are left out .'uv'.: scheme 'sqrt3'"):
@@ -134,6 +134,9 @@ def test_faces_keep_their_data_and_holes_and_names_of_channels_are_told():
         assert fine.holes.tolist() == list(range(3 * each, 4 * each))
     surface = ls.LimitSurface(mesh, scheme="sqrt3")
     assert np.isnan(surface.evaluate(3, 0.2, 0.2)).all()
+    linear = ls.Mesh(points, faces, channels={"uv": (*uv[:2], "all")})
+    with pytest.raises(ValueError, match="scheme 'sqrt3' has no rule for channel 'uv'"):
+        ls.LimitSurface(linear, scheme="sqrt3").evaluate(0, 0.2, 0.3, channel="uv")
     flat = surface.evaluate(0, 0.2, 0.3, channel="uv")
     assert np.abs(flat - surface.evaluate(0, 0.2, 0.3)[:2]).max() < 1e-15
 

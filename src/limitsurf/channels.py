@@ -30,6 +30,8 @@ Array = NDArray[Any]
 # rules of boundaries by which a dual scheme continues values beyond seams, by how a channel is
 # interpolated; others hold values where it has no rule for them
 _DUAL_BOUNDARY = {"none": "edge_only", "corners_only": "edge_and_corner"}
+# those that only say where values are to stay, as they do anyway under schemes that interpolate
+_KEPT = "none", "corners_only", "corners_plus1", "corners_plus2"
 
 
 class ChannelMesh(RuledMesh):
@@ -62,11 +64,13 @@ class ChannelMesh(RuledMesh):
             listed = ", ".join(map(repr, mesh.channels)) or "none"
             raise ValueError(f"the mesh has no channel {name!r}; it has {listed}")
         rows, corner_rows, mode = mesh.channels[name]
-        dual = rules.scheme.lattice.dual
-        if dual and mode not in _DUAL_BOUNDARY:
+        # schemes without rules for sharp edges whose curves do not keep their points
+        dual = rules.scheme.lattice.dual or rules.scheme.turns_edges
+        known = tuple(_DUAL_BOUNDARY) if dual else _KEPT
+        if (dual or not rules.scheme.has_pieces) and mode not in known:
             raise ValueError(
                 f"scheme {rules.scheme.name!r} has no rule for channel {name!r}, which is "
-                f"interpolated as {mode!r}: it knows {' and '.join(map(repr, _DUAL_BOUNDARY))}; "
+                f"interpolated as {mode!r}: it knows {', '.join(map(repr, known))}; "
                 "give it as one of these, or leave it out, mesh.with_tags(channels=None)"
             )
         if mesh.connectivity.compiled:
@@ -77,8 +81,8 @@ class ChannelMesh(RuledMesh):
             key, value = np.unique(mesh.indices * len(rows) + corner_rows, return_inverse=True)
             vertex, row = np.divmod(key, len(rows))
         holes = np.flatnonzero(rules.without_limit(mesh))
-        known = {"separate": mesh.separate, "repeats": mesh.connectivity.repeats}
-        faces = Connectivity(len(row), mesh.sizes, value, **known)
+        cage = {"separate": mesh.separate, "repeats": mesh.connectivity.repeats}
+        faces = Connectivity(len(row), mesh.sizes, value, **cage)
         result = valid_mesh(cls, rows[row], faces, holes=holes)
         # what boundary="none" leaves without a limit are holes here: seams leave nothing
         result.base, result.rules = rules, replace(rules, boundary="edge_only")

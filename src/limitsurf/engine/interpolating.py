@@ -408,7 +408,8 @@ class Operations:
 
     def regular(self, first: Array, second: Array, third: Array) -> Array:
         """Three steps to these children amid regular vertices."""
-        return 16 * first + 4 * second + third
+        found: Array = 16 * first + 4 * second + third
+        return found
 
     def _single(self, kind: int, c: int) -> tuple[Array, Array, Any, int]:
         g, C = self._steps.step(kind, c)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from limitsurf._kernels import reference as kernels
 from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import FLOAT64, NumberType
-from limitsurf.refine.neighbourhoods import Kinds, kinds_of
+from limitsurf.refine.neighbourhoods import Kinds
 from limitsurf.rules import Rules
 
 Array = NDArray[Any]
@@ -139,29 +139,22 @@ class LocalSteps:
         nan = np.full((2, len(matrix)), np.nan)
         values = np.linalg.eigvals(matrix)
         values = values[np.argsort(-np.abs(values))]
-        if abs(values[0].imag) > _APART or values[0].real <= 0:
+        first, second = values[:2].real
+        if second <= 0 or (np.abs(values[:2].imag) > _APART).any():
             return nan, nan
-        first = values[0].real
-        alike = int((np.abs(values) > first * (1 - _APART)).sum())
-        pair = np.abs(values[1]) > np.abs(values[2]) * (1 + _APART) and values[1].real > 0
-        if not pair or alike > 2 or abs(values[1].imag) > _APART:
+        pair = _leading_pair(matrix, values)
+        if pair is None:
             return nan, nan
-        right, left = _leading(matrix, 2), _leading(matrix.T, 2).T
-        left = np.linalg.solve(left @ right, left)
-        inner = left @ matrix @ right  # (2, 2), what a step does to these two
+        right, left = pair
         sign = self._orientation(kind, k, right)
         normal = nan if sign == 0 else left * np.array([[1.0], [sign]])
-        if alike == 2:
-            once = np.abs(inner - first * np.eye(2)).max() < _APART
+        if second > first * (1 - _APART):
+            once = np.abs(left @ matrix @ right - first * np.eye(2)).max() < _APART
             return (right[:2] @ left if once else nan), normal
         # the larger one leads, but where a side has no part in it
-        vector = np.linalg.eig(inner)
-        order = np.argsort(-np.abs(vector[0]))
-        V = vector[1][:, order].real
-        parts, rows = right[:2] @ V, np.linalg.solve(V, left)
-        size = np.abs(parts).max()
-        lead = np.abs(parts[:, 0]) > _APART * size
-        tangents = np.where(lead[:, None], parts[:, :1] * rows[0], parts[:, 1:] * rows[1])
+        parts = right[:2]
+        lead = np.abs(parts[:, 0]) > _APART * np.abs(parts).max()
+        tangents = np.where(lead[:, None], parts[:, :1] * left[0], parts[:, 1:] * left[1])
         return tangents, normal
 
     def _orientation(self, kind: int, k: int, right: Array) -> int:
@@ -175,6 +168,36 @@ class LocalSteps:
         if not ((area > 0).all() or (area < 0).all()):
             return 0
         return int(np.sign(area[0])) if abs(angles.sum()) < 2 * np.pi + 1e-6 else 0
+
+
+def _leading_pair(matrix: Array, values: Array) -> tuple[Array, Array] | None:
+    """The two vectors that lead after many steps, (n, 2), and their rows (2, n), or None.
+
+    Those of the two largest eigenvalues, the larger one first; where the second heads a Jordan
+    chain of two, the end of that chain. `values` are the eigenvalues by decreasing modulus.
+    """
+    sizes = np.abs(values)
+    tied = sizes[2] > sizes[1] * (1 - _APART)
+    count = 3 if tied else 2
+    if len(sizes) > count and sizes[count] > sizes[count - 1] * (1 - _APART):
+        return None
+    right, left = _leading(matrix, count), _leading(matrix.T, count).T
+    left = np.linalg.solve(left @ right, left)
+    if sizes[1] > sizes[0] * (1 - _APART):
+        return None if tied else (right, left)
+    first, second = values[0].real, values[1:count].real.mean()
+    inner, one = left @ matrix @ right, np.eye(count)
+    # both of rank 1: what remains of the first alone, and of the second, or of its chain
+    step = inner - second * one
+    others = step, (inner - first * one) @ (step if tied else one)
+    columns, rows = [], []
+    for part, factor in zip(others, (1, -1), strict=True):
+        u, size, v = np.linalg.svd(part @ step if tied and factor > 0 else part)
+        if size[1] > _APART * size[0] or size[0] < _APART:
+            return None
+        columns.append(factor * u[:, 0])
+        rows.append(v[0])
+    return right @ np.array(columns).T, np.array(rows) @ left
 
 
 def _leading(matrix: Array, count: int) -> Array:
@@ -203,10 +226,14 @@ def _solved(matrix: Array, right: Array, exact: bool) -> Array:
     return rows[:, n:]
 
 
-@lru_cache(maxsize=64)
 def local_steps(rules: Rules, number: NumberType) -> LocalSteps:
-    """Steps under a scheme."""
-    return LocalSteps(kinds_of(rules, number))
+    """Steps under a scheme; no option makes a difference."""
+    return _local_steps(Rules(rules.scheme, "edge_and_corner", "uniform", "catmull-clark"), number)
+
+
+@lru_cache(maxsize=64)
+def _local_steps(rules: Rules, number: NumberType) -> LocalSteps:
+    return LocalSteps(Kinds(rules, number))
 
 
 def limit_normals(mesh: Mesh, rules: Rules, points: Array, errors: Array) -> Array:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -46,6 +45,9 @@ class Kind:
     n_points : int
     places : (n_points, 2) int or None
         Coordinates of the points, from corner 0 in (u, v), if they are part of a regular lattice.
+    joined : (twins, edges), each (3 m,) int, or nothing
+        The half-edges opposite to those of the faces, -1 where there is none, and their edges,
+        where vertices do not tell.
     children : (4,) int
         Kinds of the children, once they are known.
     steps : list of four arrays (n_points of the child, n_points)
@@ -57,6 +59,7 @@ class Kind:
     faces: Array
     n_points: int
     places: Array | None
+    joined: tuple[Array, ...] = ()
     children: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     steps: list[Array] = field(default_factory=list)
     affine: bool = False
@@ -191,10 +194,15 @@ class Kinds:
         sort = np.argsort(known)
         local = name[sort][np.searchsorted(known[sort], key)]
         counts = np.bincount(group[first], minlength=n)
-        kinds = self._named(group, local, n)
-        return kinds, counts, vertex[first]
+        cage = mesh.connectivity
+        if cage.parallel or cage.repeats:  # vertices do not tell how faces meet
+            joined = _joined(mesh, group, at, n)
+            order = np.argsort(np.tile(group, 3), kind="stable")
+            group, local = np.tile(group, 3)[order], np.concatenate([local, *joined])[order]
+            return self._named(group, local, n, joined=True), counts, vertex[first]
+        return self._named(group, local, n), counts, vertex[first]
 
-    def _named(self, group: Array, local: Array, n: int) -> Array:
+    def _named(self, group: Array, local: Array, n: int, joined: bool = False) -> Array:
         """Kinds of neighbourhoods by their faces, corner by corner."""
         sizes = np.bincount(group, minlength=n)
         starts = np.cumsum(sizes) - sizes
@@ -203,34 +211,54 @@ class Kinds:
             which = np.flatnonzero(sizes == size)
             rows = local[starts[which][:, None] + np.arange(size)].astype(np.int32)
             distinct, inverse = np.unique(rows, axis=0, return_inverse=True)
-            names = [self._name(row) for row in distinct]
+            names = [self._name(row, joined) for row in distinct]
             kinds[which] = np.array(names)[inverse.ravel()]
         return kinds
 
-    def _name(self, row: Array) -> int:
-        code = row.tobytes()
+    def _name(self, row: Array, joined: bool) -> int:
+        code = bytes([joined]) + row.tobytes()
         found = self._by_code.get(code)
         if found is None:
             with self.lock:
                 found = self._by_code.get(code)
                 if found is None:
-                    faces = row.reshape(-1, 3).astype(np.int64)
-                    n = int(faces.max()) + 1
-                    self.known.append(Kind(faces, n, _places(faces, n)))
+                    corners, *more = np.split(row.astype(np.int64), 3 if joined else 1)
+                    faces, n = corners.reshape(-1, 3), int(corners.max()) + 1
+                    places = None if joined else _places(faces, n)
+                    self.known.append(Kind(faces, n, places, tuple(more)))
                     self._by_code[code] = found = len(self.known) - 1
         return found
 
 
-@lru_cache(maxsize=64)
-def kinds_of(rules: Rules, number: NumberType) -> Kinds:
-    """The kinds of neighbourhoods under a scheme."""
-    return Kinds(rules, number)
-
-
 def _mesh(kind: Kind) -> Mesh:
-    faces = kind.faces
-    cage = Connectivity(kind.n_points, np.full(len(faces), 3), faces.ravel())
+    faces, known = kind.faces, dict[str, Any]()
+    if kind.joined:
+        twin, edge = kind.joined
+        corner = np.arange(faces.size).reshape(-1, 3)
+        ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+        first = np.empty(edge.max() + 1, np.int64)
+        first[edge[::-1]] = corner.ravel()[::-1]
+        table = ends[first], edge, np.stack([first, twin[first]], axis=1)
+        known = {"twin": twin, "parallel": True, "edge_table": table}
+    cage = Connectivity(kind.n_points, np.full(len(faces), 3), faces.ravel(), **known)
     return valid_mesh(Mesh, np.zeros((kind.n_points, 0)), cage)
+
+
+def _joined(mesh: Mesh, group: Array, corners: Array, n: int) -> tuple[Array, Array]:
+    """Twins of half-edges and their edges, by numbers within their groups, which are in order."""
+    own = _ranks(group)
+    key = group * mesh.n_corners + corners
+    order = np.argsort(key)
+    opposite = group * mesh.n_corners + mesh.twin[corners]
+    place = np.minimum(np.searchsorted(key[order], opposite), len(key) - 1)
+    found = (mesh.twin[corners] >= 0) & (key[order][place] == opposite)
+    twins = np.where(found, own[order][place], -1)
+    edge = mesh.corner_edge[corners]
+    first = _firsts(group, edge, mesh.n_edges)
+    name, known = _ranks(group[first]), (group * mesh.n_edges + edge)[first]
+    sort = np.argsort(known)
+    place = np.searchsorted(known[sort], group * mesh.n_edges + edge)
+    return twins, name[sort][place]
 
 
 def _around(mesh: Mesh, group: Array, corners: Array) -> tuple[Array, Array]:

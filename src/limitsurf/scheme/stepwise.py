@@ -141,6 +141,8 @@ def _checked(
     found = spokes(valence)
     if found is None:
         return None
+    if found[2:] != found[:1:-1]:
+        raise ValueError(f"scheme {name!r}: spokes({valence}) is not symmetric: {found!r}")
     rational = all(isinstance(w, (Fraction, int)) for w in found)
     half = [w if rational else _digits(w) for w in found[: valence // 2 + 2]]
     total = half[0] + half[1] + 2 * sum(half[2:]) - (half[-1] if valence % 2 == 0 else 0)
@@ -149,8 +151,6 @@ def _checked(
             f"scheme {name!r}: spokes({valence}) must be {valence + 1} exact numbers of sum 1, "
             f"got {found!r}"
         )
-    if found[2:] != found[:1:-1]:
-        raise ValueError(f"scheme {name!r}: spokes({valence}) is not symmetric: {found!r}")
     return tuple(Fraction(w) if isinstance(w, int) else w for w in found)
 
 

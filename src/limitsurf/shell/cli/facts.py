@@ -78,6 +78,8 @@ def cage_facts(
         for name, value in in_force.items()
     }
     facts["limit_faces"] = len(surface.limit_faces)
+    if not surface.rules["scheme"].has_pieces:
+        return facts
     facts["patches"] = dict(surface.patches.summary())
     facts["special_corners"] = [
         {"kind": kind, "faces": faces, "patches": number}
@@ -174,7 +176,7 @@ def _told_surface(facts: Facts) -> Iterator[tuple[str, str]]:
     for name, rule in facts["rules"].items():
         yield name, f"{rule['value']}{', by default' if rule['by_default'] else ''}"
     yield "limit faces", f"{facts['limit_faces']}"
-    for reason, count in facts["patches"].items():
+    for reason, count in (facts["patches"] or {}).items():
         yield f"  {reason}", f"{count}"
     if corners := facts["special_corners"]:
         yield "special corners of patches", ", ".join(_told_corner(**corner) for corner in corners)
