@@ -354,6 +354,28 @@ def test_cages_that_are_no_manifolds(faces):
     assert (fine.points[0] == mesh.points[0]).all()
 
 
+def test_vertices_amid_two_faces():
+    """There two edges join the same vertices; a position, but no normal."""
+    rng = np.random.default_rng(8)
+    for faces in ([[0, 1, 2], [0, 2, 1]], [[0, 1, 2], [0, 2, 1], [1, 3, 2]]):
+        mesh = ls.Mesh(rng.normal(size=(1 + np.max(faces), 3)), faces, scheme="sqrt3")
+        surface = ls.LimitSurface(mesh)
+        for levels in (1, 2, 3, 4):
+            fine = ls.refined(mesh, levels)
+            at = fine.parent_face, fine.parent_u, fine.parent_v
+            assert np.abs(surface.evaluate(*at) - fine.limit_points).max() < 2e-15
+        assert np.isnan(surface.normal(0, 0.0, 0.0)).all()
+        assert np.isnan(ls.refined(mesh, 0).limit_normals[0]).all()
+
+
+def test_the_largest_numbers_do_not_overflow():
+    mesh = cage("tetrahedron")
+    surface = ls.LimitSurface(mesh)
+    large = surface.with_points(mesh.points * 1.7e308)
+    found = large.evaluate(0, 0.2, 0.3) / 1.7e308
+    assert np.abs(found - surface.evaluate(0, 0.2, 0.3)).max() < 1e-15
+
+
 # ---------------------------------------------------------------- wicked masks
 
 

@@ -71,12 +71,12 @@ class Ground:
             self._step.interior[part.vertices],
             self._step.smooth[part.vertices],
         )
-        return first, first.child()
+        return first, first.child
 
     @cached_property
     def _fine(self) -> tuple[Array, Array, Array]:
         """Half-edges' maps, vertices, and which stay, of what is cut."""
-        fine = self._cut[1].child()
+        fine = self._cut[1].child
         return Maps(fine.twin).tables, fine.mesh.indices, ~(fine.interior | fine.smooth)
 
     @cached_property

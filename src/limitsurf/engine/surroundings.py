@@ -22,7 +22,7 @@ from limitsurf import numbers
 from limitsurf.caching import cached_property
 from limitsurf.cage.connectivity import Connectivity, Fans
 from limitsurf.options import Rules
-from limitsurf.refine.thirds import Thirds
+from limitsurf.refine.thirds import Thirds, edge_table
 
 Array = NDArray[Any]
 
@@ -61,12 +61,15 @@ class Neighbourhood:
         What it consists of.
     fixed : (n,) bool
         Which vertices stay where they are.
+    twin : (3 m,) int
+        The half-edges in the other direction, -1 for none.
     """
 
     steps: list[tuple[int, int]]
     ends: list[int]
     faces: Array
     fixed: Array
+    twin: Array
 
     @classmethod
     def of(cls, maps: Array, indices: Array, fixed: Array, first: int) -> Self:
@@ -79,15 +82,19 @@ class Neighbourhood:
             walk.around(walk.ends[place])
         known = {vertex: k for k, vertex in enumerate(walk.vertices)}
         faces = [[known[vertex] for vertex in face] for face in walk.faces]
+        sides = {side: k for k, side in enumerate(walk.corners)}
+        across = maps[_AFTER][maps[_NEXT][walk.corners]]
+        twin = np.array([sides.get(side, -1) for side in across.tolist()])
         ids = np.array(walk.vertices)
         # what is far is the same whether it stays or not
         stays = fixed[ids] & (np.arange(len(ids)) < near)
-        return cls(walk.steps, walk.ends, np.array(faces), stays)
+        return cls(walk.steps, walk.ends, np.array(faces), stays, twin)
 
     @cached_property
-    def key(self) -> tuple[bytes, bytes]:
+    def key(self) -> tuple[bytes, ...]:
         """Equal for equal neighbourhoods."""
-        return self.faces.astype(np.int16).tobytes(), self.fixed.tobytes()
+        numbers_ = (x.astype(np.int32).tobytes() for x in (self.faces, self.twin))
+        return self.fixed.tobytes(), *numbers_
 
     @property
     def size(self) -> int:
@@ -154,14 +161,17 @@ class Neighbourhood:
 
     def parts(self, rules: Rules) -> tuple[list[Neighbourhood], list[Array]]:
         """Neighbourhoods of the nine parts, and the vertices of each as rows over the own ones."""
-        cage = Connectivity(self.size, np.full(len(self.faces), 3), self.faces.ravel())
+        ends = self.faces.ravel(), np.roll(self.faces, -1, axis=1).ravel()
+        known = {"twin": self.twin, "edge_table": edge_table(ends, self.twin)}
+        sizes = np.full(len(self.faces), 3)
+        cage = Connectivity(self.size, sizes, ends[0], repeats=False, parallel=True, **known)
         fans = Fans.of(cage, cage.twin)
         rim = np.zeros(self.size, dtype=bool)
         rim[fans.vertex[~fans.closed]] = True
         step = Thirds(cage, cage.twin, fans, ~rim & ~self.fixed, rim & ~self.fixed)
         number = numbers.FLOAT64
         matrix = step.second(rules, number) @ step.first(rules, number)
-        finer = step.child()
+        finer = step.child
         maps, fixed = Maps(finer.twin).tables, ~(finer.interior | finer.smooth)
         found, rows = [], list[Array]()
         for face, corner in enumerate(FIRST.tolist()):
@@ -182,6 +192,7 @@ class _Walk:
         self.vertices: list[int] = []
         self.ends: list[int] = []
         self.faces: list[list[int]] = []
+        self.corners: list[int] = []
         self._seen: set[int] = set()
         self._known: set[int] = set()
 
@@ -228,5 +239,6 @@ class _Walk:
         self._seen.add(face)
         corners = [place, self._go(place, _NEXT), self._go(place, _LAST)]
         self.faces.append([int(self._indices[self._edges[corner]]) for corner in corners])
+        self.corners += [self._edges[corner] for corner in corners]
         for corner in corners:
             self._meet(corner)

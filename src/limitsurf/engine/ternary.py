@@ -268,7 +268,8 @@ class Corner:
 
     def __init__(self, kinds: Kinds, kind: int) -> None:
         own, shift = kinds.map(kind, 0)
-        self.value = float(np.abs(np.linalg.eigvals(own)).max())
+        # (amid two faces there may be nothing left at once)
+        self.value = max(float(np.abs(np.linalg.eigvals(own)).max()), 1e-9)
         self.limit = np.linalg.solve((np.eye(len(own)) - own).T, shift)
         ring, closed = kinds.known[kind].ring
         self.open_sides, self.curve = kinds.known[kind].open_sides, kinds.known[kind].curve - 1

@@ -65,13 +65,18 @@ class Turning:
         return found
 
     @cached_property
-    def _points(self) -> tuple[Array, Array]:
-        """All vertices that weights are of, less a middle of the cage, and this."""
+    def _points(self) -> tuple[Array, Array, int]:
+        """All vertices that weights are of, less a middle of the cage, and this.
+
+        Both times a power of two where sums might overflow, and its exponent.
+        """
         points = self._mesh.points.reshape(self._mesh.n_vertices, -1)
+        balance = kernels.balance(points)
+        points = np.ldexp(points, balance) if balance else points
         used = points[self._mesh.indices]
         middle = used[0] if len(used) else np.zeros(points.shape[1])
         with np.errstate(invalid="ignore", over="ignore"):
-            return self._ground.operator @ (points - middle), middle
+            return self._ground.operator @ (points - middle), middle, balance
 
     # ---------------------------------------------------------------- what `Engine` asks for
 
@@ -79,7 +84,7 @@ class Turning:
         self, request: Request, orders: Sequence[Order], out: Sequence[Array] | None = None
     ) -> Sequence[Array]:
         """See `Engine`; NaN beyond the first order."""
-        points, middle = self._points
+        points, middle, balance = self._points
         shape = request.face.size, points.shape[1]
         results = list(out or (np.empty(shape) for _ in orders))
         for result in results:
@@ -91,7 +96,7 @@ class Turning:
                 value = np.einsum("qm,qmd->qd", weights, steps)
                 if nu == _POSITION:
                     value = value + first + middle
-                result[found.query] = value
+                result[found.query] = np.ldexp(value, -balance) if balance else value
         return results
 
     def normals(self, request: Request, out: Array | None = None) -> Array:
@@ -104,7 +109,7 @@ class Turning:
 
     def _directions(self, request: Request) -> Any:
         """Vectors that span tangent planes, and bounds of their errors."""
-        points, _ = self._points
+        points, _, _ = self._points
         large = np.abs(points).max(initial=0)
         for found in self._chunks(request, None):
             steps = points[found.vertices]
@@ -120,7 +125,7 @@ class Turning:
 
     def tangents(self, request: Request, width: int) -> tuple[Array, Array]:
         """See `Engine`."""
-        points, _ = self._points
+        points, _, _ = self._points
         large = np.abs(points).max(initial=0)
         shape = request.face.size, points.shape[1]
         results = np.full(shape, np.nan), np.full(shape, np.nan)

@@ -15,7 +15,7 @@ from limitsurf import _kernels, memory, numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.cage.checks import checked_integer, users_level
-from limitsurf.cage.connectivity import Connectivity, read_only
+from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.faces import IntArray
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, kept, valid_mesh
 from limitsurf.channels import ChannelMesh
@@ -155,7 +155,7 @@ class RefinedMesh(RuledMesh):
             return Thirds.of(self, self.rules), points
         half = self._steps[-1]
         operator = half.second(self.rules, numbers.type_of(points))
-        return half.child(), np.asarray(operator @ points)
+        return half.child, np.asarray(operator @ points)
 
     def _turning_limits(self) -> Array:
         """Limit positions under a scheme that turns edges."""
@@ -494,27 +494,25 @@ def _turning_refined(
             stacklevel=users_level(),
         )
     step, steps = Thirds.of(mesh, rules), list[Thirds]()
-    faces, face = mesh.indices.reshape(-1, 3), np.arange(mesh.n_faces)
+    known, face = mesh.connectivity, np.arange(mesh.n_faces)
     for level in range(levels):
         if level % 2 == 0:
-            step = steps[-1].child() if steps else step
+            step = steps[-1].child if steps else step
             steps.append(step)
         matrix = turning.operator(step, bool(level % 2), rules, number)
         points = np.asarray(matrix @ points)
         total = None if total is None else multiplied(matrix, total, False)
         if level % 2:
-            faces, face = step.whole_faces, np.repeat(face[::3] if level else face, 9)
+            known, face = step.whole, np.repeat(face[::3] if level else face, 9)
         else:
-            faces, face = step.half_faces, np.repeat(face, 3)
+            known, face = step.half, np.repeat(face, 3)
     points = np.ldexp(points, -balance) if balance else points
     hole = np.zeros(mesh.n_faces, dtype=bool)
     hole[np.flatnonzero(rules.without_limit(mesh)) if levels else mesh.holes] = True
     fine = valid_mesh(
         RefinedMesh,
         points.reshape(len(points), *mesh.points.shape[1:]),
-        Connectivity(len(points), np.full(len(faces), 3), faces.ravel())
-        if levels
-        else mesh.connectivity,
+        known,
         scheme=scheme if scheme is not None else mesh.scheme,
         boundary=mesh.boundary,
         holes=np.flatnonzero(hole[face]),

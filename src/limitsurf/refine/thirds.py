@@ -114,6 +114,55 @@ class Thirds:
         across = np.where(inner, middle[self.twin], head)
         return np.stack([tail, across, middle], axis=1)
 
+    @cached_property
+    def whole_twin(self) -> Array:
+        """Half-edges that run along those of `whole_faces` in the other direction, -1 for none."""
+        corner, inner = np.arange(len(self.twin)), self.twin >= 0
+        face, k = np.divmod(corner, 3)
+        after, last = 3 * face + (k + 1) % 3, 3 * face + (k + 2) % 3
+        # of each corner: the first half-edges of the faces at it, at the next edge, inside
+        at, amid, inside = (3 * (9 * face + 3 * kind + k) for kind in range(3))
+        twin = np.empty(27 * len(self.twin) // 3, dtype=np.int64)
+        twin[at] = np.where(inner, at[after[self.twin]] + 2, -1)
+        twin[at + 2] = np.where(inner[last], at[self.twin[last]], -1)
+        twin[amid] = np.where(inner, amid[self.twin], -1)
+        twin[at + 1], twin[inside + 2] = inside + 2, at + 1
+        twin[inside], twin[amid + 2] = amid + 2, inside
+        twin[inside + 1], twin[amid + 1] = amid[last] + 1, inside[after] + 1
+        return twin
+
+    @cached_property
+    def half_twin(self) -> Array:
+        """The same of `half_faces`."""
+        corner, inner = np.arange(len(self.twin)), self.twin >= 0
+        face, k = np.divmod(corner, 3)
+        after, last = 3 * face + (k + 1) % 3, 3 * face + (k + 2) % 3
+        twin = np.empty(3 * len(corner), dtype=np.int64)
+        twin[::3] = np.where(inner, 3 * after[self.twin] + 2, -1)
+        twin[1::3] = np.where(inner, 3 * self.twin + 1, 3 * after + 2)
+        twin[2::3] = np.where(inner[last], 3 * self.twin[last], 3 * last + 1)
+        return twin
+
+    @cached_property
+    def half(self) -> Connectivity:
+        """The mesh after the first step."""
+        return self._connected(self.n_half, self.half_faces, self.half_twin)
+
+    @cached_property
+    def whole(self) -> Connectivity:
+        """The mesh after both steps."""
+        return self._connected(self.n_whole, self.whole_faces, self.whole_twin)
+
+    def _connected(self, n: int, faces: Array, twin: Array) -> Connectivity:
+        """A refined mesh; amid two faces two edges join the same vertices, which twins tell."""
+        sizes = np.full(len(faces), 3)
+        if self.mesh.parallel or (self.fans.closed & (self.fans.sizes == 2)).any():
+            ends = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+            table = edge_table(ends, twin)
+            known: dict[str, Any] = {"twin": twin, "edge_table": table, "parallel": True}
+            return Connectivity(n, sizes, faces.ravel(), repeats=False, **known)
+        return Connectivity(n, sizes, faces.ravel(), twin=twin, repeats=False)
+
     def _before(self, values: Array) -> Array:
         """Values of the corners before, (n_corners,)."""
         return np.roll(values.reshape(-1, 3), 1, axis=1).ravel()
@@ -232,16 +281,28 @@ class Thirds:
             ]
         return parts
 
+    @cached_property
     def child(self) -> Thirds:
         """The same of the mesh after both steps."""
-        mesh, faces = self.mesh, self.whole_faces
-        finer = Connectivity(self.n_whole, np.full(len(faces), 3), faces.ravel())
+        mesh, finer = self.mesh, self.whole
         middles, sides = np.ones(mesh.n_faces, dtype=bool), np.zeros((2, mesh.n_edges), dtype=bool)
         sides[0, mesh.corner_edge[self.twin >= 0]] = True
         sides[1] = mesh.boundary_edge
         interior = np.concatenate([self.interior, middles, np.repeat(sides[0], 2)])
         smooth = np.concatenate([self.smooth, ~middles, np.repeat(sides[1], 2)])
         return Thirds(finer, finer.twin, Fans.of(finer, finer.twin), interior, smooth)
+
+
+def edge_table(ends: tuple[Array, Array], twin: Array) -> tuple[Array, Array, Array]:
+    """Edges, their numbers by half-edge, and their half-edges, where twins tell which are one.
+
+    Half-edges without a twin share an edge with all others like them between the same vertices.
+    """
+    corner = np.arange(len(twin))
+    own = np.where(twin < 0, -1, np.minimum(corner, twin))
+    rows = np.stack([np.minimum(*ends), np.maximum(*ends), own], axis=1)
+    edges, first, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    return edges[:, :2], number.reshape(-1), np.stack([first, twin[first]], axis=1)
 
 
 def _operator(parts: list[Entries], shape: tuple[int, int]) -> Any:
