@@ -23,11 +23,11 @@ Run this file: it says nothing unless an assertion fails.
 # # The butterfly schemes
 #
 # The stencil of regular edges and that of boundaries follow from the polynomials they keep. The
-# regular matrix has $1/4$ sevenfold, with a Jordan block of size 3: first derivatives converge like
-# $n^2 2^{-n}$, and there are no second ones. Off the plane of a triangle, what surrounds it falls
-# like $n^2 4^{-n}$, so that derivatives are sums without cancellation. The modified masks are those
-# with given eigenvalues; of the original ones, and of boundaries, spectra say where there are
-# normals.
+# regular matrix has $1/4$ sevenfold, with a Jordan block of size 3: first derivatives converge
+# like $n^2 2^{-n}$, and there are no second ones. Off the plane of a triangle, what surrounds it
+# falls like $n^2 4^{-n}$, so that derivatives are sums without cancellation. The modified masks
+# are those with given eigenvalues; of the original ones, and of boundaries, spectra say where
+# there are normals.
 #
 # - N. Dyn, D. Levin, J. Gregory, "A butterfly subdivision scheme for surface interpolation with
 #   tension control", ACM Transactions on Graphics 9 (1990): the stencil.
@@ -60,12 +60,12 @@ def steps_of(name: str, number: numbers.NumberType) -> LocalSteps:
 
 
 # %% [markdown]
-# ## The stencils
+# ## 1. The stencils
 #
-# In units of half an edge, from the middle of an edge, along both directions of the lattice: its ends,
-# the corners across, the wings. With one weight for each of the three sorts, polynomials up to degree 3
-# are kept by one choice alone, which is that of the paper with $w = 1/16$; so are those along a line by
-# the four-point scheme. Quartics are kept by neither.
+# In units of half an edge, from the middle of an edge, along both directions of the lattice: its
+# ends, the corners across, the wings. With one weight for each of the three sorts, polynomials up
+# to degree 3 are kept by one choice alone, which is that of the paper with $w = 1/16$; so are
+# those along a line by the four-point scheme. Quartics are kept by neither.
 
 # %%
 ends, across, wings = symbols("ends across wings")
@@ -94,12 +94,12 @@ assert sum(found[w] * p**4 for w, at in places.items() for p, _ in at) != 0
 assert sum(curve[w] * 2 * p**4 for w, p in ((near, 1), (far, 3))) != 0
 
 # %% [markdown]
-# ## The regular matrix
+# ## 2. The regular matrix
 #
-# On the 27 points around a triangle, those of the faces that touch its neighbours. All weights are
-# rational, so is the matrix of the child at corner 0, and ranks tell what blocks there are: the
-# nullity of $(A - 1/4)^j$ is 3, 6, 7, so that $1/4$ is met seven times, in blocks of size 3, 2
-# and 2.
+# On the 27 points around a triangle, those of the faces that touch its neighbours. All weights
+# are rational, so is the matrix of the child at corner 0, and ranks tell what blocks there are:
+# the nullity of $(A - 1/4)^j$ is 3, 6, 7, so that $1/4$ is met seven times, in blocks of size 3,
+# 2 and 2.
 
 # %%
 exact = steps_of("butterfly", numbers.RATIONAL)
@@ -116,7 +116,7 @@ assert np.abs(values[:3] - [1, 0.5, 0.5]).max() < 1e-9
 assert np.abs(values[10:]).max() < 0.19
 
 # %% [markdown]
-# ## Derivatives
+# ## 3. Derivatives
 #
 # Of the points around a triangle, take its corner 0 away, and then the plane through its corners:
 # sides $s$ and a rest $r$. As the scheme keeps what is linear, a step, doubled, has blocks
@@ -124,8 +124,9 @@ assert np.abs(values[10:]).max() < 0.19
 # $$s' = \pm s + Q r, \qquad r' = B r,$$
 #
 # exactly, for each of the four children. $B$ is twice a matrix with eigenvalues up to $1/4$: $r$
-# falls like $n^2 2^{-n}$, and after all steps to a vertex the side tends to $s + \sum_n Q B^n r$, which
-# is $s + Q (1 - B)^{-1} r$. That is the derivative; of a cubic over the lattice it is the cubic's.
+# falls like $n^2 2^{-n}$, and after all steps to a vertex the side tends to $s + \sum_n Q B^n r$,
+# which is $s + Q (1 - B)^{-1} r$. That is the derivative; of a cubic over the lattice it is the
+# cubic's.
 
 # %%
 for c in range(4):
@@ -148,13 +149,13 @@ for k, (u, v) in enumerate(((0, 0), (1, 0), (0, 1))):
         assert along[1] == (j * u**i * v ** (j - 1) if j else 0)
 
 # %% [markdown]
-# ## The modified masks
+# ## 4. The modified masks
 #
-# At a vertex of valence $N$ the new neighbours are $3/4$ of it and a circulant of the old ones. The
-# eigenvalue of frequency $f$ of that circulant is what the mask has as its Fourier coefficient: $1/4$
-# at 0, $1/2$ at 1, $1/4$ at 2, and 0 beyond. So $1/2$ is subdominant at every valence, from frequency
-# 1, the next is $1/4$: as where the scheme is regular. At $N = 4$ frequency 2 is met once, at $N = 3$
-# not at all.
+# At a vertex of valence $N$ the new neighbours are $3/4$ of it and a circulant of the old ones.
+# The eigenvalue of frequency $f$ of that circulant is what the mask has as its Fourier
+# coefficient: $1/4$ at 0, $1/2$ at 1, $1/4$ at 2, and 0 beyond. So $1/2$ is subdominant at every
+# valence, from frequency 1, the next is $1/4$: as where the scheme is regular. At $N = 4$
+# frequency 2 is met once, at $N = 3$ not at all.
 
 # %%
 for N in (3, 4, 5, 7, 8, 9, 12):
@@ -168,18 +169,21 @@ for N in (3, 4, 5, 7, 8, 9, 12):
     assert np.abs(np.array(waves) - wanted).max() < 1e-14
 
 # %% [markdown]
-# ## The original masks at extraordinary vertices
+# ## 5. The original masks at extraordinary vertices
 #
-# Around the vertex: neighbours $a_j$, then $c_j$ between $a_j$ and $a_{j+1}$, and $b_j$ behind $a_j$.
-# With $\theta = 2 \pi f / N$, and $c_j$ counted at half angles, the eight-point stencil has blocks
+# Around the vertex: neighbours $a_j$, then $c_j$ between $a_j$ and $a_{j+1}$, and $b_j$ behind
+# $a_j$. With $\theta = 2 \pi f / N$, and $c_j$ counted at half angles, the eight-point stencil
+# has blocks
 #
-# $$a' = \left(\tfrac12 + \tfrac14 \cos\theta - \tfrac18 \cos 2\theta\right) a - \tfrac18 \cos\tfrac\theta2\, c,
-# \quad b' = a, \quad
-# c' = \left(\cos\tfrac\theta2 - \tfrac18 \cos\tfrac{3\theta}2\right) a - \tfrac18 \cos\tfrac\theta2\, b + \tfrac18 c$$
+# $$a' = \left(\tfrac12 + \tfrac14 \cos\theta - \tfrac18 \cos 2\theta\right) a
+# - \tfrac18 \cos\tfrac\theta2\, c, \qquad b' = a,$$
 #
-# at frequencies other than 0. At $N = 3$ frequencies 0 and 1 tie at $1/4$, and there is no tangent plane;
-# from $N = 4$ to 7 frequency 1 leads; from 8 on frequency 2 or a higher one, so that the surface goes
-# around the vertex more than once.
+# $$c' = \left(\cos\tfrac\theta2 - \tfrac18 \cos\tfrac{3\theta}2\right) a
+# - \tfrac18 \cos\tfrac\theta2\, b + \tfrac18 c$$
+#
+# at frequencies other than 0. At $N = 3$ frequencies 0 and 1 tie at $1/4$, and there is no
+# tangent plane; from $N = 4$ to 7 frequency 1 leads; from 8 on frequency 2 or a higher one, so
+# that the surface goes around the vertex more than once.
 
 
 # %%
@@ -256,14 +260,14 @@ for N in (3, 4, 5, 6, 7, 8, 9, 12, 20, 50):
     assert normal
 
 # %% [markdown]
-# ## Boundaries
+# ## 6. Boundaries
 #
-# Ends on a boundary have no mask of their own: both schemes are the same there. Along the boundary
-# the four-point scheme has $1/2$, with $1/4$ next; what leads away from it, by the number $k$ of faces:
-# of $k = 3$ the boundary of a regular lattice, $1/2$ too; of 2 the eigenvalue of frequency 1 at $N = 4$,
-# less than $1/2$; of 1 a chain of two at $1/4$, so that normals come to their limit like $1/n$.
-# From $k = 4$ on the two that lead do not make a fan that goes once from one side to the other: there is no
-# normal at the vertex.
+# Ends on a boundary have no mask of their own: both schemes are the same there. Along the
+# boundary the four-point scheme has $1/2$, with $1/4$ next; what leads away from it, by the
+# number $k$ of faces: of $k = 3$ the boundary of a regular lattice, $1/2$ too; of 2 the
+# eigenvalue of frequency 1 at $N = 4$, less than $1/2$; of 1 a chain of two at $1/4$, so that
+# normals come to their limit like $1/n$. From $k = 4$ on the two that lead do not make a fan that
+# goes once from one side to the other: there is no normal at the vertex.
 
 # %%
 for name in ("butterfly", "modified-butterfly"):
@@ -279,12 +283,12 @@ for name in ("butterfly", "modified-butterfly"):
             assert np.abs(found[:2] - 0.5).max() < 1e-9
 
 # %% [markdown]
-# ## Parameters without rounding
+# ## 7. Parameters without rounding
 #
-# A triangle is halved by doubling two of the three barycentric coordinates and taking 1 from one of
-# them, and in its middle by $1 - 2x$ and $2y - (1 - 2x)$, where $x \ge y$ are those that are known: there $1/4 \le
-# x \le 1/2$ and $2 y \ge 1 - 2 x$, so that all of these are floating-point numbers. Compared with Fractions,
-# to the end:
+# A triangle is halved by doubling two of the three barycentric coordinates and taking 1 from one
+# of them, and in its middle by $1 - 2x$ and $2y - (1 - 2x)$, where $x \ge y$ are those that are
+# known: there $1/4 \le x \le 1/2$ and $2 y \ge 1 - 2 x$, so that all of these are floating-point
+# numbers. Compared with Fractions, to the end:
 
 # %%
 rng = np.random.default_rng(0)
