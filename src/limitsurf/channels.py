@@ -64,9 +64,10 @@ class ChannelMesh(RuledMesh):
             listed = ", ".join(map(repr, mesh.channels)) or "none"
             raise ValueError(f"the mesh has no channel {name!r}; it has {listed}")
         rows, corner_rows, mode = mesh.channels[name]
-        dual = rules.scheme.lattice.dual
+        # schemes without rules for sharp edges whose curves do not keep their points
+        dual = rules.scheme.lattice.dual or rules.scheme.turns_edges
         known = tuple(_DUAL_BOUNDARY) if dual else _KEPT
-        if not (rules.scheme.has_pieces and not dual) and mode not in known:
+        if (dual or not rules.scheme.has_pieces) and mode not in known:
             raise ValueError(
                 f"scheme {rules.scheme.name!r} has no rule for channel {name!r}, which is "
                 f"interpolated as {mode!r}: it knows {', '.join(map(repr, known))}; "

@@ -18,10 +18,12 @@ from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.reference import Reference
 from limitsurf.engine.stepwise import StepwiseTopology
 from limitsurf.engine.topology import Topology
+from limitsurf.engine.turning import Turning
 from limitsurf.patches import PatchTable
 from limitsurf.refine import sharing, stacked
 from limitsurf.rules import Rules
 from limitsurf.scheme.scheme import Scheme
+from limitsurf.scheme.sqrt3 import TurningScheme
 from limitsurf.scheme.stepwise import InterpolatingScheme
 
 Array = NDArray[Any]
@@ -62,6 +64,7 @@ def topology_of(
 # who answers where a scheme has no pieces, by its kind: (topology, mesh, exact) -> Engine
 STEPWISE: dict[type[Scheme], Callable[[StepwiseTopology, Mesh, bool], Any]] = {
     InterpolatingScheme: Interpolating,
+    TurningScheme: Turning,
 }
 
 

@@ -43,7 +43,8 @@ def validate(
     structured ndarray, (levels,), which notebooks show as a table
         Fields ``level`` (1, 2, ...), ``error``, the largest distance of a refined vertex from the
         surface at its parent parameters; ``order``, the observed order of convergence
-        ``log2(error[level - 1] / error[level])``, where level 0 is the cage; ``limit_error``, the
+        ``log2(error[level - 1] / error[level])``, where level 0 is the cage, under "sqrt3" by
+        logarithms to the base of its step, the square root of 3; ``limit_error``, the
         largest distance of the vertices moved to their limit. Vertices without a limit are left
         out; NaN if there are none with one. The order is 2 where the surface is regular. Next to
         an extraordinary vertex of subdominant eigenvalue lambda, parents follow the parameters,
@@ -83,6 +84,7 @@ def validate(
     surface = surface.with_points(surface.points - surface.points[used])
     mesh = refined(surface.mesh, 0, **surface.rules)
     errors = [_distance(mesh.points, surface, mesh, workers)]
+    step = 3**0.5 if surface.rules["scheme"].turns_edges else 2
     # one level at a time; parameters are those of the cage's limit faces all along
     for level in range(1, levels + 1):
         mesh = refined(surface.mesh, level, **surface.rules)
@@ -91,7 +93,7 @@ def validate(
     table["level"] = np.arange(1, levels + 1)
     table["error"] = errors[1:]
     with np.errstate(divide="ignore", invalid="ignore"):
-        table["order"] = np.log2(np.array(errors[:-1]) / errors[1:])
+        table["order"] = np.log(np.array(errors[:-1]) / errors[1:]) / np.log(step)
     return table.view(Report)
 
 

@@ -19,11 +19,12 @@ from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.faces import IntArray
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, kept, valid_mesh
 from limitsurf.channels import ChannelMesh
-from limitsurf.refine import dual, interpolating, local_steps
+from limitsurf.refine import dual, interpolating, local_steps, turning
 from limitsurf.refine.limits import face_normals, limit_normals, limit_points
 from limitsurf.refine.masks import all_limit_normals, all_limit_points
 from limitsurf.refine.operators import ExactOperator, identity, multiplied, stacked
 from limitsurf.refine.stages import refined_values, refinement_stages
+from limitsurf.refine.thirds import Thirds
 from limitsurf.rules import RuledMesh, Rules, Sharpness
 from limitsurf.topology import (
     all_regular,
@@ -67,6 +68,8 @@ class RefinedMesh(RuledMesh):
 
     _lineage: tuple[Mesh, ...]  # from the cage to this mesh, without points
     _cage_rules: Rules  # of a dual scheme, by which the cage was refined
+    _steps: tuple[Thirds, ...]  # where edges are turned: two each, of the cage first
+    _levels: int
     rounded: bool  # whether the points come from refinement, and not from outside
 
     @cached_property
@@ -75,6 +78,11 @@ class RefinedMesh(RuledMesh):
         lattice = self.rules.scheme.lattice
         if lattice.dual:
             return read_only(dual.parents(self._lineage, self._cage_rules, lattice))
+        if self.rules.scheme.turns_edges:
+            cage = self._lineage[0]
+            at = _cage_parameters(cage, lattice)
+            lost = self.rules.without_limit(cage)
+            return read_only(turning.parents(self._steps, *at, self._levels, lost))
         limit_face, uv = _cage_parameters(self._lineage[0], lattice)
         for mesh in self._lineage[:-1]:
             limit_face, uv = _child_parameters(mesh, limit_face, uv, lattice)
@@ -116,6 +124,8 @@ class RefinedMesh(RuledMesh):
         """
         if self.rules.scheme.lattice.dual:
             return self._dual_limits()
+        if self.rules.scheme.turns_edges:
+            return self._turning_limits()
         if not self.rules.scheme.has_pieces:
             return interpolating.limit_points(self, self.rules)
         if self._wants_finer:
@@ -136,6 +146,23 @@ class RefinedMesh(RuledMesh):
         """Limit positions under a dual scheme."""
         points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
         result = dual.limits(self, self.rules, points)
+        result = np.ldexp(result, -balance) if balance else result
+        return np.asarray(result.reshape(self.points.shape))
+
+    def _whole(self, points: Array) -> tuple[Thirds, Array]:
+        """Steps of a mesh whose first vertices these are, and its points."""
+        if self._levels % 2 == 0:
+            return Thirds.of(self, self.rules), points
+        half = self._steps[-1]
+        operator = half.second(self.rules, numbers.type_of(points))
+        return half.child, np.asarray(operator @ points)
+
+    def _turning_limits(self) -> Array:
+        """Limit positions under a scheme that turns edges."""
+        points, balance = _balanced(self.points.reshape(self.n_vertices, -1))
+        step, points = self._whole(points)
+        result = turning.limits(step, self.rules, points)[: self.n_vertices]
+        result[self.rules.loose_vertices(self)] = np.nan
         result = np.ldexp(result, -balance) if balance else result
         return np.asarray(result.reshape(self.points.shape))
 
@@ -180,11 +207,24 @@ class RefinedMesh(RuledMesh):
         if self.rules.scheme.lattice.dual:
             points = np.ldexp(self.points, kernels.balance(self.points))
             return np.asarray(dual.limit_normals(self, self.rules, points, self.rounded))
+        if self.rules.scheme.turns_edges:
+            return self._turning_normals()
         if self._wants_finer:
             finer = refined(self, **vars(self.rules))
             halves = child_halves(self.connectivity, None, self.rules.scheme.lattice)
             return np.asarray(finer._normals()[halves[0]])  # noqa: SLF001  (one of these, too)
         return self._normals()
+
+    def _turning_normals(self) -> Floats:
+        """Limit normals under a scheme that turns edges, at whichever face a corner is."""
+        points = np.ldexp(self.points, kernels.balance(self.points))
+        step, points = self._whole(points)
+        rounded = self.rounded or self._levels % 2 == 1
+        found = turning.limit_normals(step, self.rules, points, rounded)
+        if self._levels % 2:
+            found = found[turning.corners_of_halves(self._steps[-1])]
+        found.reshape(-1, 3, 3)[self.rules.without_limit(self)] = np.nan
+        return found
 
     def _normals(self) -> Floats:
         """Limit normals by the tangent masks of what is at each vertex."""
@@ -254,7 +294,7 @@ def refined(
     mesh : Mesh
         Points of shape (n_vertices, ...); objects (Fractions) are refined exactly.
     levels : int
-        How often, 0 or more. Every level has four times as many faces.
+        How often, 0 or more. Every level has four times as many faces, under "sqrt3" three times.
     operator : bool
         Whether to return also R with ``R @ mesh.points == fine.points``, of shape
         (fine.n_vertices, mesh.n_vertices): a ``csr_array``, or an `ExactOperator` if the points
@@ -275,6 +315,12 @@ def refined(
         ``edges`` has them both. Dual schemes make a vertex of each corner of a face, and faces of
         faces, edges and vertices, in this order; the first step also makes points beyond
         boundaries, and the boundary of the refined mesh has no limit; vertices of no face are gone.
+        "sqrt3" makes the middles of faces; from each corner on there is the face of it and the
+        middles on both sides of the next edge, or at a boundary of that edge and the middle. After
+        an even number of steps there are also two points on each edge, near its first end and near
+        its second, and nine faces in each two steps before: three at the corners, three amid the
+        edges, three between the middle and these. Refine the cage again, not what an odd number of
+        steps has left: the boundary of that is due.
         Children of holes are holes, under dual schemes the faces of faces alone, and so are those
         of boundary faces under boundary="none".
         Under the butterfly schemes vertex points are the vertices, which are their own limits.
@@ -310,10 +356,12 @@ def refined(
     [[2.0, 0.0], [0.0, 2.0], [4.0, 2.0], [2.0, 4.0], [2.0, 2.0]]
     """
     levels = checked_integer("levels", levels, 0)
-    refuse_levels(mesh, levels, operator)
     rules = Rules.resolve(mesh, scheme, boundary, creasing, triangles)
+    refuse_levels(mesh, levels, operator, 3 if rules.scheme.turns_edges else 4)
     if rules.scheme.lattice.dual:
         return _dual_refined(mesh, levels, operator, rules, scheme)
+    if rules.scheme.turns_edges:
+        return _turning_refined(mesh, levels, operator, rules, scheme)
     number = numbers.type_of(mesh.points)
     points, balance = _balanced(mesh.points.reshape(mesh.n_vertices, -1))
     total = identity(mesh.n_vertices, number) if operator else None
@@ -431,6 +479,59 @@ def _dual_refined(
     return (fine, total) if operator else fine
 
 
+def _turning_refined(
+    mesh: Mesh, levels: int, operator: bool, rules: Rules, scheme: Any
+) -> RefinedMesh | tuple[RefinedMesh, Any]:
+    """What `refined` returns under a scheme that turns edges."""
+    number = numbers.type_of(mesh.points)
+    points, balance = _balanced(mesh.points.reshape(mesh.n_vertices, -1))
+    total = identity(mesh.n_vertices, number) if operator else None
+    if levels and mesh.channels:
+        names = ", ".join(map(repr, mesh.channels))
+        warnings.warn(
+            f"channels are left out ({names}): scheme {rules.scheme.name!r} makes faces across "
+            "edges, on both sides of seams",
+            UserWarning,
+            stacklevel=users_level(),
+        )
+    step, steps = Thirds.of(mesh, rules), list[Thirds]()
+    known, face = mesh.connectivity, np.arange(mesh.n_faces)
+    for level in range(levels):
+        if level % 2 == 0:
+            step = steps[-1].child if steps else step
+            steps.append(step)
+        matrix = turning.operator(step, bool(level % 2), rules, number)
+        points = np.asarray(matrix @ points)
+        total = None if total is None else multiplied(matrix, total, False)
+        if level % 2:
+            known, face = step.whole, np.repeat(face[::3] if level else face, 9)
+        else:
+            known, face = step.half, np.repeat(face, 3)
+    points = np.ldexp(points, -balance) if balance else points
+    hole = np.zeros(mesh.n_faces, dtype=bool)
+    hole[np.flatnonzero(rules.without_limit(mesh)) if levels else mesh.holes] = True
+    fine = valid_mesh(
+        RefinedMesh,
+        points.reshape(len(points), *mesh.points.shape[1:]),
+        known,
+        scheme=scheme if scheme is not None else mesh.scheme,
+        boundary=mesh.boundary,
+        holes=np.flatnonzero(hole[face]),
+        channels=None if levels else mesh.channels,
+        face_data={name: values[face] for name, values in mesh.face_data.items()},
+        units=mesh.units,
+        up=mesh.up,
+    )
+    vars(fine).update(
+        rules=rules,
+        _lineage=(without_points(mesh),),
+        _steps=tuple(steps or [step]),
+        _levels=levels,
+        rounded=levels > 0 or (isinstance(mesh, RefinedMesh) and mesh.rounded),
+    )
+    return (fine, total) if operator else fine
+
+
 def _later(mesh: Mesh, sharpness: Sharpness, finer: Mesh, lattice: Lattice) -> Sharpness:
     """The sharpness of the next refinement of a mesh; it does not hold on to the finer faces."""
     return sharpness.children(finer, lattice).typed(without_points(mesh), numbers.FLOAT64)
@@ -454,8 +555,8 @@ def _balanced(points: Array) -> tuple[Array, int]:
     return (np.ldexp(points, balance) if balance else points), balance
 
 
-def refuse_levels(mesh: Mesh, levels: int, operator: bool = False) -> None:
-    """Refuse, by a MemoryError, so many refinements if there is no room for their faces.
+def refuse_levels(mesh: Mesh, levels: int, operator: bool = False, split: int = 4) -> None:
+    """Refuse, by a MemoryError, so many refinements into `split` if their faces have no room.
 
     What a face takes is the least that has been measured: a vertex, four corners with their
     neighbours, and with an operator some 16 entries twice.
@@ -463,11 +564,11 @@ def refuse_levels(mesh: Mesh, levels: int, operator: bool = False) -> None:
     columns = max(math.prod(mesh.points.shape[1:]), 1)
     each = 100 + (100 if numbers.type_of(mesh.points).exact else 8) * columns
     each += 32 * len(mesh.channels) + 400 * operator
-    faces = mesh.n_corners * 4 ** max(min(levels, 400) - 1, 0)  # more than any machine holds
+    faces = mesh.n_corners * split ** max(min(levels, 400) - 1, 0)  # more than any machine holds
     if not levels or faces * each < _LITTLE:
         return
     fit = memory.available() / (each * mesh.n_corners)
-    most = 0 if fit < 1 else int(math.log(fit, 4)) + 1 if math.isfinite(fit) else levels
+    most = 0 if fit < 1 else int(math.log(fit, split)) + 1 if math.isfinite(fit) else levels
     advice = f"up to {most} levels fit" if most else "no level fits"
     memory.refuse_beyond(faces, each, f"faces of {levels} levels", advice)
 

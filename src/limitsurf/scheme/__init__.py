@@ -14,6 +14,7 @@ from limitsurf.scheme.doo_sabin import DOO_SABIN
 from limitsurf.scheme.loop import LOOP, LOOP_WARREN
 from limitsurf.scheme.masks import reserve
 from limitsurf.scheme.scheme import Scheme
+from limitsurf.scheme.sqrt3 import SQRT3
 
 
 class Schemes(Mapping[str, Scheme]):
@@ -69,7 +70,7 @@ class Schemes(Mapping[str, Scheme]):
 
 SCHEMES = Schemes(
     *(CATMULL_CLARK, LOOP, LOOP_WARREN, DOO_SABIN, BILINEAR, LINEAR),
-    *(BUTTERFLY, MODIFIED_BUTTERFLY),
+    *(BUTTERFLY, MODIFIED_BUTTERFLY, SQRT3),
 )
 schemes = SCHEMES  # to users
 # those whose tables ship with the package

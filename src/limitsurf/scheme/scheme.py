@@ -301,6 +301,11 @@ class Scheme:
         return True
 
     @property
+    def turns_edges(self) -> bool:
+        """Whether two steps cut edges into three, and one makes faces across edges."""
+        return False
+
+    @property
     def has_creases(self) -> bool:
         """Whether there are rules for sharp edges and vertices."""
         return True

@@ -20,6 +20,7 @@ from limitsurf.tables.cache import write_shipped as write_shipped
 from limitsurf.tables.masks import chaikin_weights as chaikin_weights
 from limitsurf.tables.masks import collapsed_masks as collapsed_masks
 from limitsurf.tables.masks import corner_weights as corner_weights
+from limitsurf.tables.masks import curve_weights as curve_weights
 from limitsurf.tables.masks import edge_face_weights as edge_face_weights
 from limitsurf.tables.masks import edge_weights as edge_weights
 from limitsurf.tables.masks import has_spokes as has_spokes
@@ -31,6 +32,7 @@ from limitsurf.tables.masks import normal_masks as normal_masks
 from limitsurf.tables.masks import orbits as orbits
 from limitsurf.tables.masks import ring_masks as ring_masks
 from limitsurf.tables.masks import rule_weights as rule_weights
+from limitsurf.tables.masks import shares as shares
 from limitsurf.tables.masks import spoke_weights as spoke_weights
 from limitsurf.tables.masks import strip_tables as strip_tables
 from limitsurf.tables.masks import strips_of as strips_of

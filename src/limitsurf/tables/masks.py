@@ -278,3 +278,26 @@ def interpolating_weights(scheme: Any, number: NumberType) -> tuple[Any, ...]:
     """Weights of ends, across, wings, and of the near and the far vertices of a curve."""
     near, far = scheme.curve
     return tuple(number.array([scheme.ends, scheme.across, scheme.wings, near, far]))
+
+
+def shares(scheme: Any, valences: Array, number: NumberType) -> Array:
+    """What neighbours share in new points of interior vertices of these valences, (n,).
+
+    Raises a TypeError where that is irrational, but numbers exact.
+    """
+    unique, kind = np.unique(valences, return_inverse=True)
+    found = [_share(scheme, n, number.exact) for n in unique.tolist()]
+    return np.asarray(number.array(found)[kind.reshape(-1)])
+
+
+@lru_cache(maxsize=1024)
+def _share(scheme: Any, valence: int, exact: bool) -> Any:
+    share = scheme.share_at(valence)
+    if exact and not isinstance(share, Fraction):
+        raise TypeError(f"the mask of scheme {scheme.name!r} at valence {valence} is irrational")
+    return share if exact else float(share)
+
+
+def curve_weights(scheme: Any, number: NumberType) -> tuple[Array, Array]:
+    """Masks of boundary vertices, and of the points at thirds of boundary edges."""
+    return number.array(scheme.boundary_vertex), number.array(scheme.boundary_third)
