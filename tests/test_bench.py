@@ -152,11 +152,15 @@ def test_interpolation_is_measured() -> None:
         assert min(row[name] for name in ("interpolate", "fairness", "fair")) > 0
     assert "refined" in small
     assert "refined" not in large
+
+
 def test_fits_are_compared() -> None:
     found = json.loads(run("fits.py", "--points 500 --grid 12"))
     assert found["known cage"]["largest distance of the size"] < 1e-10
     assert {"limitsurf", "FITPACK"} <= {row["who"] for row in found["curve"]}
     assert found["patch"][0]["rms"] < 0.01
+
+
 @pytest.mark.long
 def test_spline_faces_are_measured(tmp_path: Path) -> None:
     cage = tmp_path / "cube.obj"

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from limitsurf.scheme.dual import cosine
-from limitsurf.scheme.scheme import Weight, Weights, exact_weight
+from limitsurf.scheme.masks import Weight, Weights
+from limitsurf.scheme.scheme import exact_weight
 from limitsurf.scheme.stepwise import StepwiseScheme
 
 
