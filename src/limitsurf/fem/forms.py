@@ -118,8 +118,9 @@ def _elements(block: Block, terms: Terms, symmetric: bool) -> Array:
 
 
 def _upper(elements: Array) -> Array:
-    i, j = np.triu_indices(elements.shape[1])
-    return np.asarray(elements[:, i, j])
+    f, c = elements.shape[:2]
+    i, j = np.triu_indices(c)
+    return np.take(elements.reshape(f, c * c), i * c + j, axis=1)
 
 
 def bilaplace(basis: Basis, pattern: Pattern | Extracted, points: Array, workers: int) -> Any:

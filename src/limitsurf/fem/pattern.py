@@ -49,7 +49,7 @@ class Pattern:
         low, high, shapes = [], [], []
         for group in groups:
             i, j = pairs(group.controls.shape[1])
-            one, other = group.controls[:, i], group.controls[:, j]
+            one, other = (np.take(group.controls, x, axis=1) for x in (i, j))
             low.append(np.minimum(one, other).ravel())
             high.append(np.maximum(one, other).ravel())
             shapes.append(one.shape)
