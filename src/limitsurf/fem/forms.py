@@ -120,7 +120,7 @@ def _elements(block: Block, terms: Terms, symmetric: bool) -> Array:
 def _upper(elements: Array) -> Array:
     f, c = elements.shape[:2]
     i, j = np.triu_indices(c)
-    return np.take(elements.reshape(f, c * c), i * c + j, axis=1)
+    return np.asarray(np.take(elements.reshape(f, c * c), i * c + j, axis=1))
 
 
 def bilaplace(basis: Basis, pattern: Pattern | Extracted, points: Array, workers: int) -> Any:
