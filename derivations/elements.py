@@ -184,6 +184,79 @@ for ghosts, middle, ends in (
 assert 8 + 2 * 12 + 24 == (8 + 12 * 2) + 6 * (16 - 12)
 
 # %% [markdown]
+# ### Triangles
+#
+# Loop's rules are those of the quartic box spline. Beyond a side from $b$ to $b_+$ of a triangle
+# $(b, b_+, i)$ let the ghost be $g = b + b_+ - i$. At a boundary vertex of three triangles that
+# makes six around it, and the masks inside do what the rules of boundaries do.
+
+
+# %%
+def box_vertex(v, around):
+    return Rational(5, 8) * v + sum(around) / 16
+
+
+def box_edge(a, c, *opposite):
+    return Rational(3, 8) * (a + c) + sum(opposite) / 8
+
+
+before, behind = b_ + b - i_, b + b1 - i  # beyond the sides b_ b, of (b_, b, i_), and b b_+
+new = box_vertex(b, [b_, b1, i_, i, before, behind])
+assert expand(new - (b_ + 6 * b + b1) / 8) == 0
+middle = box_edge(b, b1, i, behind)
+assert expand(middle - (b + b1) / 2) == 0
+within, outside = box_edge(b, i, b1, i_), box_edge(b, behind, b1, before)
+assert expand(outside - (new + middle - within)) == 0
+
+# %% [markdown]
+# At a sharp corner $c$ of one triangle $(c, p, q)$ these are $c + p - q$ and $c + q - p$; two more
+# make six: $2 c - p$ and $2 c - q$.
+
+# %%
+c, p, q = symbols("c p q")
+past_p, past_q, of_p, of_q = c + p - q, c + q - p, 2 * c - p, 2 * c - q
+assert expand(box_vertex(c, [p, q, past_q, of_p, of_q, past_p]) - c) == 0
+new_p, new_q = box_edge(c, p, q, past_p), box_edge(c, q, p, past_q)
+assert expand(new_p - (c + p) / 2) == 0
+assert expand(new_q - (c + q) / 2) == 0
+assert expand(box_edge(c, past_p, p, of_q) - (c + new_p - new_q)) == 0
+assert expand(box_edge(c, past_q, q, of_p) - (c + new_q - new_p)) == 0
+assert expand(box_edge(c, of_p, past_q, of_q) - (2 * c - new_p)) == 0
+assert expand(box_edge(c, of_q, past_p, of_p) - (2 * c - new_q)) == 0
+
+# %% [markdown]
+# A sharp corner of two triangles $(c, p, m)$ and $(c, m, q)$ has no such points: the value at $c$
+# asks for the sixth $4 c - 2 p - 2 q + m$ beside $c + p - m$ and $c + q - m$, and then the next
+# step's ghosts are no reflections unless $c + m = p + q$.
+
+# %%
+m = Symbol("m")
+past_p, past_q, sixth = c + p - m, c + q - m, 4 * c - 2 * p - 2 * q + m
+assert expand(box_vertex(c, [p, m, q, past_p, past_q, sixth]) - c) == 0
+off = box_edge(c, past_p, p, sixth) - (c + (c + p) / 2 - box_edge(c, m, p, q))
+assert expand(off - (c + m - p - q) / 8) == 0
+
+# %% [markdown]
+# A ghost at one of the three places $g$ has influence on faces at $b$ and $b_+$ alone, so that it
+# is free if no face there is natural. Along creases the functions of both sides are one on a
+# boundary whose trace has two unknowns a side, of $b$ and of $i + g$; these are not parted.
+#
+# ### Dual schemes
+#
+# Doo and Sabin's functions are biquadratic, and belong to corners of faces. On the line across a
+# boundary at $b$ the piece next to it is $((1/2 - t)^2 g + (3/2 - 2 t^2) b + (1/2 + t)^2 i) / 2$
+# for $t \in [0, 1/2]$: with $g = 2 b - i$ its value at the boundary is $b$ and its second
+# derivative 0. One step makes these points vertices of the finer cage, whose limit ends inside its
+# faces: from level 1 on they are unknowns, and ends are free, whatever is asked for.
+
+# %%
+t = Symbol("t")
+half = Rational(1, 2)
+piece = ((half - t) ** 2 * g + (3 * half - 2 * t**2) * b + (half + t) ** 2 * i) / 2
+assert expand(piece.subs(t, 0) - b) == 0
+assert expand(piece.diff(t, 2)) == 0
+
+# %% [markdown]
 # ## 2. Functions that vanish
 #
 # Around a vertex of valence 3 the subdivision matrix has the eigenvalue 0

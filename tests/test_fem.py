@@ -256,6 +256,106 @@ def test_free_ends_on_the_square():
     assert (errors(free, free.interpolate(lambda x, _: u(x))) < [5e-9, 5e-7]).all()
 
 
+def test_ends_of_dual_schemes_are_free_once_refined():
+    surface = square(scheme="doo-sabin")
+    with pytest.warns(UserWarning, match="falls back on natural ends along 1 boundary"):
+        assert ls.Space(surface).n == 4
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        spaces = [ls.Space(surface, levels=n) for n in (2, 3)]
+    found = [errors(s, s.project(lambda x, _: u(x))) for s in spaces]
+    assert (np.log2(found[0] / found[1]) > (2.8, 1.9)).all()
+    assert np.isclose(spaces[0].mass().sum(), 1, rtol=1e-13)
+
+
+TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]
+
+
+def halved(**tags):
+    """A parallelogram whose corners have one triangle or two, refined once."""
+    mesh = ls.Mesh(SQUARE[0], [[0, 1, 2], [0, 2, 3]], scheme="loop", **tags)
+    return ls.refined(mesh, 2).with_tags()
+
+
+def test_free_ends_on_a_triangle():
+    surface = ls.LimitSurface(ls.Mesh(*TRIANGLE, scheme="loop"))
+    found, spaces = {}, []
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for ends in ("natural", "free"):
+            spaces = [ls.Space(surface, levels=n, ends=ends) for n in (2, 3)]
+            found[ends] = [errors(s, s.project(lambda x, _: u(x))) for s in spaces]
+    assert spaces[1].n == 45 + 24 + 6  # vertices, sides, two more beyond each corner
+    for ends, least, most in (
+        ("free", (3.9, 2.9), (4.2, 3.2)),
+        ("natural", (2.3, 1.3), (2.7, 1.7)),
+    ):
+        rates = np.log2(found[ends][0] / found[ends][1])
+        assert (least < rates).all()
+        assert (rates < most).all()
+
+
+def test_free_ends_of_triangles_beside_natural_ones():
+    surface = ls.LimitSurface(halved())
+    with pytest.warns(UserWarning, match="natural ends at 2 boundary vertices"):
+        coarse = ls.Space(surface)
+    with pytest.warns(UserWarning, match="natural ends at 2 boundary vertices"):
+        fine = ls.Space(surface, levels=2)
+    assert coarse.n > surface.mesh.n_vertices  # some ghosts are free, not all
+    step = fine.prolongation(coarse)
+    assert abs(step @ coarse.operator - fine.operator).max() < 1e-14
+    assert abs(step @ coarse.points - fine.points).max() < 1e-14
+    c = np.random.default_rng(5).normal(size=coarse.n)
+    f, g = coarse.function(c), fine.function(step @ c)
+    # the same functions of places: at vertices, found by where they are
+    places = [s.grading.places(s.refined_surface) for s in (coarse, fine)]
+    one, other = (s.surface.evaluate(*p) for s, p in zip((coarse, fine), places, strict=True))
+    near = np.argmin(((one[:, None] - other) ** 2).sum(axis=2), axis=1)
+    assert abs(one - other[near]).max() < 1e-14
+    values, finer = f.evaluate(*places[0]), g.evaluate(*(p[near] for p in places[1]))
+    assert np.allclose(values, finer, atol=1e-13)
+    # and functions are smooth across sides, where faces of both kinds meet too
+    mesh = fine.refined_surface.mesh
+    here = np.flatnonzero(mesh.twin >= 0)
+    free = fine.grading.free[mesh.corner_face]
+    assert (free[here] != free[mesh.twin[here]]).any()
+    found = []
+    for corners, t in ((here, 0.3), (mesh.twin[here], 0.7)):
+        at = fine.surface.limit_faces.along(fine.grading.placed(corners), t)
+        x, c = (h.jet(*at, order=1) for h in (fine.surface, g))
+        sides = np.stack([x[1, 0], x[0, 1]], axis=1)[:, :, :2]
+        found.append(np.linalg.solve(sides, np.stack([c[1, 0], c[0, 1]], axis=1)[:, :, None]))
+    assert np.allclose(*found, atol=1e-10)
+
+
+def test_rings_do_for_mass_at_a_sharp_corner():
+    # polynomials in the parameters are integrated as exactly as on finer cages
+    surface = ls.LimitSurface(ls.Mesh(*TRIANGLE, scheme="loop"))
+    coarse, fine = (ls.Space(surface, levels=n, ends="natural") for n in (1, 4))
+    step = fine.prolongation(coarse)
+    mass = coarse.mass()
+    assert abs(mass - step.T @ fine.mass() @ step).max() < 1e-11 * abs(mass).max()
+    assert np.isclose(mass[0, 0], 43 / 1680, rtol=1e-11)
+
+
+@pytest.mark.parametrize("scheme", ["loop", "loop-warren"])
+def test_extended_triangles_have_the_same_limit(scheme):
+    mesh = ls.refined(ls.Mesh(*TRIANGLE, scheme=scheme), 2).with_tags()
+    points = mesh.points + np.random.default_rng(6).normal(size=mesh.points.shape) / 20
+    mesh = mesh.with_points(points)
+    wide = ls.extended(mesh)
+    assert wide.n_vertices == mesh.n_vertices + 12 + 6
+    face, (a, b) = np.arange(16)[:, None], np.random.default_rng(7).uniform(0, 0.5, (2, 8))
+    for nu in ((0, 0), (1, 0), (0, 2)):
+        one, other = (ls.LimitSurface(m).evaluate(face, a, b, nu=nu) for m in (mesh, wide))
+        assert np.allclose(one, other, atol=1e-10)
+    fractions = ls.extended(ls.Mesh(np.array(TRIANGLE[0], object), TRIANGLE[1], scheme=scheme))
+    assert fractions.points.tolist() == [
+        *TRIANGLE[0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, 0, 0], [0, -1, 0], [2, -1, 0],
+        [2, 0, 0], [0, 2, 0], [-1, 2, 0],
+    ]  # fmt: skip
+
+
 # ---------------------------------------------------------------------- spaces
 
 
@@ -495,8 +595,10 @@ def test_ends_that_cannot_be_free():
     with pytest.warns(UserWarning, match=r"natural ends at 4 boundary vertices"):
         space = ls.Space(ls.LimitSurface(square_), levels=1)
     assert space.n == 9
-    with pytest.raises(ValueError, match="ghost faces are those of squares"):
+    with pytest.raises(ValueError, match=r"vertex 0 with 2 faces .* needs 3 triangles, or 1 at"):
         ls.extended(ls.Mesh(SQUARE[0], [[0, 1, 2], [0, 2, 3]], scheme="loop"))
+    with pytest.raises(ValueError, match="ghost faces are those of squares"):
+        ls.extended(ls.Mesh(*SQUARE, scheme="doo-sabin"))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert ls.Space(ls.LimitSurface(square_, scheme="bilinear"), levels=1).n == 9

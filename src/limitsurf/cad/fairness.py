@@ -8,7 +8,7 @@ points, and those around a special corner a geometric series of matrices, which 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from itertools import product
 from math import comb, factorial, perm
@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import memory, rings, tables
-from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import threads
 from limitsurf.fem.elements import Group
 from limitsurf.fem.pattern import Pattern, pairs
@@ -156,7 +155,7 @@ def _matrix(patches: PatchTable, scheme: Scheme, order: int, workers: int) -> An
     groups = [Group(none, controls.astype(np.int32), False) for controls, _, _ in elements]
     entries = sum(g.controls.size * (g.controls.shape[1] + 1) // 2 for g in groups)
     memory.refuse_beyond(entries, 40, "entries of elements", "have fewer faces meet at a vertex")
-    whole = Pattern(n, groups).symmetric(_parts(elements, workers))
+    whole = Pattern(n, groups).symmetric(*_parts(elements), workers)
     if not patches.extras:
         return whole
     over_cage = _operator(patches)
@@ -207,9 +206,9 @@ def _operator(patches: PatchTable) -> Any:
 
 
 def _parts(
-    elements: list[tuple[Array, Array, Array]], workers: int
-) -> Iterator[tuple[int, Array, Array]]:
-    """Upper triangles of the matrices of elements, some at a time."""
+    elements: list[tuple[Array, Array, Array]],
+) -> tuple[int, Callable[[slice], tuple[int, Array, Array]]]:
+    """How many parts of elements there are, and what gives upper triangles of their matrices."""
     parts = []
     for number, (controls, _, _) in enumerate(elements):
         each = max(1, _AT_ONCE // len(pairs(controls.shape[1])[0]))
@@ -228,7 +227,7 @@ def _parts(
         values[(controls[rows][:, i] == controls[rows][:, j]) & (i != j)] *= 2
         return number, rows, values
 
-    return over_chunks(len(parts), workers, work, 1)
+    return len(parts), work
 
 
 def _elements(

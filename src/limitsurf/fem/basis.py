@@ -24,6 +24,10 @@ Array = NDArray[Any]
 Pair: TypeAlias = tuple[Order, Order]
 
 _AT_ONCE = 1 << 19  # faces x points x controls of a block
+_TABLES, _LARGEST = 32, 1 << 22  # how many tables are kept, of so many bytes each at most
+# derivatives of the functions of faces with a special corner, that of last use last: there are many
+# points, and the same for each valence
+_KEPT: dict[tuple[Any, ...], Array] = {}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,17 +93,20 @@ class Table:
         """
         key = symmetric, tuple(terms)
         if key not in self._products:
-            found = []
-            for nu, mu in terms:
+            _, count, size = self.values.shape
+            entries = size * (size + 1) // 2 if symmetric else size * size
+            found = np.empty((len(terms), count, entries))
+            for to, (nu, mu) in zip(found, terms, strict=True):
                 a, b = self.of(nu), self.of(mu)
-                product = a[:, :, None] * b[:, None, :]
-                if symmetric:
-                    i, j = np.triu_indices(a.shape[1])
-                    if nu != mu:
-                        product = product + product.swapaxes(1, 2)
-                    product = product[:, i, j]
-                found.append(product.reshape(len(a), -1))
-            self._products[key] = np.concatenate(found)
+                begin = 0
+                for k in range(size):  # rows of the matrix, of a fixed few functions
+                    first = k if symmetric else 0
+                    row = to[:, begin : begin + size - first]
+                    np.multiply(a[:, k, None], b[:, first:], out=row)
+                    if symmetric and nu != mu:
+                        row += b[:, k, None] * a[:, first:]
+                    begin += size - first
+            self._products[key] = found.reshape(-1, entries)
         return self._products[key]
 
 
@@ -177,8 +184,7 @@ class Basis:
             here = np.flatnonzero(which)
             if alike and len(here):
                 points = start[here[:1], None] + np.arange(count)
-                found = self.evaluated(group.controls[rows[here[:1]]], points)
-                table = Table(self.orders, np.ascontiguousarray(found[:, 0]))
+                table = Table(self.orders, self._tabulated(group, rows[here[:1]], points))
             each = max(1, _AT_ONCE // (size if alike else size * len(self.orders)))
             for begin in range(0, len(here), each):
                 some = here[begin : begin + each]
@@ -194,6 +200,21 @@ class Basis:
                         self,
                     )
                 )
+
+    def _tabulated(self, group: Group, row: Array, points: Array) -> Array:
+        """Derivatives (D, P, C) that all faces of a group have, of one of them."""
+        places = (x[points].tobytes() for x in (self.quadrature.u, self.quadrature.v))
+        key = group.special, tuple(self.orders), *places
+        found = _KEPT.pop(key, None) if group.special is not None else None
+        if found is None:
+            own = self.evaluated(group.controls[row], points)[:, 0]
+            found = np.ascontiguousarray(own)
+            found.flags.writeable = False
+        if group.special is not None and found.nbytes < _LARGEST:
+            _KEPT[key] = found  # as the last
+            for old in list(_KEPT)[:-_TABLES]:
+                _KEPT.pop(old, None)
+        return found
 
     def evaluated(self, controls: Array, points: Array) -> Array:
         """Derivatives (D, F, P, C) of the controls of faces at their points, by `weights`."""

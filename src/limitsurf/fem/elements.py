@@ -7,14 +7,16 @@ edges and those of which functions meet themselves, are evaluated one by one.
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf import tables
 from limitsurf.integrals.quadrature import quadrature
-from limitsurf.patches import NO_LIMIT, REGULAR, STRIP, PatchTable
+from limitsurf.patches import NO_LIMIT, REGULAR, STRIP
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -33,11 +35,15 @@ class Group:
         Functions that do not vanish on each, all different.
     alike : bool
         Whether their weights are the same at the same parameters.
+    special : hashable or None
+        Of such faces with a special corner what their weights depend on: those of other surfaces
+        with the same are theirs.
     """
 
     faces: Array
     controls: Array
     alike: bool
+    special: Hashable = None
 
 
 class Elements:
@@ -62,15 +68,16 @@ class Elements:
         kind, turn = patches.kind[code[whole]], patches.turn[code[whole]].astype(np.int64)
         key = kind * len(patches.lattice.corners) + turn
         for one in np.unique(key).tolist():
-            self._add_alike(patches, code, whole[key == one])
+            self._add_alike(surface, code, whole[key == one])
         rest = np.flatnonzero((self.group < 0) & (code != NO_LIMIT))
         for start in range(0, len(rest), _AT_ONCE):
             self._add_others(surface, rest[start : start + _AT_ONCE])
         if complete:
             self._check(surface)
 
-    def _add_alike(self, patches: PatchTable, code: Array, faces: Array) -> None:
+    def _add_alike(self, surface: LimitSurface, code: Array, faces: Array) -> None:
         """Add those of some faces of one kind and turn that have distinct vertices alone."""
+        patches = surface.patches
         patch = code[faces]
         kind = int(patches.kind[patch[0]])
         sector = patches.sectors[kind]
@@ -82,7 +89,11 @@ class Elements:
         ascending = np.sort(controls, axis=1)
         good = (ascending[:, 1:] != ascending[:, :-1]).all(axis=1)
         good &= ascending[:, -1] < patches.n_vertices
-        self._add(faces[good], controls[good], True)
+        special = None
+        if sector is not None:
+            table = tables.eigen_table(surface.topology.rules.scheme, sector)
+            special = table, int(patches.turn[patch[0]]), surface.engine
+        self._add(faces[good], controls[good], True, special)
 
     def _add_others(self, surface: LimitSurface, faces: Array) -> None:
         """Add faces by the weights at some places in each of their pieces."""
@@ -112,8 +123,8 @@ class Elements:
                 "of the cage, as by ls.selected"
             )
 
-    def _add(self, faces: Array, controls: Array, alike: bool) -> None:
+    def _add(self, faces: Array, controls: Array, alike: bool, special: Hashable = None) -> None:
         if len(faces):
             self.group[faces] = len(self.groups)
             self.row[faces] = np.arange(len(faces))
-            self.groups.append(Group(faces, controls.astype(np.int32), alike))
+            self.groups.append(Group(faces, controls.astype(np.int32), alike, special))

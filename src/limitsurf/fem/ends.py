@@ -2,12 +2,13 @@
 
 Boundary rules are those of the inside with reflections beyond the boundary: of the vertex i inside
 across an edge at b, ``2 b - i``, and ``4 c - 2 p - 2 q + d`` across a sharp corner c of the face
-(c, p, d, q). Reflections stay reflections under refinement (``derivations/elements.py``).
+(c, p, d, q); `triangle_ghosts` has those of triangles. Reflections stay reflections under
+refinement (``derivations/elements.py``).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 
 from limitsurf.cage.mesh import Mesh
 from limitsurf.cage.selection import selected
-from limitsurf.fem.ghosts import Ghosts, cut
-from limitsurf.fem.sectors import Sectors
+from limitsurf.fem.ghosts import Ghosts, cut, rows_of
+from limitsurf.fem.sectors import Sectors, straight
+from limitsurf.fem.triangle_ghosts import TriangleGhosts
 from limitsurf.options import Rules
 from limitsurf.tables.masks import is_infinite
 
@@ -39,7 +41,7 @@ class Rim:
     irregular : (m,) int
         Vertices there beyond which there are no reflections, ascending.
     faces : (n_vertices,) int
-        Faces at each regular vertex of the boundary, 1 or 2.
+        Faces at each regular vertex of the boundary: 1, or 2 quads or 3 triangles.
     """
 
     sides: Array
@@ -60,8 +62,10 @@ class Rim:
         joined = coo_array((np.ones(len(sides), np.int8), (start, end)), shape=(n, n))
         loop = connected_components(joined, directed=False)[1][start]
         faces = np.where(mesh.connectivity.valences < 0, -mesh.connectivity.valences, 0)
-        good = (faces == 1) | (faces == 2)
-        good[mesh.indices[(ghost | (mesh.sizes != 4))[mesh.corner_face]]] = False
+        lattice = rules.scheme.lattice
+        good = (faces == 1) | (faces == straight(lattice))
+        other = ghost | (mesh.sizes != lattice.face_size)
+        good[mesh.indices[other[mesh.corner_face]]] = False
         edges, sharpness = mesh.creases
         inside = ~mesh.boundary_edge[mesh.edge_numbers(edges)] & (sharpness > 0)
         good[edges[inside]] = False
@@ -76,12 +80,21 @@ class Rim:
 def refusal(scheme: Scheme) -> str | None:
     """Why there are no ghost faces under a scheme, or None."""
     lattice = scheme.lattice
-    if lattice.dual or lattice.face_size != 4 or callable(scheme.edge):
+    faces = "squares" if lattice.face_size == 4 else "triangles"
+    plain = lattice.face_size == 4 or not scheme.local
+    if lattice.dual or callable(scheme.edge) or not plain:
         return (
-            f"ghost faces are those of squares with two squares at each boundary vertex, which "
-            f"scheme {scheme.name!r} does not have"
+            f"ghost faces are those of {faces} with {straight(lattice)} at each boundary vertex "
+            "and rules inside that go on across boundaries, which scheme "
+            f"{scheme.name!r} does not have"
         )
     return None
+
+
+def ghosts_of(mesh: Mesh, sectors: Sectors) -> Any:
+    """The ghost faces beyond the rims of a mesh, of the lattice of its scheme."""
+    kind = Ghosts if Rules.resolve(mesh).scheme.lattice.face_size == 4 else TriangleGhosts
+    return kind(mesh, sectors)
 
 
 def extended(mesh: Mesh) -> Mesh:
@@ -94,8 +107,9 @@ def extended(mesh: Mesh) -> Mesh:
     Parameters
     ----------
     mesh : Mesh
-        Of quads at its boundary, under a scheme such as Catmull and Clark's. Around each boundary
-        vertex are two faces, or one where it is a sharp corner, and no creases inside end there.
+        Of quads at its boundary under a scheme such as Catmull and Clark's, or of triangles under
+        one such as Loop's. Around each boundary vertex are two quads or three triangles, or one
+        face where it is a sharp corner, and no creases inside end there.
         Where holes are at a boundary nothing is added. Infinitely sharp creases that part the mesh,
         beside which there are two quads, or one where they meet, are boundaries of both sides: the
         mesh is cut there.
@@ -143,7 +157,7 @@ def extended(mesh: Mesh) -> Mesh:
 
 def _parted(mesh: Mesh, sectors: Sectors) -> Mesh:
     """A mesh cut along its creases, with ghost faces beyond all its rims."""
-    ghosts = Ghosts(mesh, sectors)
+    ghosts = ghosts_of(mesh, sectors)
     copies = mesh.points[sectors.vertex]
     matrix = ghosts.reflected(len(copies)).tocoo()
     flat = copies.reshape(len(copies), -1)
@@ -160,9 +174,11 @@ def described(mesh: Mesh, irregular: Array) -> str:
     first, more = int(irregular[0]), len(irregular) - 1
     others = f" (nor are {more} more)" if more else ""
     faces = int(mesh.vertex_faces[first])
+    lattice = Rules.resolve(mesh).scheme.lattice
+    needed = f"{straight(lattice)} {'quads' if lattice.face_size == 4 else 'triangles'}"
     return (
         f"boundary vertex {first} with {faces} face{'s' * (faces != 1)}{others} is not regular, "
-        "which needs 2 quads, or 1 at a sharp corner, and no crease that ends there"
+        f"which needs {needed}, or 1 at a sharp corner, and no crease that ends there"
     )
 
 
@@ -173,6 +189,8 @@ def with_ghosts(mesh: Mesh, rim: Rim, which: Array) -> tuple[Mesh, Any]:
     """
     from scipy.sparse import csr_array
 
+    if Rules.resolve(mesh).scheme.lattice.face_size == 3:
+        return _with_triangles(mesh, rim.sides[which])
     n, side = mesh.n_vertices, rim.sides[which]
     after, before = mesh.next_corner, mesh.previous_corner
     vertex = mesh.indices
@@ -212,6 +230,32 @@ def with_ghosts(mesh: Mesh, rim: Rim, which: Array) -> tuple[Mesh, Any]:
     )
     result = _of(mesh, points, faces, start)
     return result, stacked_identity(n, new)
+
+
+def _with_triangles(mesh: Mesh, sides: Array) -> tuple[Mesh, Any]:
+    """A mesh with ghost triangles at some sides of its boundaries, and the matrix to its vertices.
+
+    All boundary vertices there are regular.
+    """
+    from scipy.sparse import vstack
+
+    sectors = Sectors.of(mesh, Rules.resolve(mesh), creases=False)
+    there = np.zeros(len(sectors.vertex), dtype=bool)
+    there[sectors.copy[sides]] = True
+    sectors = replace(sectors, size=np.where(there, sectors.size, 0))
+    ghosts = TriangleGhosts(mesh, sectors)
+    copies = rows_of(sectors.vertex, mesh.n_vertices)
+    matrix = vstack([copies, ghosts.reflected(len(sectors.vertex)) @ copies], format="csr")
+    whole = cut(mesh, sectors, ghosts)
+    flat = mesh.points.reshape(mesh.n_vertices, -1)
+    if flat.dtype == object:
+        points = np.zeros((whole.n_vertices, flat.shape[1]), dtype=object)
+        found = matrix.tocoo()
+        value = found.data.astype(int).astype(object)[:, None]
+        np.add.at(points, found.row, value * flat[found.col])
+    else:
+        points = matrix @ flat
+    return whole.with_points(points.reshape(-1, *mesh.points.shape[1:])), matrix
 
 
 def _of(mesh: Mesh, points: Array, beyond: Array, rim: Array) -> Mesh:

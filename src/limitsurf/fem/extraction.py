@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.caching import cached_property
-from limitsurf.fem.pattern import Pattern
+from limitsurf.fem.pattern import Pattern, Work
 from limitsurf.refine import sharing
 
 Array = NDArray[Any]
@@ -30,14 +30,15 @@ class Extracted:
         positive = abs(self._matrix)
         return Places((positive.T @ a @ positive).tocsr())
 
-    def symmetric(self, parts: Parts) -> Any:
+    def symmetric(self, count: int, work: Work, workers: int) -> Any:
         """The sum of upper triangles of elements."""
-        found = self._matrix.T @ self._local.symmetric(parts) @ self._matrix
+        found = self._matrix.T @ self._local.symmetric(count, work, workers) @ self._matrix
         return self._places.of((found + found.T) / 2)
 
-    def general(self, parts: Parts) -> Any:
+    def general(self, count: int, work: Work, workers: int) -> Any:
         """The sum of element matrices."""
-        return self._places.of(self._matrix.T @ self._local.general(parts) @ self._matrix)
+        found = self._local.general(count, work, workers)
+        return self._places.of(self._matrix.T @ found @ self._matrix)
 
     def vectors(self, parts: Parts) -> Any:
         """A matrix over functions of several components, unknowns of a function together."""

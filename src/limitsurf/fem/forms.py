@@ -94,8 +94,8 @@ def matrix(
         block = basis.blocks[part.start]
         return block.group, block.rows, _elements(block, terms(block), symmetric)
 
-    parts = over_chunks(len(basis.blocks), workers, work, 1)
-    return pattern.symmetric(parts) if symmetric else pattern.general(parts)
+    add = pattern.symmetric if symmetric else pattern.general
+    return add(len(basis.blocks), work, workers)
 
 
 def _elements(block: Block, terms: Terms, symmetric: bool) -> Array:
@@ -118,8 +118,9 @@ def _elements(block: Block, terms: Terms, symmetric: bool) -> Array:
 
 
 def _upper(elements: Array) -> Array:
-    i, j = np.triu_indices(elements.shape[1])
-    return np.asarray(elements[:, i, j])
+    f, c = elements.shape[:2]
+    i, j = np.triu_indices(c)
+    return np.asarray(np.take(elements.reshape(f, c * c), i * c + j, axis=1))
 
 
 def bilaplace(basis: Basis, pattern: Pattern | Extracted, points: Array, workers: int) -> Any:
@@ -143,7 +144,7 @@ def bilaplace(basis: Basis, pattern: Pattern | Extracted, points: Array, workers
         signed = laplacians if (sign > 0).all() else laplacians * sign[:, :, None]
         return block.group, block.rows, _upper(np.matmul(signed.swapaxes(1, 2), laplacians))
 
-    return pattern.symmetric(over_chunks(len(basis.blocks), workers, work, 1))
+    return pattern.symmetric(len(basis.blocks), work, workers)
 
 
 def load(

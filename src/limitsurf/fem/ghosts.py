@@ -38,6 +38,8 @@ class Ghosts:
         Ghosts beyond their start and end, counted from 0.
     base, inner : (G,) int
         Copies: of the vertex that a ghost is beyond, and the one across.
+    beside : list of (G,) int
+        Copies on which rules for a ghost depend.
     out, into : (K,) int
         Of each regular corner of one face: the side that starts there and the one that ends there,
         counted in `sides`. What is beyond them are the last K ghosts.
@@ -63,6 +65,7 @@ class Ghosts:
         self.out, self.into = leaving[self.corner], arriving[self.corner]
         self.count = len(self.base) + len(self.corner)
         self.beyond = len(self.base) + np.arange(len(self.corner))
+        self.beside = [self.base]
         self.across = copy[after[after[sides[self.out]]]]  # of the face of such a corner
 
     def faces(self, first: int) -> Array:
@@ -91,7 +94,7 @@ class Ghosts:
         return vstack([edges, last], format="csr")
 
 
-def cut(mesh: Mesh, sectors: Sectors, ghosts: Ghosts) -> Mesh:
+def cut(mesh: Mesh, sectors: Sectors, ghosts: Any) -> Mesh:
     """The mesh cut into its sectors, with ghost faces, which are holes; of (n, 1) zeros."""
     n = len(sectors.vertex)
     edges, sharpness = mesh.creases
@@ -106,7 +109,7 @@ def cut(mesh: Mesh, sectors: Sectors, ghosts: Ghosts) -> Mesh:
     return Mesh(
         np.zeros((n + ghosts.count, 1)),
         (
-            np.concatenate([mesh.sizes, np.full(len(beyond), 4)]),
+            np.concatenate([mesh.sizes, np.full(len(beyond), beyond.shape[1])]),
             np.concatenate([sectors.copy, beyond.ravel()]),
         ),
         creases=(pairs, sharpness[kept]),

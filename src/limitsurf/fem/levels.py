@@ -80,7 +80,8 @@ class Levels:
         """Say once where ends that should be free are natural ones in the end."""
         mesh = self.finest
         rules = Rules.resolve(mesh)
-        if mesh.is_closed or rules.scheme.local:
+        free = rules.scheme.lattice.dual and self.levels > 0  # points beyond are vertices then
+        if mesh.is_closed or rules.scheme.local or free:
             return
         rim = Rim.of(mesh, rules)
         if self.parted:

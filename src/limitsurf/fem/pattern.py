@@ -5,19 +5,26 @@ Upper triangles are added up, and copied to lower ones: matrices are symmetric t
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.caching import cached_property
+from limitsurf.engine.packing import over_chunks
 from limitsurf.fem.elements import Group
 from limitsurf.refine import sharing
 
 Array = NDArray[Any]
 
 _AT_ONCE = 1 << 21  # entries of elements that are added up together
+_COPIED = 1 << 17  # entries of a matrix that are copied together
+_SPARSE = 2  # entries are added up by themselves in a range of at most so many places for each
+
+# a range from a place on with values there, or places with a value each
+Summand: TypeAlias = "tuple[int | Array, Array]"
+Work: TypeAlias = Callable[[slice], "tuple[int, Array, Array]"]
 
 
 def pairs(size: int) -> tuple[Array, Array]:
@@ -42,7 +49,7 @@ class Pattern:
         low, high, shapes = [], [], []
         for group in groups:
             i, j = pairs(group.controls.shape[1])
-            one, other = group.controls[:, i], group.controls[:, j]
+            one, other = (np.take(group.controls, x, axis=1) for x in (i, j))
             low.append(np.minimum(one, other).ravel())
             high.append(np.maximum(one, other).ravel())
             shapes.append(one.shape)
@@ -86,27 +93,42 @@ class Pattern:
             to[self._source[which]] = np.flatnonzero(which)
         return above, below
 
-    def symmetric(self, parts: Iterable[tuple[int, Array, Array]]) -> Any:
-        """The sum of upper triangles (F, C (C + 1) / 2) of some rows of groups."""
-        given = ((self.places[group][rows], values) for group, rows, values in parts)
-        return self._made(_summed(self._upper, given)[self._source])
+    def symmetric(self, count: int, work: Work, workers: int) -> Any:
+        """The sum of upper triangles (F, C (C + 1) / 2) of some rows of groups.
 
-    def general(self, parts: Iterable[tuple[int, Array, Array]]) -> Any:
-        """The sum of element matrices (F, C, C) of some rows of groups."""
+        `work` gives these three for slices of one number below `count`, in threads.
+        """
+
+        def own(part: slice) -> Summand:
+            group, rows, values = work(part)
+            return _one(self.places[group][rows], values)
+
+        total = _summed(self._upper, over_chunks(count, workers, own, 1))
+        data = np.empty(len(self._source))
+
+        def copied(part: slice) -> None:
+            np.take(total, self._source[part], out=data[part], mode="clip")
+
+        for _ in over_chunks(len(data), workers, copied, _COPIED):
+            pass
+        return self._made(data)
+
+    def general(self, count: int, work: Work, workers: int) -> Any:
+        """The sum of element matrices (F, C, C), told as those of `symmetric`."""
         above, below = self._both
 
-        def given() -> Iterable[tuple[Array, Array]]:
-            for group, rows, values in parts:
-                controls = self._groups[group].controls[rows]
-                i, j = pairs(controls.shape[1])
-                there = self.places[group][rows]
-                ordered = controls[:, i] <= controls[:, j]
-                both = np.empty(values.shape, dtype=np.int64)
-                both[:, i, j] = np.where(ordered, above[there], below[there])
-                both[:, j, i] = np.where(ordered, below[there], above[there])
-                yield both, values
+        def own(part: slice) -> Summand:
+            group, rows, values = work(part)
+            controls = self._groups[group].controls[rows]
+            i, j = pairs(controls.shape[1])
+            there = self.places[group][rows]
+            ordered = controls[:, i] <= controls[:, j]
+            both = np.empty(values.shape, dtype=np.int64)
+            both[:, i, j] = np.where(ordered, above[there], below[there])
+            both[:, j, i] = np.where(ordered, below[there], above[there])
+            return _one(both, values)
 
-        return self._made(_summed(len(self.indices), given()))
+        return self._made(_summed(len(self.indices), over_chunks(count, workers, own, 1)))
 
     def vectors(self, parts: Iterable[tuple[int, Array, Array]]) -> Any:
         """A matrix over functions of d components, unknowns of a function together.
@@ -154,19 +176,44 @@ def _order(keys: Array, n: int) -> Array:
     return np.asarray(one.tocsc().indices)
 
 
-def _summed(size: int, parts: Iterable[tuple[Array, Array]]) -> Array:
-    """Sums (size,) of values at places, in their order, many at a time."""
+def _one(places: Array, values: Array) -> Summand:
+    """Values at places as one summand: added up in a range of places, where they lie together."""
+    places, values = places.ravel(), values.ravel()
+    if not len(places):
+        return places, values
+    low, high = int(places.min()), int(places.max()) + 1
+    if high - low > _SPARSE * len(places):
+        return places, values
+    return low, _added(places - low, values, high - low)
+
+
+def _added(places: Array, values: Array, size: int) -> Array:
+    """Sums (size,) of values at places: a product with a sparse matrix, the fastest way."""
+    from scipy.sparse import csc_array
+
+    count = len(places)
+    kind = np.int32 if max(count, size) < 2**31 else np.int64
+    starts = np.arange(count + 1, dtype=kind)
+    adding = csc_array((np.ones(count), places.astype(kind), starts), shape=(size, count))
+    return np.asarray(adding @ values)
+
+
+def _summed(size: int, summands: Iterable[Summand]) -> Array:
+    """Sums (size,) of summands, in their order; many small ones at a time."""
     total = np.zeros(size)
     waiting: list[tuple[Array, Array]] = []
 
     def add() -> None:
-        place, value = (np.concatenate([x.ravel() for x in z]) for z in zip(*waiting, strict=True))
-        np.add(total, np.bincount(place, value, minlength=size), out=total)
+        place, value = (np.concatenate(z) for z in zip(*waiting, strict=True))
+        np.add(total, _added(place, value, size), out=total)
         waiting.clear()
 
-    for part in parts:
-        waiting.append(part)
-        if sum(value.size for _, value in waiting) >= _AT_ONCE:
+    for place, value in summands:
+        if isinstance(place, int):
+            total[place : place + len(value)] += value
+            continue
+        waiting.append((place, value))
+        if sum(len(x) for _, x in waiting) >= _AT_ONCE:
             add()
     if waiting:
         add()

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from limitsurf.caching import cached_property
 from limitsurf.cage.mesh import Mesh
-from limitsurf.fem.ends import trimmed
-from limitsurf.fem.ghosts import Ghosts, cut, rows_of, spread
+from limitsurf.fem.ends import ghosts_of, trimmed
+from limitsurf.fem.ghosts import cut, rows_of, spread
 from limitsurf.fem.joining import joined
 from limitsurf.fem.places import vertex_places
 from limitsurf.fem.sectors import Sectors
+from limitsurf.fem.triangle_ghosts import TriangleGhosts
 from limitsurf.options import Rules
 from limitsurf.refine import refined
 from limitsurf.surface import LimitSurface
@@ -47,7 +48,7 @@ class Phantoms:
 
     def __init__(self, mesh: Mesh, sectors: Sectors) -> None:
         self.mesh, self.sectors = mesh, sectors
-        self.ghosts = Ghosts(mesh, sectors)
+        self.ghosts = ghosts_of(mesh, sectors)
         limit = ~Rules.resolve(mesh).without_limit(mesh)
         bad = sectors.irregular[sectors.copy]
         self.natural = limit & (np.bincount(mesh.corner_face, bad, mesh.n_faces) > 0)
@@ -259,10 +260,14 @@ class Phantoms:
         from_corner = fine.offsets[child][mesh.corner_face]
         within = np.arange(mesh.n_corners) - mesh.offsets[mesh.corner_face]
         source[s.copy] = fine.indices[from_corner + within]
-        self._sources(finer, fine, child, source)
+        if isinstance(g, TriangleGhosts):
+            source[m:] = g.in_refined(fine, from_corner + within)
+        else:
+            self._sources(finer, fine, child, source)
         spoilt = self._spoilt(fine)
         good = (source >= 0) & ~spoilt[source]
-        good[m : m + len(g.base)] &= good[g.base]
+        for vertices in g.beside:
+            good[m : m + len(g.base)] &= good[vertices]
         good[m + g.beyond] &= good[g.corner]
         natural = operator @ rows_of(np.arange(self.mesh.n_vertices), self.n)
         copies = natural[s.vertex]
@@ -311,10 +316,10 @@ class Phantoms:
         mesh, s = self.mesh, self.sectors
         start, end = s.copy[s.sides], s.copy[mesh.next_corner[s.sides]]
         found = np.zeros(fine.n_vertices, dtype=bool)
-        at = fine.offsets[s.sides]  # the child at the start of each side
+        at = fine.offsets[_children(mesh, s.sides)]  # the child at the start of each side
         found[fine.indices[at[s.irregular[start]]]] = True
         found[fine.indices[at[s.irregular[start] | s.irregular[end]] + 1]] = True
-        last = fine.offsets[mesh.next_corner[s.sides]]
+        last = fine.offsets[_children(mesh, mesh.next_corner[s.sides])]
         found[fine.indices[last[s.irregular[end]]]] = True
         return found
 
@@ -368,3 +373,10 @@ class Phantoms:
         of_mesh = before.face[face]
         of_surface = self.surface.mesh.corner_face[self.placed(self.mesh.offsets[of_mesh])]
         return faces.first[of_surface] + face - before.first[of_mesh], u, v
+
+
+def _children(mesh: Mesh, corners: Array) -> Array:
+    """The faces of a refined mesh at corners of the faces of another: the first are at these."""
+    lattice = Rules.resolve(mesh).scheme.lattice
+    more = len(lattice.children) - lattice.face_size
+    return np.asarray(corners + more * mesh.corner_face[corners])

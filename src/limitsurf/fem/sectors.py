@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from limitsurf.cage.mesh import Mesh
 from limitsurf.options import Rules
+from limitsurf.scheme.lattice import Lattice
 from limitsurf.tables.masks import is_infinite
 
 Array = NDArray[Any]
@@ -31,7 +32,8 @@ class Sectors:
     vertex : (n_copies,) int
         Of which vertex copies are.
     size : (n_copies,) int
-        1 or 2 faces at regular ones on a rim, 0 elsewhere.
+        Faces at regular ones on a rim: 1 at a sharp corner, else 2 quads or 3 triangles; 0
+        elsewhere.
     irregular : (n_copies,) bool
         Those on a rim beyond which nothing is.
     creased : (n_vertices,) bool
@@ -49,7 +51,12 @@ class Sectors:
 
     @classmethod
     def of(cls, mesh: Mesh, rules: Rules, creases: bool = True) -> Sectors:
-        """Those of a mesh, cut along its infinitely sharp creases or along its boundaries alone."""
+        """Those of a mesh, cut along its infinitely sharp creases or along its boundaries alone.
+
+        Functions on triangles are quartic along creases, and have no common phantom points there.
+        """
+        lattice = rules.scheme.lattice
+        creases = creases and lattice.face_size == 4
         edges, sharpness = mesh.creases
         number = mesh.edge_numbers(edges)
         sharp = is_infinite(sharpness) & np.asarray(creases)
@@ -73,15 +80,20 @@ class Sectors:
         pointed |= count > 2
         size = np.bincount(copy, minlength=len(vertex))
         good = np.bincount(copy, on_rim, minlength=len(vertex)) == 1
-        bad = ~(limit & (mesh.sizes == 4))[mesh.corner_face]
+        bad = ~(limit & (mesh.sizes == lattice.face_size))[mesh.corner_face]
         good &= np.bincount(copy, bad, minlength=len(vertex)) == 0
         good &= ~spoilt[vertex] & (count[vertex] > 1)
-        good &= np.where(pointed[vertex], size == 1, size == 2)
+        good &= np.where(pointed[vertex], size == 1, size == straight(lattice))
         there = np.zeros(len(vertex), dtype=bool)
         there[copy[sides]] = there[copy[mesh.next_corner[sides]]] = True
         creased = np.zeros(mesh.n_vertices, dtype=bool)
         creased[mesh.edges[crease]] = True
         return cls(copy, vertex, np.where(good & there, size, 0), there & ~good, creased, sides)
+
+
+def straight(lattice: Lattice) -> int:
+    """How many faces there are at a regular vertex of a boundary: half of those at one inside."""
+    return lattice.valence // 2
 
 
 def _copies(mesh: Mesh, on_rim: Array) -> tuple[Array, Array]:

@@ -28,6 +28,7 @@ from limitsurf.fem.places import vertex_places
 from limitsurf.integrals.checks import checked, is_exact
 from limitsurf.integrals.quadrature import Quadrature, quadrature, refuse_infinite
 from limitsurf.integrals.tails import Kind
+from limitsurf.patches import NO_LIMIT
 from limitsurf.surface import LimitSurface
 
 if TYPE_CHECKING:
@@ -60,8 +61,9 @@ class Space:
         of the surface, by which second derivatives across the boundary vanish: that costs orders
         of convergence, wherever solutions do not do so. Where a boundary has a vertex that is not
         regular, ends are natural there, with one warning; in graded spaces along all of this
-        boundary and at creases. In schemes whose faces depend on their own corners alone both are
-        the same.
+        boundary and at creases. Creases of triangles part nothing. In dual schemes ("doo-sabin")
+        ends are free from level 1 on, by what is asked for or not, and natural before; in schemes
+        whose faces depend on their own corners alone both are the same.
     near_poles : int
         Functions of so many more levels near special corners: of each level within three layers of
         faces of the one before. Coarse functions are dropped where finer ones take over.
@@ -101,7 +103,8 @@ class Space:
     Forms are sums over the points of a quadrature, by default of one Gauss point more in each
     direction than the degree of the functions, with rings around special corners up to 1e-12:
     of polynomials in the parameters they are exact. With elements of size h errors are of order h^4
-    in L2 and h^3 in H1 where all vertices have 4 faces; at others functions approximate
+    in L2 and h^3 in H1 where all vertices have 4 faces, or 6 triangles (h^3 and h^2 in dual
+    schemes); at others functions approximate
     worse, not integrals: with the subdominant eigenvalue l the error in H1 falls by l^2, in L2 by
     l^3, with each level, where that is slower (``derivations/elements.py``).
 
@@ -561,7 +564,8 @@ class Space:
                 f"point {np.flatnonzero(bad)[0]} of the quadrature is not finite (and "
                 f"{bad.sum() - 1} more)"
             )
-        faces, known = len(self.surface.limit_faces), self.surface.patches.with_limit
+        faces = len(self.surface.limit_faces)
+        known = self.surface.patches.codes[:faces] != NO_LIMIT  # on all of it, or a part
         if not len(q):
             return
         outside = (q.face < 0) | (q.face >= faces)

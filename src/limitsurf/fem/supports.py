@@ -96,6 +96,11 @@ def clamped(edges: ArrayLike | None = None, *, where: Where | None = None) -> Su
     -------
     Support
 
+    Notes
+    -----
+    On triangles ("loop") functions for which this holds all along an edge have no second
+    derivatives across it either, with free ends as with natural ones: solutions converge slower.
+
     Examples
     --------
     >>> from limitsurf.fem.supports import clamped

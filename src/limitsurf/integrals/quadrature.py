@@ -135,7 +135,7 @@ def quadrature(
     With the two largest eigenvalues a and b after 1, and m the next, ring n is of the order of
     ``(a b)^n`` for "metric", and of ``(m / b)^(2 n)`` for "curvature" where a = b: in
     Catmull-Clark's scheme 0.17 and 0.17 at valence 3, 0.30 and 0.38 at 5, 0.40 and 0.83 at 12. Up
-    to four ratios are eliminated (``derivations/integrals.py``), which leaves 9, 12 and 19 rings
+    to four ratios are eliminated (``derivations/integrals.py``), which leaves 9, 13 and 19 rings
     for "metric", and 11, 17 and 66 for "curvature", to the default `rtol`. There are at most 100;
     where these do not do, `Quadrature.accuracy` tells what they reach: 3e-8 at valence 20.
     Around sharp corners of several faces, also where parts of a cage touch in a vertex, "curvature"

@@ -28,6 +28,7 @@ _ENDLESS = 40
 _ELIMINATED = 4
 _APART = 0.97  # of two ratios that are eliminated, the quotient at most
 _LEADING = 12  # eigenvalues of which products are ratios
+_SMALL = 1e-5  # such ratios are gone after three rings
 _EPS = np.finfo(float).eps
 
 
@@ -59,8 +60,9 @@ def ratios(table: EigenTable, integrand: Kind) -> Array:
     """Ratios of integrals over rings, of general points, falling.
 
     With eigenvalues a and b, the largest after 1, normals consist of products of two, the metric of
-    ``a b`` times powers of those over ``a b``, and mass and stiffness in the parameters of products
-    too, or of a fourth of them. Second derivatives on the surface are ``m / b^2`` for all others m.
+    ``a b`` times powers of those over ``a b``, times products of two functions, which are of 1 and
+    all eigenvalues; mass and stiffness in the parameters are of products too, or of a fourth of
+    them. Second derivatives on the surface are ``m / b^2`` for all others m.
     """
     moduli = np.abs(table.rates[0, 1 : 1 + _LEADING])
     a, b = moduli[:2]
@@ -77,9 +79,18 @@ def ratios(table: EigenTable, integrand: Kind) -> Array:
         if integrand == "curvature":
             rest = moduli[2:]
             lead = np.multiply.outer(rest, rest).ravel() * (a * b) / b**4
+        else:
+            one = np.concatenate([[1.0], moduli])
+            products = _products(_products(products, one), one)
         found = np.multiply.outer(lead, products).ravel()
     found = np.sort(np.unique(np.round(found[found > 1e-18], 15)))[::-1]
     return np.asarray(found)
+
+
+def _products(some: Array, others: Array) -> Array:
+    """Products that are different, but for those that are too small beside the largest."""
+    found = np.unique(np.round(np.multiply.outer(some, others), 15))
+    return np.asarray(found[found > _SMALL * found[-1]])
 
 
 def _with(r: Array, k: int, rtol: float) -> Tail | None:
