@@ -156,9 +156,9 @@ def test_poles_that_cannot_stay_as_they_are():
     for scheme in ("doo-sabin", "loop"):
         other = ls.LimitSurface(ls.Mesh(*zoo.octahedron(), scheme=scheme))
         with pytest.warns(RuntimeWarning, match="Catmull and Clark"):
-            found = ls.bspline_faces(other, depth=5, poles="g1")
-        assert not found.smooth.any()
-        assert np.array_equal(found.points, ls.bspline_faces(other, depth=5).points)
+            as_before = ls.bspline_faces(other, depth=5, poles="g1")
+        assert not as_before.smooth.any()
+        assert np.array_equal(as_before.points, ls.bspline_faces(other, depth=5).points)
     flat = ls.LimitSurface(ls.Mesh(np.zeros((8, 3)), faces))
     with pytest.warns(RuntimeWarning, match="8 poles of 8"):
         assert not ls.bspline_faces(flat, poles="g1").smooth.any()
