@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,12 +18,13 @@ from limitsurf.cad.caps import CapErrors, Caps, depths_within
 from limitsurf.cad.merging import merged_faces, regular_faces
 from limitsurf.cad.poles import Poles
 from limitsurf.cad.splines import Layout
-from limitsurf.cage.checks import checked_integer
+from limitsurf.cage.checks import checked_integer, users_level
 from limitsurf.engine.packing import one_by_one
 from limitsurf.engine.protocol import Request, threads
 from limitsurf.numbers import type_of
 from limitsurf.pieces import cells as cells_of
 from limitsurf.pieces.cells import BezierPatches
+from limitsurf.scheme.lattice import Lattice
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -71,6 +73,8 @@ class BSplineFaces:
     depths : (n_limit_faces, 4) or (n_limit_faces, 3) int64
         How small the cells at special corners of limit faces are: 2^-depth of an edge of the cage.
         -1 at other corners.
+    smooth : (n_limit_faces, 4) or (n_limit_faces, 3) bool
+        Around which special corners faces share tangent planes, as ``poles="g1"`` asks.
 
     Examples
     --------
@@ -99,6 +103,7 @@ class BSplineFaces:
     exact: NDArray[np.bool_]
     trims: NDArray[np.int64] | None
     depths: NDArray[np.int64]
+    smooth: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.counts)
@@ -141,7 +146,8 @@ class BSplineFaces:
         """The faces that are not exact, one to each special corner, and the errors there."""
         poles = Poles.of(self.surface)
         depth = self.depths[poles.face, poles.corner]
-        errors = Caps(self.surface, poles).errors(np.arange(len(depth)), depth)
+        caps = Caps(self.surface, poles, bool(self.smooth.any()))
+        errors = caps.errors(np.arange(len(depth)), depth)
         if self.trims is not None:
             return np.flatnonzero(~self.exact), errors
         none = np.zeros((len(depth), 2))
@@ -295,6 +301,7 @@ def bspline_faces(
     tolerance: float | None = None,
     depth: int | None = None,
     merge: bool = True,
+    poles: str = "g0",
     g1_angle: float | None = None,
     channel: str | None = None,
     workers: int = 1,
@@ -321,9 +328,16 @@ def bspline_faces(
         along lines from all corners around three faces, those first that join two of them. A face
         does not meet itself: tubes and tori are cut along seams. Not in schemes of triangles, of
         degree 1, and of channels.
+    poles : {"g0", "g1"}
+        With "g1" faces around a pole share tangent planes along all edges between them, and that of
+        the limit at the pole. There cells have other pieces, with a line of knots in the middle;
+        knots there and where cells end are double, the face C^1. In Catmull and Clark's scheme, at
+        vertices within the surface without creases and at middles of faces, of three faces and
+        more; others stay as they are, and a warning says how many.
     g1_angle : float, optional
         By how many degrees normals may jump across smooth edges at most; cells at special corners
-        are as small as it takes. Proved: normals are within half of it of those of the limit.
+        are as small as it takes. Proved: normals are within half of it of those of the limit. With
+        "g1" it is of the poles that stay as they are.
     channel : str, optional
         A face-varying channel of the mesh, to give the faces of instead of the points.
     workers : int
@@ -343,7 +357,10 @@ def bspline_faces(
         For what is no surface of float64 points.
     ValueError
         For a depth out of range, or less than faces are split, a tolerance below rounding, one or
-        an angle that the smallest cells do not reach, and for an unknown channel.
+        an angle that the smallest cells do not reach, for an unknown channel, other `poles`, and
+        for "g1" of points that are not in space.
+    RuntimeWarning
+        For poles that stay "g0" where "g1" was asked for, with their number.
 
     Notes
     -----
@@ -353,6 +370,11 @@ def bspline_faces(
     other sides of the cell. Neighbours have the same edge curve, to rounding: the curve in such a
     cell follows from that beside it on the edge alone. Their knots on it differ where one is split
     further than the other.
+
+    With "g1", faces f and g on both sides of an edge that begins at a pole of N faces satisfy
+    ``f_v + g_u = c(t) f_t`` there, with ``c(t) = 2 cos(2 pi / N) (1 - 2 t)^2`` up to the middle of
+    the cell, and 0 beyond: ``derivations/g1_caps.py``, after Peters and Fan, "On the complexity of
+    smooth spline surfaces from quad meshes", 2010.
 
     Derived in ``derivations/spline_faces.py``, after Ramshaw, "Blossoming: a connect-the-dots
     approach to splines", DEC SRC report 19, 1987.
@@ -376,9 +398,16 @@ def bspline_faces(
         raise TypeError("bspline_faces needs float64 points: Fractions have bezier_patches")
     if found.points.ndim != 2:
         raise ValueError(f"bspline_faces needs points (n, d), got {found.points.shape}")
+    if poles not in ("g0", "g1"):
+        raise ValueError(f'poles must be "g0" or "g1", got {poles!r}')
+    if poles == "g1" and found.points.shape[1] != 3:
+        raise ValueError('poles="g1" needs points in space, (n_vertices, 3)')
     ends = Poles.of(found)
+    caps = Caps(found, ends, poles == "g1")
     faces = np.flatnonzero(found.patches.with_limit)
-    deep = ends.at_depths(_chosen(found, ends, tolerance, depth, g1_angle))
+    depths = _chosen(found, ends, caps, tolerance, depth, g1_angle)
+    smooth = _smooth(ends, caps, depths)
+    deep = ends.at_depths(depths + smooth.there)
     parts: list[_Alike] = []
     if merge and channel is None and _is_merged(found):
         regular = regular_faces(found)
@@ -389,8 +418,43 @@ def bspline_faces(
         for start in range(0, len(alike), _FACES):
             some = alike[start : start + _FACES]
             pieces = _pieces(found, some, max(depth_, 0), workers)
-            parts.extend(_made(found, deep.shortened(pieces), some))
-    return _joined(found, parts, deep.each)
+            parts.extend(_made(found, deep.shortened(pieces), some, smooth))
+    each = np.zeros(deep.each.shape, dtype=bool)
+    each[ends.face, ends.corner] = smooth.there
+    return _joined(found, parts, deep.each - each, each)
+
+
+@dataclass(frozen=True, eq=False)
+class _Smooth:
+    """Caps that share tangent planes: as `SmoothCaps`, and the number of each special corner.
+
+    `row` is (n_limit_faces, corners).
+    """
+
+    there: Array
+    ring: Array
+    inner: Array
+    row: Array
+
+
+def _smooth(poles: Poles, caps: Caps, depth: Array) -> _Smooth:
+    """Those of all special corners, (r,), with cells of some depths."""
+    r, row = len(poles.face), np.full((len(poles.half), len(poles.corners)), -1)
+    row[poles.face, poles.corner] = np.arange(r)
+    made = caps.smooth(np.arange(r), depth)
+    if made is None:
+        none = np.zeros((r, 0))
+        return _Smooth(np.zeros(r, dtype=bool), none, none, row)
+    left = len(np.unique(poles.pole[~made.there]))
+    if left:
+        warnings.warn(
+            f"{left} pole{'s' * (left > 1)} of {len(np.unique(poles.pole))} cannot share tangent "
+            'planes and stay "g0": those on creases and boundaries, of fewer than three faces, '
+            "without a normal, or of another scheme than Catmull and Clark's",
+            RuntimeWarning,
+            stacklevel=users_level(),
+        )
+    return _Smooth(made.there, made.ring, made.inner, row)
 
 
 def _pieces(surface: LimitSurface, faces: Array, depth: int, workers: int) -> BezierPatches:
@@ -407,7 +471,9 @@ def _is_merged(surface: LimitSurface) -> bool:
     return not surface.topology.lattice.sloped and int(np.max(spline.exponents)) > 1
 
 
-def _chosen(surface: LimitSurface, poles: Poles, tolerance: Any, depth: Any, angle: Any) -> Array:
+def _chosen(
+    surface: LimitSurface, poles: Poles, caps: Caps, tolerance: Any, depth: Any, angle: Any
+) -> Array:
     """Depths (r,) of special corners that are asked for, checked."""
     if depth is not None:
         if tolerance is not None or angle is not None:
@@ -434,7 +500,7 @@ def _chosen(surface: LimitSurface, poles: Poles, tolerance: Any, depth: Any, ang
     if angle is not None and surface.points.shape[1] != 3:
         raise ValueError("g1_angle needs points in space, (n_vertices, 3)")
     turn = None if angle is None else float(np.radians(angle)) / 2  # on both sides of an edge
-    return depths_within(Caps(surface, poles), poles, tolerance, turn, max(_DEEPEST, poles.least))
+    return depths_within(caps, poles, tolerance, turn, max(_DEEPEST, poles.least))
 
 
 @dataclass(frozen=True, eq=False)
@@ -466,25 +532,32 @@ class _Alike:
     turns: Array
 
 
-def _made(surface: LimitSurface, pieces: BezierPatches, faces: Array) -> Iterator[_Alike]:
+def _made(
+    surface: LimitSurface, pieces: BezierPatches, faces: Array, smooth: _Smooth
+) -> Iterator[_Alike]:
     """Faces of some limit faces from their pieces."""
     lattice, degree = surface.topology.lattice, pieces.degree
     n, d = len(pieces.exponents), surface.points.shape[1]
     points, limits = pieces.points.reshape(-1, n, d), _limits(surface, pieces)
     make = nets.caps if lattice.sloped else nets.net
-    for cut in nets.alike(pieces, faces):
+    rows = smooth.row[pieces.rest.face, pieces.rest.corner]
+    for cut in nets.alike(pieces, faces, smooth.there[rows]):
         m, c, r = len(cut.faces), len(cut.origin), len(cut.corner)
         own = faces[cut.faces]
         known = points[cut.cells].reshape(m, c * n, d)
         if r:
             known = np.concatenate([known, limits[cut.rest]], axis=1)
-        if r or (c > 1 and not lattice.sloped):
+        capped = smooth.there[rows[cut.rest[0]]] if r else np.zeros(0, dtype=bool)
+        if capped.any():
+            parts = known[:, : c * n].reshape(m, c, n, d), known[:, c * n :]
+            made = _capped(cut, lattice, degree, parts, smooth, capped, rows[cut.rest])
+        elif r or (c > 1 and not lattice.sloped):
             flat = known.swapaxes(0, 1).reshape(-1, m * d)
             made = (make(cut, lattice, degree) @ flat).reshape(-1, m, d).swapaxes(0, 1)
         elif not lattice.sloped:
             made = known
         if not lattice.sloped:
-            u, v = (nets.clamped(x, degree) for x in nets.breaks(cut))
+            u, v = (nets.clamped(x, degree) for x in nets.breaks(cut, capped))
             none = np.zeros((m, 2))
             whole = np.full(m, r == 0)
             yield _Alike(
@@ -515,6 +588,36 @@ def _made(surface: LimitSurface, pieces: BezierPatches, faces: Array) -> Iterato
         yield _Alike(own, part, (line, line), net, origin, size, whole, (1, 1), cells, 0 * cells)
 
 
+def _capped(
+    cut: nets.Cut,
+    lattice: Lattice,
+    degree: int,
+    known: tuple[Array, Array],
+    smooth: _Smooth,
+    capped: Array,
+    rows: Array,
+) -> Array:
+    """Control points (m, k, d) where tangent planes are shared at corners `capped` (r,).
+
+    From the pieces (m, c, n, d) and limits (m, r, d); `rows` (m, r) are numbers of corners.
+    """
+    (every, limits), (m, c, n, d) = known, known[0].shape
+    every, r = every.copy(), len(capped)
+    rest = np.concatenate([every.reshape(m, c * n, d), limits], axis=1)
+    rest = rest.swapaxes(0, 1).reshape(-1, m * d)
+    rest = (nets.caps(cut, lattice, degree) @ rest).reshape(r, n, m, d)
+    for k in np.flatnonzero(capped).tolist():
+        own, to = rows[:, k], limits[:, k, None]
+        rest[k] = (to + smooth.inner[own]).swapaxes(0, 1)
+        for piece, at in enumerate(nets.around(cut, lattice, k)):
+            every[:, at] = to + smooth.ring[own, piece]
+    flat = np.concatenate([
+        every.reshape(m, c * n, d).swapaxes(0, 1), rest.reshape(r * n, m, d)
+    ]).reshape(-1, m * d)  # fmt: skip
+    made = nets.of_pieces(cut, degree, capped) @ flat
+    return np.asarray(made.reshape(-1, m, d).swapaxes(0, 1))
+
+
 def _merged(surface: LimitSurface, regular: Array, workers: int) -> Iterator[_Alike]:
     """Faces over rectangles of regular limit faces."""
     for x in merged_faces(surface, regular, workers):
@@ -525,7 +628,9 @@ def _merged(surface: LimitSurface, regular: Array, workers: int) -> Iterator[_Al
         )
 
 
-def _joined(surface: LimitSurface, parts: list[_Alike], depths: Array) -> BSplineFaces:
+def _joined(
+    surface: LimitSurface, parts: list[_Alike], depths: Array, smooth: Array
+) -> BSplineFaces:
     """All faces in the order of the limit faces."""
     lattice = surface.topology.lattice
     spline = surface.topology.rules.scheme.spline
@@ -565,7 +670,7 @@ def _joined(surface: LimitSurface, parts: list[_Alike], depths: Array) -> BSplin
     trims = np.array([(0, 0), (1, 0), (0, 1)]) if lattice.sloped else None
     return BSplineFaces(
         surface, (degree, degree), counts, knots[0], knots[1], points, grid, cells, turns, origin,
-        size, exact, trims, depths,
+        size, exact, trims, depths, smooth,
     )  # fmt: skip
 
 

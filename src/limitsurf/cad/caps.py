@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from limitsurf.cad import nets
 from limitsurf.cad.poles import Poles
+from limitsurf.cad.smooth import Fans, SmoothCaps, smooth_caps
 from limitsurf.pieces import bernstein
 from limitsurf.pieces.beyond import Beyond
 from limitsurf.query import cones
@@ -48,6 +49,9 @@ class CapErrors:
         Bounds; pi where there is none of the angle.
     parametric_found, along_normal_found, angle_found : (r,)
         The largest at places that were looked at.
+    edge : (r,)
+        Bounds of the angles across the side that begins at the corner, of cells that share tangent
+        planes; NaN of others.
     """
 
     parametric: Array
@@ -56,6 +60,7 @@ class CapErrors:
     parametric_found: Array
     along_normal_found: Array
     angle_found: Array
+    edge: Array
 
 
 class Caps:
@@ -66,9 +71,15 @@ class Caps:
     surface : LimitSurface
         Of points (n_vertices, d).
     poles : Poles
+    smooth : bool
+        Whether they share tangent planes around poles where that can be.
+
+    Attributes
+    ----------
+    fans : Fans, or None
     """
 
-    def __init__(self, surface: LimitSurface, poles: Poles) -> None:
+    def __init__(self, surface: LimitSurface, poles: Poles, smooth: bool = False) -> None:
         topology, every = surface.topology, np.arange(len(surface.limit_faces))
         self._lattice = topology.lattice
         used = surface.mesh.indices
@@ -82,27 +93,52 @@ class Caps:
         self._beyond = Beyond(known[0], known[1], points, every, depth)
         degree = int(np.max(topology.rules.scheme.spline.exponents))
         self._form = Form.of(self._lattice, degree)
+        self.fans = Fans(surface, poles, self._beyond) if smooth else None
         self._normals: cones.Poles | None = None
         self._in_space = points.shape[1:] == (3,)
 
+    def smooth(self, which: Array, depth: Array) -> SmoothCaps | None:
+        """Caps that share tangent planes, in cells of such depths; whole poles. In true size."""
+        found = self._smooth(which, depth)
+        if found is None:
+            return None
+        ring, inner = (np.ldexp(x, -self._power) for x in (found.ring, found.inner))
+        return replace(found, ring=ring, inner=inner)
+
+    def _smooth(self, which: Array, depth: Array) -> SmoothCaps | None:
+        if self.fans is None:
+            return None
+        return smooth_caps(self._beyond, self.fans, which, depth - self._start)
+
     def errors(self, which: Array, depth: Array, normals: bool = True) -> CapErrors:
-        """Errors of some, (r,), with cells of such depths."""
-        found = np.zeros((6, len(which)))
+        """Errors of some, (r,), with cells of such depths.
+
+        With smooth ones, of all corners of poles together.
+        """
+        found, smooth = np.zeros((6, len(which))), self._smooth(which, depth)
         normals = normals and self._in_space
         found[[1, 2, 4, 5]] = 0.0 if normals else np.nan
         if normals and self._normals is None:
             self._normals = cones.Poles(self._beyond, self._lattice, self._form)
         for start in range(0, len(which), _SMALL):
             some = slice(start, start + _SMALL)
-            found[:, some] = self._some(which[some], depth[some] - self._start, normals)
+            known = None
+            if smooth is not None:
+                known = smooth.there[some], smooth.ring[some], smooth.inner[some]
+            found[:, some] = self._some(which[some], depth[some] - self._start, normals, known)
         found[:2] += 2.0**-46
         back = np.array([True, True, False] * 2)
         found[back] = np.ldexp(found[back], -self._power)
         found[[0, 1, 2]] *= _SLACK
         found[2] = np.minimum(found[2], np.pi)
-        return CapErrors(*found)
+        edge = np.full(len(which), np.nan)
+        if smooth is not None:
+            edge[smooth.there] = smooth.edge[smooth.there]
+        return CapErrors(*found, *edge[None])
 
-    def _some(self, which: Array, ring: Array, normals: bool) -> Array:
+    def _some(
+        self, which: Array, ring: Array, normals: bool, smooth: tuple[Array, ...] | None
+    ) -> Array:
         """The same, (6, r), of cells that begin at a ring (r,) of what `Beyond` has."""
         beyond, form = self._beyond, self._form
         before = beyond.cells(which, ring - 1).points
@@ -115,8 +151,12 @@ class Caps:
             # derivatives of the cell are moved by rounding of its own control points
             moved = _ROUNDED * form.degree * 0.5**inner
             own = own.reshape(limit.shape)
+            if smooth is not None and inner == 0:
+                own[smooth[0]] = smooth[1][smooth[0]]
             found[:, active] = self._ring(found[:, active], limit, own, moved, normals)
             net = self._turned(_last, some, net)
+            if smooth is not None and inner == 0:
+                net[smooth[0]] = smooth[2][smooth[0]]
             if inner % _EVERY == _EVERY - 1:
                 moved = _ROUNDED * form.degree * 0.5 ** (inner + 1)
                 last[:, active] = self._remaining(some, at + 1, net, moved, normals)
@@ -301,6 +341,8 @@ def depths_within(
         over = np.zeros(n)
         for value, asked in ((errors.parametric, tolerance), (errors.angle, angle)):
             if asked is not None:
+                if value is errors.angle:  # where tangent planes are shared, normals do not jump
+                    value = np.where(np.isfinite(errors.edge), 0, value)
                 np.maximum.at(over, which[some], np.where(np.isnan(value), 0, value) / asked)
         late = pending[over[pending] > 1]
         bad = late[depth[late] >= most]

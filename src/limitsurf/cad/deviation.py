@@ -47,7 +47,8 @@ class PatchDeviation(Deviation):
         The largest distances along these edges between the patches on both sides.
     edge_angle, edge_angle_found : (e,)
         The largest angles between their normals there, radians. NaN for the bound on sharp edges,
-        where the surface itself has two normals.
+        where the surface itself has two normals. With ``poles="g1"`` the bound is what rounding of
+        control points does to tangent planes that are the same.
 
     Examples
     --------
@@ -169,7 +170,7 @@ def deviation(
         return patches.normal(*patches.of(face, u, v)).reshape(-1, 3)
 
     edges, ends = across(found, half, ways, lines, patches.degree[0], evaluate, normal)
-    bound = _angles_across(found, half, ways, patches, values[2])
+    bound = _angles_across(found, half, ways, patches)
     return PatchDeviation(
         values[0], values[3], values[4], values[5], values[5], values[2], values[2], values[1],
         ends, edges[0], edges[1], bound, edges[2],
@@ -228,29 +229,40 @@ def _lines(surface: LimitSurface, faces: BSplineFaces) -> Array:
     level = min(poles.finest, _FINEST)
     lines = [np.arange(2**level + 1) / 2**level]
     for depth in np.unique(faces.depths[faces.depths >= 0]).tolist():
-        lines.append(2.0 ** -np.arange(depth + 1))
+        lines.append(2.0 ** -np.arange(depth + 2))
     found = np.concatenate(lines)
     return np.unique(np.concatenate([found, 1 - found]))
 
 
-def _angles_across(
-    surface: LimitSurface, half: Array, ways: Array, faces: BSplineFaces, angle: Array
-) -> Array:
+def _angles_across(surface: LimitSurface, half: Array, ways: Array, faces: BSplineFaces) -> Array:
     """Bounds (e,) of angles between normals on both sides of edges; NaN where these are sharp."""
-    mesh, known = surface.mesh, surface.limit_faces
-    worst = np.zeros(len(known))
-    owner = np.repeat(np.arange(len(faces)), faces.grid.prod(axis=1))
-    np.maximum.at(worst, faces.limit_faces, angle[owner])
+    mesh, known, poles = surface.mesh, surface.limit_faces, Poles.of(surface)
+    errors = faces.cap_errors[1]
+    smooth = np.isfinite(errors.edge)
     by_face = np.zeros(mesh.n_faces)
-    np.maximum.at(by_face, known.face, worst)
+    np.maximum.at(by_face, known.face[poles.face], np.where(smooth, 0, errors.angle))
     found = by_face[mesh.corner_face[half]] + by_face[mesh.corner_face[mesh.twin[half]]]
+    # along sides that begin at corners around which tangent planes are shared
+    shared = np.zeros(faces.smooth.shape)
+    shared[poles.face[smooth], poles.corner[smooth]] = errors.edge[smooth]
+    if smooth.any():
+        for begin in (half, mesh.twin[half]):
+            face = mesh.corner_face[begin]
+            first, corner = known.first[face], begin - mesh.offsets[face]
+            split = known.corner[first] >= 0
+            at = np.where(split, first + corner, first), np.where(split, 0, corner % 4)
+            found = np.maximum(found, shared[at])
     ends, sharpness = mesh.creases
     if len(sharpness):
         sharp = np.zeros(mesh.n_edges, dtype=bool)
         sharp[mesh.edge_numbers(ends)[np.asarray(sharpness, dtype=float) >= 10]] = True
         found[sharp[mesh.corner_edge[half]]] = np.nan
-    found = np.append(found, 2 * by_face[mesh.corner_face[ways]])
-    return np.asarray(np.minimum(found, np.pi))
+    middle = 2 * by_face[mesh.corner_face[ways]]
+    if smooth.any():
+        face, beside = mesh.corner_face[ways], mesh.next_corner[ways]
+        own = known.first[face] + beside - mesh.offsets[face]
+        middle = np.maximum(middle, shared[own, 2])
+    return np.asarray(np.minimum(np.append(found, middle), np.pi))
 
 
 def _of_approximate(

@@ -52,8 +52,11 @@ class Cut:
     corner: Array
 
 
-def alike(patches: BezierPatches, faces: Array) -> Iterator[Cut]:
-    """Those of limit faces (f,), sorted, that are cut alike; those without pieces are in none."""
+def alike(patches: BezierPatches, faces: Array, smooth: Array) -> Iterator[Cut]:
+    """Those of limit faces (f,), sorted, that are cut alike; those without pieces are in none.
+
+    And in which what remains is `smooth` (r,) at the same corners.
+    """
     rest = patches.rest
     begin, end = (np.searchsorted(patches.face, faces, side) for side in ("left", "right"))
     first, last = (np.searchsorted(rest.face, faces, side) for side in ("left", "right"))
@@ -67,7 +70,7 @@ def alike(patches: BezierPatches, faces: Array) -> Iterator[Cut]:
             continue
         cells, left = (start[some, None] + np.arange(n) for start, n in ((begin, c), (first, r)))
         both = rows[cells].reshape(len(some), -1), more[left].reshape(len(some), -1)
-        keys = np.concatenate([*both, rest.corner[left]], axis=1)
+        keys = np.concatenate([*both, rest.corner[left], smooth[left]], axis=1)
         for here in _equal(keys):
             one = here[0]
             at, on = cells[one], left[one]
@@ -95,11 +98,25 @@ def _equal(keys: Array) -> list[Array]:
 # ---------------------------------------------------------------------- rectangles
 
 
-def breaks(cut: Cut) -> tuple[Array, Array]:
-    """The lines along u and v that bound pieces."""
+def breaks(cut: Cut, capped: Array | None = None) -> tuple[Array, Array]:
+    """The lines along u and v that bound pieces, sorted.
+
+    Twice where what remains at corners that are `capped` (r,) ends, and cells of twice its size.
+    """
     ends = [cut.origin, cut.origin + cut.size, cut.rest_origin, cut.rest_origin + cut.rest_size]
-    u, v = np.concatenate(ends).T
-    return np.unique(u), np.unique(v)
+    u, v = (np.unique(x) for x in np.concatenate(ends).T)
+    if capped is None or not capped.any():
+        return u, v
+    found = []
+    for axis, line in enumerate((u, v)):
+        low, size = cut.rest_origin[capped, axis], cut.rest_size[capped, axis]
+        at_zero = low < 0.5
+        double = np.concatenate([
+            np.where(at_zero, low + size, low), np.where(at_zero, low + 2 * size, low - size)
+        ])  # fmt: skip
+        inner = np.setdiff1d(double, [line[0], line[-1]])
+        found.append(np.sort(np.concatenate([line, inner])))
+    return found[0], found[1]
 
 
 def clamped(lines: Array, degree: int) -> Array:
@@ -110,22 +127,39 @@ def clamped(lines: Array, degree: int) -> Array:
 def net(cut: Cut, lattice: Lattice, degree: int) -> csr_array[Any]:
     """Control points from the coefficients of the pieces, then the limits of special corners.
 
-    (nu * nv, c * (degree + 1)^2 + r), where v counts fastest. Each is the blossom of the piece next
-    to its knots, with which it has most in common; of what remains at special corners where it has
-    no other, as those corners themselves.
+    (nu * nv, c * (degree + 1)^2 + r), where v counts fastest. What remains at special corners has
+    those limits, and goes on from the pieces around.
     """
     from scipy.sparse import csr_array, eye_array, vstack
 
+    none = np.zeros(len(cut.corner), dtype=bool)
+    found, whole, r = of_pieces(cut, degree, none), len(cut.origin) * (degree + 1) ** 2, len(none)
+    if not r:
+        return found
+    every = eye_array(whole, whole + r, format="csr")
+    return csr_array(found @ vstack([every, caps(cut, lattice, degree)], format="csr"))
+
+
+def of_pieces(cut: Cut, degree: int, capped: Array) -> csr_array[Any]:
+    """Control points from the coefficients of the pieces, then of what remains.
+
+    (nu * nv, (c + r) * (degree + 1)^2), where v counts fastest. Each is the blossom of the piece
+    next to its knots, with which it has most in common; of what remains at special corners where
+    it has no other, or as good as any where that is `capped` (r,), as those corners themselves.
+    """
+    from scipy.sparse import csr_array
+
     lines = breaks(cut)
     owner = _owner(cut, lines)
-    knots = [clamped(x, degree) for x in lines]
+    knots = [clamped(x, degree) for x in breaks(cut, capped)]
     n = [len(x) - degree - 1 for x in knots]
     # by control point along a line: intervals of its support, and weights there
-    spans = [np.clip(np.arange(m)[:, None] + np.arange(-degree, 1), 0, m - degree - 1) for m in n]
+    spans = [_supports(x, line, degree) for x, line in zip(knots, lines, strict=True)]
     pieces = owner[spans[0][:, None, :, None], spans[1][None, :, None, :]]
     origin = np.concatenate([cut.origin, cut.rest_origin])
     step = np.concatenate([cut.size, cut.rest_size])
-    cost, weights = np.where(pieces < len(cut.origin), 1.0, np.inf), []
+    free = np.concatenate([np.ones(len(cut.origin), dtype=bool), capped])
+    cost, weights = np.where(free[pieces], 1.0, np.inf), []
     for axis in (0, 1):
         own = knots[axis][np.arange(n[axis])[:, None] + np.arange(1, degree + 1)]
         own = own[:, None] if axis == 0 else own[None, :]
@@ -145,11 +179,32 @@ def net(cut: Cut, lattice: Lattice, degree: int) -> csr_array[Any]:
     shape = n[0] * n[1], len(origin) * size
     found = csr_array((values.ravel(), (rows, columns.ravel())), shape=shape)
     found.eliminate_zeros()
-    if not len(cut.corner):
-        return found
-    whole, r = len(cut.origin) * size, len(cut.corner)
-    every = eye_array(whole, whole + r, format="csr")
-    return csr_array(found @ vstack([every, caps(cut, lattice, degree)], format="csr"))
+    return found
+
+
+def _supports(knots: Array, lines: Array, degree: int) -> Array:
+    """Intervals between lines in the support of each control point along a line, (n, degree + 1).
+
+    Where double knots leave fewer, some are there more than once.
+    """
+    at = np.arange(len(knots) - degree - 1)[:, None] + np.arange(degree + 1)
+    first = np.searchsorted(lines, knots, side="right") - 1
+    last = np.searchsorted(lines, knots, side="left") - 1
+    found = np.clip(first[at], first[at[:, :1]], last[at[:, :1] + degree + 1])
+    return np.asarray(np.clip(found, 0, len(lines) - 2))
+
+
+def around(cut: Cut, lattice: Lattice, k: int) -> list[int]:
+    """The pieces around what remains at special corner k.
+
+    Along the side that begins there, across from it, and along the side that ends there.
+    """
+    corners, at = np.array(lattice.corners), int(cut.corner[k])
+    origin, size = cut.rest_origin[k], cut.rest_size[k]
+    a, b, d = (origin + size * corners[(at + m) % len(corners)] for m in (0, 1, -1))
+    here, middles = origin + size / 2, cut.origin + cut.size / 2
+    places = here + b - a, here + b - a + d - a, here + d - a
+    return [int(np.abs(middles - place).sum(axis=1).argmin()) for place in places]
 
 
 def line(lines: Array, degree: int) -> tuple[Array, Array]:

@@ -218,6 +218,11 @@ class Beyond:
         """At which corners of their cells they are, (M,)."""
         return self._turn[which]
 
+    def interior(self, which: Array) -> Array:
+        """Whether faces go all around corners, without creases, (M,)."""
+        smooth = [x is not None and x.kind == "interior" for x in self._patches.sectors]
+        return np.asarray(np.array(smooth)[self._kind[which]])
+
     def _alike(self, which: Array, ring: Array) -> Iterator[tuple[Array, int, int]]:
         """Those of a kind and a ring at a time, rings counted from the patch."""
         key = self._kind[which] * 4096 + self._start[which] + ring
