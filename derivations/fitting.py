@@ -169,14 +169,14 @@ for before, after in pairwise(errors[1:]):
 assert errors[-1] < 1e-14
 
 # %% [markdown]
-# Where the cage can slide within its surface the limit is a set of cages, and $H$ is singular on it.
-# What is needed then is that the distance from that set is bounded by the error, and that what is
-# added falls like the square of the error, or at least like the error (Yamashita and Fukushima, "On
-# the rate of convergence of the Levenberg-Marquardt method", Computing Supplement 15, 2001, theorem
-# 2.1). A constant $\mu$ leaves a factor $\mu / (\mu + \lambda)$ a step in a direction of the
-# eigenvalue $\lambda$: hence no floor for $\mu$ above rounding, and an energy that is added where
-# points do not tell everything is added in proportion to the mean square of the distances. The
-# parabola again, whose first coefficient is a sum of two unknowns, one of them weak:
+# Where the cage can slide within its surface the limit is a set of cages, and $H$ is singular on
+# it. What is needed then is that the distance from that set is bounded by the error, and that what
+# is added falls like the square of the error, or at least like the error (Yamashita and Fukushima,
+# "On the rate of convergence of the Levenberg-Marquardt method", Computing Supplement 15, 2001,
+# theorem 2.1). A constant $\mu$ leaves a factor $\mu / (\mu + \lambda)$ a step in a direction of
+# the eigenvalue $\lambda$: hence no floor for $\mu$ above rounding, and an energy that is added
+# where points do not tell everything is added in proportion to the mean square of the distances.
+# The parabola again, whose first coefficient is a sum of two unknowns, one of them weak:
 
 # %%
 spread = np.array([[1.0, 1e-4, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 1, 1e-3]])

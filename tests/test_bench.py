@@ -152,6 +152,8 @@ def test_interpolation_is_measured() -> None:
         assert min(row[name] for name in ("interpolate", "fairness", "fair")) > 0
     assert "refined" in small
     assert "refined" not in large
+
+
 def test_fits_are_compared() -> None:
     found = json.loads(run("fits.py", "--points 500 --grid 12"))
     assert found["known cage"]["largest distance of the size"] < 1e-10

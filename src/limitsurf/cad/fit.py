@@ -153,10 +153,11 @@ def fit(
         The energy that a surface without bumps has little of (`ls.fairness`); by default the first
         of these that is finite.
     smoothing : float, optional
-        What is added to the mean of squared distances: so many times the energy, as a mean over the
-        limit faces. It has no unit: 1e-4 smooths visibly, 1e-8 fills holes. By default 0; where points
-        are too few or too one-sided to say where all vertices are, with a warning, 1e-6, or the
-        mean of squared distances, of the size, if that is less: it vanishes with the error.
+        What is added to the mean of squared distances: so many times the energy, as a mean over
+        the limit faces. It has no unit: 1e-4 smooths visibly, 1e-8 fills holes. By default 0;
+        where points are too few or too one-sided to say where all vertices are, with a warning,
+        1e-6, or the mean of squared distances, of the size, if that is less: it vanishes with the
+        error.
     loss : {"linear", "huber", "soft_l1", "cauchy"}
         How squares of distances d count: as they are; or, with z = (d / scale)^2, as z up to 1 and
         2 sqrt(z) - 1 beyond; 2 (sqrt(1 + z) - 1); log(1 + z). So few points that are far off have
