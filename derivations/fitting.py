@@ -169,6 +169,43 @@ for before, after in pairwise(errors[1:]):
 assert errors[-1] < 1e-14
 
 # %% [markdown]
+# Where the cage can slide within its surface the limit is a set of cages, and $H$ is singular on
+# it. What is needed then is that the distance from that set is bounded by the error, and that what
+# is added falls like the square of the error, or at least like the error (Yamashita and Fukushima,
+# "On the rate of convergence of the Levenberg-Marquardt method", Computing Supplement 15, 2001,
+# theorem 2.1). A constant $\mu$ leaves a factor $\mu / (\mu + \lambda)$ a step in a direction of
+# the eigenvalue $\lambda$: hence no floor for $\mu$ above rounding, and an energy that is added
+# where points do not tell everything is added in proportion to the mean square of the distances.
+# The parabola again, whose first coefficient is a sum of two unknowns, one of them weak:
+
+# %%
+spread = np.array([[1.0, 1e-4, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 1, 1e-3]])
+energy = np.diag([1.0, 2, 1, 1, 3])
+
+
+def course(added, steps):
+    """Distances, as root of the mean square, of steps with so much of an energy added."""
+    x, found = np.array([0.5, 0.1, 0.0, 0.3, 0.2]), []
+    for _ in range(steps):
+        P = spread @ x
+        at = feet(P, points)
+        w = np.stack([at**0, at, at**2], axis=1)
+        normal = np.stack([-(P[1] + 2 * P[2] * at), np.ones(len(at))], axis=1)
+        normal /= np.sqrt((normal**2).sum(axis=1))[:, None]
+        gap = ((points - np.stack([at, w @ P], axis=1)) * normal).sum(axis=1)
+        found.append(np.sqrt((gap**2).mean()))
+        rows, share = w * normal[:, 1:] @ spread, added(found[-1])
+        H = rows.T @ rows + len(points) * share * energy
+        x = x + np.linalg.solve(H, rows.T @ gap - len(points) * share * energy @ x)
+    return found
+
+
+vanishing, kept = course(lambda rms: max(1e-2 * rms**2, 1e-15), 8), course(lambda rms: 1e-4, 8)
+assert vanishing[-1] < 1e-12 < 1e-6 < kept[-1]
+for before, after in pairwise(vanishing[2:]):
+    assert after < 5 * before**2 + 1e-13
+
+# %% [markdown]
 # ## 5. Losses
 #
 # With $\varrho(z)$ of $z = (|r| / \sigma)^2$, as in SciPy, $\sigma^2 \varrho / 2$ has the gradient

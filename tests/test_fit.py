@@ -325,6 +325,19 @@ def test_vertices_at_no_point_are_told():
     assert np.abs(found.mesh.points - np.add(flat, [0, 0, 0.1])).max() < 0.2
 
 
+def test_what_is_added_for_vertices_at_no_point_vanishes():
+    """A bent strip of which points see a part: there they are met, not smoothed."""
+    bent = [[x, y, 0.1 * x * x + 0.05 * x * y] for x in range(8) for y in range(3)]
+    quads = [[3 * x + y, 3 * x + y + 3, 3 * x + y + 4, 3 * x + y + 1]
+             for x in range(7) for y in range(2)]  # fmt: skip
+    mesh = ls.Mesh(bent, quads)
+    points = ls.sample(ls.LimitSurface(mesh), 300, rng=1).point
+    with pytest.warns(UserWarning, match="are at no point"):
+        found = ls.fit(moved(mesh, 0.03), points[points[:, 0] < 2.9])
+    assert found.rms < 1e-8
+    assert np.abs(found.mesh.points).max() < 10
+
+
 def test_too_few_points_are_told_and_fair():
     points = ls.sample(ls.LimitSurface(CUBE), 6, rng=21).point
     with pytest.warns(UserWarning, match="6 distances are too few for 8 vertices.*smoothing=1e-06"):

@@ -9,6 +9,14 @@ import limitsurf as ls
 ANGLE = np.linspace(0, 2 * np.pi, 240, endpoint=False)
 CIRCLE = np.stack([np.cos(ANGLE), np.sin(ANGLE)], axis=1)
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+RING = {(0, 1): 10.0, (1, 3): 10.0, (2, 3): 10.0, (0, 2): 10.0}
+SHEET = ls.Mesh(
+    [[x, y, 0.2 * x * x - 0.1 * x * y + 0.05 * y**3] for x in range(4) for y in range(4)],
+    [[4 * i + j, 4 * i + j + 4, 4 * i + j + 5, 4 * i + j + 1] for i in range(3) for j in range(3)],
+    boundary="edge_only",
+)
 
 
 def far_from(curves, k, points):
@@ -122,6 +130,13 @@ def test_units_and_places_do_not_matter():
     assert np.abs(far.points - one.points - 2.0**20).max() < 1e-8
 
 
+def test_curves_that_go_back_and_points_too_near_to_the_last():
+    back = [[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]]
+    assert far_from(ls.fit_curve(back, closed=True), 0, np.array(back)) < 1e-15
+    near = ls.fit_curve([[0, 0], [1e-300, 0], [1.0, 0]])
+    assert near.evaluate(0, near.domain[0]).tolist() == [[0, 0], [1, 0]]
+
+
 def test_repeated_points_and_noise():
     twice = np.repeat(CIRCLE, 2, axis=0)
     assert len(ls.fit_curve(twice, closed=True, tolerance=1e-4).points) < 30
@@ -148,11 +163,80 @@ def test_repeated_points_and_noise():
         (ValueError, "tolerance must be", CIRCLE, {"tolerance": 0}),
         (ValueError, "corner_angle must be", CIRCLE, {"corner_angle": 180}),
         (ValueError, "closed must be one for each of 1", CIRCLE, {"closed": [True, False]}),
+        (ValueError, "edges are those of a surface", CIRCLE, {"edges": "crease"}),
+        (ValueError, "edges must be 'boundary'", SHEET, {"edges": "rim"}),
+        (ValueError, "closed is of points", SHEET, {"closed": True}),
+        (ValueError, "scheme 'doo-sabin' have no sides", SHEET.with_tags(scheme="doo-sabin"), {}),
+        (ValueError, "points of shape", SHEET.with_points(SHEET.points[:, :2]), {}),
     ],
 )
 def test_what_is_wrong_is_said(error, match, points, options):
     with pytest.raises(error, match=match):
         ls.fit_curve(points, **options)
+
+
+def periodic(points, n=400):
+    """Points of the closed uniform cubic B-spline of a polygon (Catmull and Clark 1978)."""
+    k = len(points)
+    spline = BSpline(np.arange(-3.0, k + 4.0), np.concatenate([points, points[:3]]), 3)
+    return spline(np.linspace(0, k, n))
+
+
+@pytest.mark.parametrize("scheme", ["catmull-clark", "loop"])
+def test_boundaries_and_creases_of_surfaces_are_splines_of_the_cage(scheme):
+    sheet, cube, tolerance = SHEET, ls.Mesh(CORNERS, QUADS, creases=RING), 1e-6
+    if scheme == "loop":
+        halves = lambda quads: [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]  # noqa: E731
+        sheet = ls.Mesh(SHEET.points, halves(SHEET.uniform), boundary="edge_only", scheme=scheme)
+        cube = ls.Mesh(CORNERS, halves(QUADS), creases=RING, scheme=scheme)
+    for mesh, vertices in (
+        (sheet, [0, 1, 2, 3, 7, 11, 15, 14, 13, 12, 8, 4]),
+        (cube, [0, 1, 3, 2]),
+    ):
+        found = ls.fit_curve(mesh, tolerance=tolerance)
+        assert found.closed.tolist() == [True]
+        assert found.deviation[0] < 1e-14
+        assert len(found.points) == len(vertices) + 3
+        # at the ends of sides, in either direction
+        own = periodic(mesh.points[vertices], len(vertices) + 1)[:-1]
+        there = found.evaluate(0, np.arange(len(vertices)))
+        assert np.linalg.norm(own[:, None] - there, axis=2).min(axis=1).max() < 1e-14
+        # the polyline of far_from is 1e-5 off by itself
+        assert far_from(found, 0, periodic(mesh.points[vertices])) < 3e-5
+        # with a larger tolerance fewer knots do
+        loose = ls.fit_curve(mesh, tolerance=0.1)
+        assert len(loose.points) < len(vertices) + 3 or len(vertices) == 4
+        assert far_from(loose, 0, periodic(mesh.points[vertices])) < 0.1
+    both = ls.fit_curve(ls.LimitSurface(cube.with_tags(boundary="edge_only")), edges="boundary")
+    assert len(both) == 0
+
+
+def test_curves_of_surfaces_end_at_branches_and_corners_stay():
+    three = ls.fit_curve(ls.Mesh(CORNERS, QUADS, creases={(0, 1): 10, (0, 2): 10, (0, 4): 10}))
+    assert (len(three), three.closed.any()) == (3, False)
+    ends = np.concatenate([three.evaluate(k, three.domain[k]) for k in range(3)])
+    assert sorted((np.abs(ends) < 1e-15).all(axis=1)) == [False] * 3 + [True] * 3
+    # with corners kept, the rim has four of them, and two ends where it closes
+    rim = ls.fit_curve(SHEET.with_tags(boundary="edge_and_corner"))
+    knots = rim[0][0]
+    assert sum((knots == t).sum() >= 3 for t in np.unique(knots)) == 6
+    # of an n-gon too, by halves of its edges; and two parts are two curves
+    pentagon = [[np.cos(2 * np.pi * k / 5), np.sin(2 * np.pi * k / 5), 0] for k in range(5)]
+    far = np.add(pentagon, [3, 0, 0])
+    two = ls.Mesh(np.concatenate([pentagon, far]), [[0, 1, 2, 3, 4], [5, 6, 7, 8, 9]],
+                  boundary="edge_only")  # fmt: skip
+    found = ls.fit_curve(two, tolerance=1e-5)
+    assert found.closed.tolist() == [True, True]
+    assert far_from(found, 0, periodic(np.array(pentagon))) < 2e-5
+    assert far_from(found, 1, periodic(far)) < 2e-5
+
+
+def test_edges_that_have_collapsed_are_no_curves():
+    points = SHEET.points.copy()
+    points[[0, 1, 2, 3]] = points[0]
+    with_point = ls.fit_curve(SHEET.with_points(points), tolerance=1e-4)
+    assert with_point.deviation[0] <= 1e-4
+    assert len(ls.fit_curve(SHEET.with_points(0 * points))) == 0
 
 
 def test_wrong_places_on_curves_are_said():

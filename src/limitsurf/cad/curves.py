@@ -10,9 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import html
+from limitsurf.cad.chains import Chains, Kind
 from limitsurf.cage.checks import checked_number
+from limitsurf.cage.mesh import Mesh
 from limitsurf.fem.checks import reals
+from limitsurf.query.index import checked_surface
 from limitsurf.query.records import Polylines
+from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
 
@@ -22,6 +26,12 @@ _CORNER = 30.0  # degrees
 _SETTLE = 3  # times that parameters are moved to feet, for each set of knots
 _PERIODS = 4  # spans of a closed curve, at least
 _CROWDED = 0.75  # knots to a point, from which on splines wave between points: it goes through all
+_EACH, _FINEST = 8, 512  # places along a side of a surface, at first and at most
+_BETWEEN = 4  # times as many that say how far off a spline is
+_CUBIC = 1e-13  # of a curve: what is so near to a cubic is one
+_COLLAPSED = 1e-13  # of the cage: edges so short are points
+_SAME = 2.0**-44  # of a curve: points so near to the one before say nothing
+_SEEDS, _TRIED = 8, 4  # places of a span from which feet are sought, and how many are tried
 _RIDGE = 1e-15  # of the normal equations: what no point tells stays small
 
 
@@ -33,7 +43,7 @@ class SplineCurves:
     ----------
     knots : (K,) float64
         Of all curves, one after the other: clamped, each inner one once, but three times at
-        corners. They are lengths along the polyline, from 0 on.
+        corners. They are lengths along the polyline, from 0 on, or count the sides of a surface.
     points : (C, d) float64
         Control points of all curves; of one curve four fewer than knots.
     knot_offsets, point_offsets : (n + 1,) int64
@@ -42,7 +52,8 @@ class SplineCurves:
         Whether a curve ends where it begins; if there is no corner, with equal first and second
         derivatives.
     deviation : (n,) float64
-        The largest distance of the curve from a point of the polyline: at most this.
+        The largest distance of the curve from a point of the polyline: at most this. Of curves of
+        a surface, from places that are four times as dense as those that it was fitted to.
 
     Examples
     --------
@@ -152,19 +163,24 @@ class _Spline(NamedTuple):
 
 
 def fit_curve(
-    curves: ArrayLike | Sequence[ArrayLike] | Polylines,
+    curves: ArrayLike | Sequence[ArrayLike] | Polylines | Mesh | LimitSurface,
     *,
     tolerance: float | None = None,
     closed: bool | Sequence[bool] | None = None,
     corner_angle: float = _CORNER,
+    edges: Kind | None = None,
 ) -> SplineCurves:
-    """Cubic B-spline curves through points, with as few knots as a tolerance takes.
+    """Cubic B-spline curves through points, or along the sharp edges of a surface.
+
+    They have as few knots as a tolerance takes.
 
     Parameters
     ----------
-    curves : (n, d) array_like, sequence of these, or Curves
-        Points in order along a curve, in any dimension; several such curves; or what `section`,
-        `contour`, `silhouette` or `intersect_surfaces` found.
+    curves : (n, d) array_like, sequence of these, Curves, Mesh or LimitSurface
+        Points in order along a curve, in any dimension; several such curves; what `section`,
+        `contour`, `silhouette` or `intersect_surfaces` found; or a surface (that of a Mesh is its
+        limit surface), of which the curves are its boundaries, then its infinitely sharp creases,
+        each from one end or branch to the next.
     tolerance : float, optional
         How far a spline may be from a point, in the units of the points. By default 1e-4 of the
         longest side of the box around each curve.
@@ -174,12 +190,14 @@ def fit_curve(
     corner_angle : float
         Degrees between 0 and 180. Where a polyline turns by more, its curve has a corner there,
         through which it goes; elsewhere it has continuous second derivatives.
+    edges : {"boundary", "crease"}, optional
+        Which curves of a surface; by default both.
 
     Returns
     -------
     SplineCurves
         In the order of the curves. Open ones go through their first and last point, in their
-        direction; closed ones with corners begin at the first of these.
+        direction; closed ones of points with corners begin at the first of these.
 
     Raises
     ------
@@ -187,7 +205,8 @@ def fit_curve(
         For points that are no real numbers.
     ValueError
         For fewer than two different points, some that are not finite (it says which), a tolerance
-        that is not above 0, and another number of `closed`.
+        that is not above 0, and another number of `closed`; for `closed` of a surface, `edges` of
+        points, and surfaces of dual schemes, whose limit faces have no sides along edges of cages.
 
     Notes
     -----
@@ -196,6 +215,10 @@ def fit_curve(
     Aided Geometric Design 1988); where a point is too far away, its span of knots gets one more, at
     the middle one of its points. In the end, or where points do not allow more, every point is
     gone through. Between points nothing is known: the polyline itself is off by its own tolerance.
+    Curves of a surface are taken at more and more places until what is between these is within the
+    tolerance as well; `deviation` is then what four times as many places have. Most sharp curves
+    are splines of the cage by themselves, one span to an edge: these are taken as they are, where
+    that takes no more control points.
 
     Examples
     --------
@@ -207,15 +230,24 @@ def fit_curve(
     >>> bool(circle.deviation[0] <= 1e-4), len(circle.points) < 20
     (True, True)
     """
-    lines, loops = _polylines(curves, closed)
+    if edges not in (None, "boundary", "crease"):
+        raise ValueError(f"edges must be 'boundary', 'crease' or None, got {edges!r}")
     angle = checked_number("corner_angle", corner_angle, above=0, below=180)
     if tolerance is not None:
         tolerance = checked_number("tolerance", tolerance, above=0, below=np.inf)
-    found = [
-        _curve(line, loop, tolerance, np.deg2rad(angle))
-        for line, loop in zip(lines, loops, strict=True)
-    ]
-    width = lines[0].shape[1] if lines else 3
+    if isinstance(curves, (Mesh, LimitSurface)):
+        if closed is not None:
+            raise ValueError("closed is of points: of the curves of a surface it is known")
+        found, loops = _of_surface(curves, edges, tolerance, np.deg2rad(angle))
+    else:
+        if edges is not None:
+            raise ValueError("edges are those of a surface: give one, or leave them out")
+        lines, loops = _polylines(curves, closed)
+        found = [
+            _curve(line, loop, tolerance, np.deg2rad(angle))
+            for line, loop in zip(lines, loops, strict=True)
+        ]
+    width = found[0].points.shape[1] if found else 3
     counts = np.array([(len(one.knots), len(one.points)) for one in found], dtype=np.int64)
     offsets = np.zeros((len(found) + 1, 2), dtype=np.int64)
     np.cumsum(counts.reshape(-1, 2), axis=0, out=offsets[1:])
@@ -227,6 +259,107 @@ def fit_curve(
         np.array(loops, dtype=bool),
         np.array([one.deviation for one in found], dtype=float),
     )
+
+
+def _of_surface(
+    given: Mesh | LimitSurface, kind: Kind | None, tolerance: float | None, angle: float
+) -> tuple[list[_Spline], list[bool]]:
+    """Splines along boundaries and creases of a surface, and whether they are closed."""
+    surface = checked_surface(LimitSurface(given) if isinstance(given, Mesh) else given)
+    if surface.topology.lattice.dual:
+        name = surface.topology.rules.scheme.name
+        raise ValueError(
+            f"limit faces of scheme {name!r} have no sides along edges of the cage: give points of "
+            "its boundary"
+        )
+    chains = Chains(surface, kind)
+    used = surface.points[surface.mesh.vertex_faces > 0] / 2
+    extent = 2 * float(np.ptp(used, axis=0).max(initial=0)) if len(used) else 0.0
+    found: list[_Spline] = []
+    loops: list[bool] = []
+    for k, loop in enumerate(chains.closed.tolist()):
+        each = _EACH
+        dense = chains.points(k, _BETWEEN * each)
+        if not np.isfinite(dense).all():
+            raise ValueError(f"curve {k} of the surface has points that are not finite")
+        side = float((dense.max(axis=0) / 2 - dense.min(axis=0) / 2).max()) * 2
+        if side <= _COLLAPSED * extent:
+            continue
+        most = _RELATIVE * side if tolerance is None else tolerance
+        while True:
+            (line,), (shut,) = _polylines(dense[::_BETWEEN], bool(loop))
+            one = _curve(line, shut, most, angle)
+            one = one._replace(deviation=_distance(one, dense))
+            each *= 2
+            if one.deviation <= most or each > _FINEST:
+                break
+            dense = chains.points(k, _BETWEEN * each)
+        exact = _exact(chains.points(k, _EACH), dense)
+        found.append(exact if exact and len(exact.points) <= len(one.points) else one)
+        loops.append(shut)
+    return found, loops
+
+
+def _exact(points: Array, dense: Array) -> _Spline | None:
+    """The spline that a curve with `_EACH` points along each side is, one span to a side.
+
+    None if it is no cubic between them. Where sides do not meet with two equal derivatives the
+    knot counts three times.
+    """
+    from scipy.interpolate import BSpline, PPoly, make_interp_spline
+
+    middle = points.min(axis=0) / 2 + points.max(axis=0) / 2
+    power = int(np.frexp(np.ptp(points / 2, axis=0).max())[1]) + 1
+    scaled = np.ldexp(points - middle, -power)
+    sides = np.arange(len(points) // _EACH)[:, None] * _EACH + np.arange(_EACH + 1)
+    powers = (np.arange(_EACH + 1) / _EACH)[:, None] ** np.arange(_DEGREE, -1, -1)
+    coefficients = np.matmul(np.linalg.pinv(powers), scaled[sides])  # (sides, 4, d)
+    if np.abs(powers @ coefficients - scaled[sides]).max() > _CUBIC:
+        return None
+    breaks = np.arange(len(sides) + 1.0)
+    curve = PPoly(coefficients.transpose(1, 0, 2), breaks)
+    before, after = coefficients[:-1], coefficients[1:]
+    jumps = (3 * before[:, 0] + 2 * before[:, 1] + before[:, 2] - after[:, 2],
+             3 * before[:, 0] + before[:, 1] - after[:, 1])  # fmt: skip
+    smooth = np.abs(np.concatenate(jumps, axis=1)).max(axis=1) <= _CUBIC
+    inner = np.repeat(breaks[1:-1], np.where(smooth, 1, _DEGREE))
+    clamp = np.ones(_DEGREE + 1)
+    knots = np.concatenate([0 * clamp, inner, breaks[-1] * clamp])
+    means = np.lib.stride_tricks.sliding_window_view(knots[1:-1], _DEGREE).mean(axis=1)
+    control = make_interp_spline(means, curve(means), _DEGREE, t=knots).c
+    control[[0, -1]] = scaled[[0, -1]]
+    at = np.linspace(0, len(sides), len(dense))
+    gap = BSpline(knots, control, _DEGREE)(at) - np.ldexp(dense - middle, -power)
+    away = float(np.sqrt((gap**2).sum(axis=1)).max())
+    control = np.ldexp(control, power) + middle
+    return _Spline(knots, control, float(np.ldexp(away, power))) if away <= _CUBIC else None
+
+
+def _distance(one: _Spline, points: Array) -> float:
+    """The largest distance of points (n, d) from a spline."""
+    from scipy.interpolate import BSpline
+    from scipy.spatial import cKDTree
+
+    spline = BSpline(one.knots, one.points, _DEGREE)
+    low, high = one.knots[0], one.knots[-1]
+    breaks = np.unique(one.knots)
+    seeds = breaks[:-1, None] + np.diff(breaks)[:, None] * np.arange(_SEEDS) / _SEEDS
+    seeds = np.append(seeds.ravel(), high)
+    at = spline(seeds)
+    scale = 2.0 ** -float(np.frexp(np.abs(points - points[0]).max())[1])
+    k = min(_TRIED, len(seeds))  # some, as at corners a place knows one side alone
+    _, near = cKDTree((at - points[0]) * scale).query((points - points[0]) * scale, k=k)
+    t, points = seeds[near.ravel()], np.repeat(points, k, axis=0)
+    least = np.full(len(points), np.inf)
+    for _ in range(_SETTLE + 3):
+        gap, way = (points - spline(t)) * scale, spline(t, nu=1) * scale
+        least = np.minimum(least, np.sqrt((gap**2).sum(axis=1)))
+        square = (way**2).sum(axis=1)
+        bent = square - (gap * spline(t, nu=2) * scale).sum(axis=1)
+        with np.errstate(all="ignore"):
+            step = (gap * way).sum(axis=1) / np.where(bent > 0.1 * square, bent, square)
+        t = np.clip(t + np.nan_to_num(step), low, high)
+    return float(least.reshape(-1, k).min(axis=1).max() / scale)
 
 
 def _polylines(given: Any, closed: Any) -> tuple[list[Array], list[bool]]:
@@ -254,10 +387,13 @@ def _polylines(given: Any, closed: Any) -> tuple[list[Array], list[bool]]:
         if len(wrong):
             what = f"point {wrong[0]} of curve {k}"
             raise ValueError(f"points must be finite, got {line[wrong[0]]} as {what}")
-        keep = np.ones(len(line), dtype=bool)
-        keep[1:] = (line[1:] != line[:-1]).any(axis=1)
-        line = line[keep]
-        ends = len(line) > 3 and bool((line[0] == line[-1]).all())
+        if len(line):
+            half = line / 2
+            least = _SAME * float(np.ptp(half, axis=0).max())
+            keep = np.append(True, (np.abs(np.diff(half, axis=0)) > least).any(axis=1))
+            line, half = line[keep], half[keep]
+            back = bool((np.abs(half[0] - half[-1]) <= least).all())
+        ends = len(line) > (2 if loop else 3) and back
         if ends:
             line = line[:-1] if loop is not False else line
             loop = True if loop is None else loop
@@ -373,7 +509,7 @@ class _Piece:
         """Control points of the spline that is nearest at given parameters."""
         from scipy.interpolate import BSpline
         from scipy.sparse import eye_array
-        from scipy.sparse.linalg import spsolve
+        from scipy.sparse.linalg import splu, spsolve
 
         rows = BSpline.design_matrix(t, knots, _DEGREE).tocsc()
         if self._closed:
@@ -386,7 +522,7 @@ class _Piece:
             targets = self._points[1:-1] - rows[1:-1][:, [0, -1]] @ ends
             rows = rows[1:-1, 1:-1]
         if rows.shape[0] == rows.shape[1]:
-            found = spsolve(rows, targets).reshape(targets.shape)
+            found = splu(rows).solve(targets)
             return np.concatenate([found, found[:_DEGREE]])
         square = (rows.T @ rows).tocsc()
         ridge = _RIDGE * square.diagonal().max() * eye_array(square.shape[0], format="csc")

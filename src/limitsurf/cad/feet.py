@@ -117,6 +117,9 @@ class SharpEdges:
     face, side : (k,) int64
         Of an edge with several faces those of one of these.
     on_boundary : (k,) bool
+    nodes : (k, 2) int64
+        Where sides begin and end: vertices of the cage, or, of halves of edges of n-gons, the
+        middle of an edge, as its number after those of all vertices.
     """
 
     def __init__(self, surface: LimitSurface) -> None:
@@ -136,7 +139,14 @@ class SharpEdges:
         _, one = np.unique(np.stack([edge, begins], axis=1), axis=0, return_index=True)
         one = _not_twice(edge, begins, one)
         self.face, self.side = face[one], side[one]
-        self.on_boundary = np.asarray(mesh.boundary_edge[edge[one]])
+        whole, half, edge = corner[one] < 0, half[one], edge[one]
+        tip, middle = mesh.indices[start[one]], mesh.n_vertices + edge
+        ends = np.where(
+            whole, mesh.indices[[half, mesh.next_corner[half]]],
+            np.where(self.side == 0, [tip, middle], [middle, tip]),
+        )  # fmt: skip
+        self.nodes = ends.T
+        self.on_boundary = np.asarray(mesh.boundary_edge[edge])
         ends = np.array(lattice.corners, dtype=float)
         self._from, self._way = ends, np.roll(ends, -1, axis=0) - ends
 

@@ -153,9 +153,11 @@ def fit(
         The energy that a surface without bumps has little of (`ls.fairness`); by default the first
         of these that is finite.
     smoothing : float, optional
-        What is added to the mean of squared distances: so many times the energy, as a mean over the
-        limit faces. It has no unit: 1e-4 smooths visibly, 1e-8 fills holes. By default 0; 1e-6,
-        with a warning, where points are too few or too one-sided to say where all vertices are.
+        What is added to the mean of squared distances: so many times the energy, as a mean over
+        the limit faces. It has no unit: 1e-4 smooths visibly, 1e-8 fills holes. By default 0;
+        where points are too few or too one-sided to say where all vertices are, with a warning,
+        1e-6, or the mean of squared distances, of the size, if that is less: it vanishes with the
+        error.
     loss : {"linear", "huber", "soft_l1", "cauchy"}
         How squares of distances d count: as they are; or, with z = (d / scale)^2, as z up to 1 and
         2 sqrt(z) - 1 beyond; 2 (sqrt(1 + z) - 1); log(1 + z). So few points that are far off have
@@ -208,7 +210,9 @@ def fit(
     planes, and where the surface is curved away from a point, along it as well (Wang, Pottmann and
     Liu, "Fitting B-spline curves to point clouds by curvature-based squared distance minimization",
     ACM Transactions on Graphics 2006; derived in ``derivations/fitting.py``). From points of a
-    surface of the same cage steps converge quadratically, to rounding. Nearest places are followed
+    surface of the same cage steps converge quadratically, to rounding, where the cage begins near
+    enough: within a part of its shorter edges. Farther away ripples can slide onto their
+    neighbours, where no step makes the error less. Nearest places are followed
     by Newton's method, and sought on the whole surface every fourth step and at the end.
 
     A cage is not always determined by its surface: on a flat part vertices can move in its plane,
@@ -448,13 +452,16 @@ def _problem(
 def _with_energy(run: Steps, surface: LimitSurface, options: _Options) -> None:
     """Add to what is minimized the energy that was asked for, or that it takes."""
     unseen, share = _unseen(run), options.smoothing
+    fading = bool(unseen) and share is None
     if unseen and not share:
-        done = f"; smoothing={_SMOOTHING:g} is added" if share is None else ""
+        done = f"; smoothing={_SMOOTHING:g}, less as the error falls, is added" if fading else ""
         warnings.warn(f"{unseen}{done}", UserWarning, stacklevel=users_level())
-        share = _SMOOTHING if share is None else share
-    if share:
-        energy = _energy(surface, options.fairness) * (share / len(surface.limit_faces))
-        run.problem = replace(run.problem, energy=energy)
+    if share or fading:
+        energy = _energy(surface, options.fairness) * (1 / len(surface.limit_faces))
+        if fading:
+            run.fading = _SMOOTHING * energy
+        else:
+            run.problem = replace(run.problem, energy=share * energy)
 
 
 def _energy(surface: LimitSurface, wanted: Energy | None) -> Any:

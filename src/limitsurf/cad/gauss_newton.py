@@ -14,10 +14,9 @@ Array = NDArray[Any]
 
 # entries of a symmetric 3 x 3 matrix, and where these are
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-_ENTRY = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+ENTRY = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 _ROWS = 32  # that are multiplied at once
 _MOST = 1 << 22  # numbers that are in memory at once
-_DENSE = 1500  # unknowns up to which a dense factorization is the faster one
 _FLOOR = 1e-6  # of the mean of the diagonal
 
 
@@ -79,50 +78,28 @@ class Normal:
     """A symmetric matrix (3 n, 3 n) of blocks, and solutions with some of its diagonal added."""
 
     def __init__(self, blocks: list[csr_array]) -> None:
-        n = blocks[0].shape[0]
-        self._n, self._dense = n, 3 * n <= _DENSE
+        from scipy.sparse import block_array
+
         own = sum(blocks[k].diagonal() for k in (0, 3, 5)) / 3
         # of each vertex as much as it has, so that it moves as easily whether its faces are large
         # or small; and something where there is nothing
         self._damped = np.tile(own + _FLOOR * own.mean(), 3)
-        if self._dense:
-            whole = [one.toarray() for one in blocks]
-            self._matrix = np.block([[whole[k] for k in row] for row in _ENTRY])
-        else:
-            from scipy.sparse import block_array
-
-            self._matrix = block_array([[blocks[k] for k in row] for row in _ENTRY], format="csc")
+        self._matrix = block_array([[blocks[k] for k in row] for row in ENTRY], format="csc")
 
     def solve(self, damping: float, right: Array) -> Array | None:
-        """A step (n, 3) for a right side (n, 3); None if the matrix is not definite by rounding."""
-        flat, added = right.T.ravel(), damping * self._damped
-        found = self._by_cholesky(added, flat) if self._dense else self._by_elimination(added, flat)
-        if found is None or not np.isfinite(found).all():
-            return None
-        return np.asarray(found.reshape(3, -1).T)
-
-    def _by_cholesky(self, added: Array, right: Array) -> Array | None:
-        from scipy import linalg
-
-        shifted = self._matrix.copy()
-        shifted.flat[:: 3 * self._n + 1] += added
-        try:
-            factor = linalg.cho_factor(shifted, overwrite_a=True, check_finite=False)
-        except linalg.LinAlgError:
-            return None
-        return np.asarray(linalg.cho_solve(factor, right, check_finite=False))
-
-    def _by_elimination(self, added: Array, right: Array) -> Array | None:
+        """A step (n, 3) for a right side (n, 3); None if the matrix is singular by rounding."""
+        # (LAPACK's factorizations of small matrices take ten times as long by several threads)
         from scipy.sparse import diags_array
         from scipy.sparse.linalg import splu
 
-        shifted = (self._matrix + diags_array(added)).tocsc()
+        shifted = (self._matrix + diags_array(damping * self._damped)).tocsc()
         options = {"SymmetricMode": True}
         try:
             factor = splu(shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0, options=options)
         except RuntimeError:
             return None
-        return np.asarray(factor.solve(right))
+        found = factor.solve(right.T.ravel()).reshape(3, -1).T
+        return np.asarray(found) if np.isfinite(found).all() else None
 
     def curvature(self, step: Array) -> float:
         """``step^T matrix step`` of a step (n, 3)."""

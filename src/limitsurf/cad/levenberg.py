@@ -9,14 +9,14 @@ directions in which the foot slides along, and what curvature leaves of these
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.cad.feet import Feet, SharpEdges, followed, sought
-from limitsurf.cad.gauss_newton import PAIRS, Normal, sums
+from limitsurf.cad.gauss_newton import ENTRY, PAIRS, Normal, sums
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -26,8 +26,10 @@ LOSSES: tuple[Loss, ...] = get_args(Loss)
 _ASIDE = 1e-6  # of a residual: what is along the surface where the foot cannot go on
 _OFTEN = 8  # steps after which feet are sought on the whole surface
 _TRIES = 12  # of dampings in a step
-_DAMPING, _LEAST, _MOST, _LESS = 1e-3, 1e-10, 1e6, 0.02
+_DAMPING, _LEAST, _MOST, _LESS = 1e-3, 1e-15, 1e6, 0.02
 _ROUNDING = 1e-14  # distances, of the size
+_FEET = 1e-12  # how far feet may be off along the surface, of the size
+_FADING, _LITTLE = 1e-6, 1e-8  # mean squares up to which such energies fade, and what is left
 _GAINED = 1e-3  # of the sum of squares: less is nothing
 _MAD = 1.4826  # standard deviations of a normal distribution in a median of distances
 _ON, _BOUNDARY, _CREASE = 0, 1, 2
@@ -81,6 +83,7 @@ class Steps:
 
     def __init__(self, problem: Problem, surface: LimitSurface) -> None:
         self.problem = problem
+        self.fading: Any = None  # an energy that is to vanish with the error
         self.edges = SharpEdges(surface) if problem.kinds.any() else None
         self.state = self._at(surface, None)
         self.scale = self._scale()
@@ -160,9 +163,9 @@ class Steps:
         _, slope = _rho(problem.loss, state.distance, self.scale)
         weight = self.counted * slope
         W = surface.weights(feet.face, feet.u, feet.v, workers=problem.workers)
-        metric = weight[:, None] * metrics(surface, feet, state.gap, problem.kinds, problem.workers)
-        blocks = sums(W, metric)
-        right = W.T @ (weight[:, None] * state.gap)
+        metric = metrics(surface, feet, state.gap, problem.kinds, problem.workers)
+        blocks = sums(W, weight[:, None] * metric)
+        right = W.T @ (weight[:, None] * across(metric, state.gap))
         diagonal = [k for k, (i, j) in enumerate(PAIRS) if i == j]
         if problem.energy is not None:
             right = right - problem.energy @ surface.points
@@ -180,6 +183,9 @@ class Steps:
 
     def step(self, damping: float, anew: bool) -> tuple[float, float, bool]:
         """One step: the damping for the next one, the cost, and whether there was a step."""
+        if self.fading is not None:
+            share = min(max(self.data(self.state) / _FADING, _LITTLE), 1.0)
+            self.problem = replace(self.problem, energy=share * self.fading)
         normal, right = self.equations()
         before, grow = self.cost(self.state), 4.0
         for _ in range(_TRIES):
@@ -294,6 +300,17 @@ def metrics(surface: LimitSurface, feet: Feet, gap: Array, kinds: Array, workers
     lost = ~np.isfinite(found).all(axis=1)
     found[lost] = _outer(np.eye(3)).sum(axis=0)
     return found
+
+
+def across(metric: Array, gap: Array) -> Array:
+    """Gaps (n, 3) of points without what is along the surface by rounding of feet alone.
+
+    Along a surface that can slide within itself nothing else would oppose that in a step.
+    """
+    found = np.einsum("nij,nj->ni", metric[:, ENTRY], gap)
+    aside = np.sqrt(((gap - found) ** 2).sum(axis=1))
+    exact = aside <= _ASIDE * np.sqrt((gap**2).sum(axis=1)) + _FEET
+    return np.where(exact[:, None], found, gap)
 
 
 def _outer(vectors: Array) -> Array:
