@@ -160,8 +160,8 @@ for p in (1, 2, 4):
 # normals from a ring on, and that of the polynomial there, beyond the last ring.
 #
 # The surface is self-similar: the difference falls with each level like the subdominant eigenvalue
-# $\lambda$, along the normal like the largest one $\mu$ that is not in the tangent plane, and
-# angles like $\mu/\lambda$. At valence 3, $\lambda = 0.410$, and at the corners of a cube $\mu = 1/6$.
+# $\lambda$, along the normal like $\mu$, the largest that is not in the tangent plane, and angles
+# like $\mu/\lambda$. At valence 3, $\lambda = 0.410$, and at corners of a cube $\mu = 1/6$.
 
 # %%
 points = [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]

@@ -16,6 +16,7 @@ from limitsurf.cad import nets, splines
 from limitsurf.cad.caps import CapErrors, Caps, depths_within
 from limitsurf.cad.merging import merged_faces, regular_faces
 from limitsurf.cad.poles import Poles
+from limitsurf.cad.splines import Layout
 from limitsurf.cage.checks import checked_integer
 from limitsurf.engine.protocol import Request
 from limitsurf.numbers import type_of
@@ -128,6 +129,12 @@ class BSplineFaces:
         return splines.Splines.of(*known)
 
     @cached_property
+    def layout(self) -> Layout:
+        """The same as what says where limit faces are."""
+        known = self.grid, self.limit_faces, self.turns, self.origin, self.size
+        return Layout(*known, self.trims is not None)
+
+    @cached_property
     def cap_errors(self) -> tuple[Array, CapErrors]:
         """The faces that are not exact, one to each special corner, and the errors there."""
         poles = Poles.of(self.surface)
@@ -136,7 +143,7 @@ class BSplineFaces:
         if self.trims is not None:
             return np.flatnonzero(~self.exact), errors
         none = np.zeros((len(depth), 2))
-        return splines.located(self, poles.face, none)[0], errors
+        return splines.located(self.layout, poles.face, none)[0], errors
 
     @property
     def deviation(self) -> Array:
@@ -228,7 +235,7 @@ class BSplineFaces:
         request.check(len(self.surface.limit_faces), lattice)
         shape = np.broadcast_shapes(np.shape(limit_face), np.shape(u), np.shape(v))
         place = np.stack([np.ravel(request.u), np.ravel(request.v)], axis=1).astype(float)
-        found, x, y = splines.located(self, np.ravel(request.face).astype(np.int64), place)
+        found, x, y = splines.located(self.layout, np.ravel(request.face).astype(np.int64), place)
         return found.reshape(shape), x.reshape(shape), y.reshape(shape)
 
     def on_surface(self, face: ArrayLike, u: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
@@ -242,7 +249,7 @@ class BSplineFaces:
         (array([0]), array([[0.25, 0.5 ]]))
         """
         _, which, x, y = self._places(face, u, v)
-        return splines.on_limit_faces(self, which, np.stack([x, y], axis=1))
+        return splines.on_limit_faces(self.layout, which, np.stack([x, y], axis=1))
 
     def _places(self, face: Any, u: Any, v: Any) -> tuple[Any, Array, Array, Array]:
         which, x, y = np.broadcast_arrays(face, np.asarray(u, float), np.asarray(v, float))

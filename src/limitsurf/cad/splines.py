@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from limitsurf.cad.bspline import BSplineFaces
 
 Array = NDArray[Any]
 
@@ -99,17 +96,36 @@ class Splines:
         return low - degree, values, slopes
 
 
-def located(faces: BSplineFaces, limit_face: Array, place: Array) -> tuple[Array, Array, Array]:
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where limit faces are in faces: all as in `BSplineFaces`.
+
+    Attributes
+    ----------
+    grid, limit_faces, turns, origin, size
+    triangles : bool
+        Whether faces are parts of limit faces.
+    """
+
+    grid: Array
+    limit_faces: Array
+    turns: Array
+    origin: Array
+    size: Array
+    triangles: bool
+
+
+def located(faces: Layout, limit_face: Array, place: Array) -> tuple[Array, Array, Array]:
     """Faces (Q,), u and v there, of checked places (Q, 2) on limit faces."""
     first = np.concatenate([[0], np.cumsum(faces.grid.prod(axis=1))])
-    owner = np.repeat(np.arange(len(faces)), np.diff(first))
+    owner = np.repeat(np.arange(len(faces.grid)), np.diff(first))
     order = np.argsort(faces.limit_faces, kind="stable")
     keys = faces.limit_faces[order]
     begin, end = (np.searchsorted(keys, limit_face, side) for side in ("left", "right"))
     found = np.full(len(limit_face), -1)
     x = np.full(place.shape, np.nan)
     known = np.flatnonzero(end > begin)
-    if faces.trims is None:
+    if not faces.triangles:
         cell = order[begin[known]]
         face = owner[cell]
         base, along, across = _TURNS[faces.turns[cell]].swapaxes(0, 1)
@@ -133,10 +149,10 @@ def located(faces: BSplineFaces, limit_face: Array, place: Array) -> tuple[Array
     return found, x[:, 0], x[:, 1]
 
 
-def on_limit_faces(faces: BSplineFaces, face: Array, place: Array) -> tuple[Array, Array]:
+def on_limit_faces(faces: Layout, face: Array, place: Array) -> tuple[Array, Array]:
     """Limit faces (Q,) and places there (Q, 2) of places (Q, 2) of faces (Q,)."""
     first = np.cumsum(faces.grid.prod(axis=1)) - faces.grid.prod(axis=1)
-    if faces.trims is not None:
+    if faces.triangles:
         found = faces.origin[face] + faces.size[face] * place
         return faces.limit_faces[first[face]], np.clip(found, 0, 1)
     step = np.minimum(np.floor(np.nan_to_num(place)).astype(np.int64), faces.grid[face] - 1)
