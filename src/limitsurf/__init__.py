@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     from limitsurf.cad.compare import compare as compare
     from limitsurf.cad.deviation import PatchDeviation as PatchDeviation
     from limitsurf.cad.deviation import deviation as deviation
+    from limitsurf.cad.folds import Folds as Folds
+    from limitsurf.cad.offset import OffsetSurface as OffsetSurface
+    from limitsurf.cad.offset import offset as offset
+    from limitsurf.cad.offset_cage import OffsetCage as OffsetCage
+    from limitsurf.cad.offset_cage import thickened as thickened
+    from limitsurf.cad.offset_faces import OffsetFaces as OffsetFaces
     from limitsurf.cad.spline_faces import SplineFaces as SplineFaces
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
@@ -189,9 +195,13 @@ _HOME = {
     "ExactOperator": "refine",
     "Faces": "cage.faces",
     "FeetOfPoints": "query.closest",
+    "Folds": "cad.folds",
     "LimitSurface": "surface",
     "Mesh": "cage.mesh",
     "MeshError": "cage.checks",
+    "OffsetCage": "cad.offset_cage",
+    "OffsetFaces": "cad.offset_faces",
+    "OffsetSurface": "cad.offset",
     "PatchDeviation": "cad.deviation",
     "Picture": "shell.plot.plots",
     "RayHits": "query.rays",
@@ -240,6 +250,7 @@ _HOME = {
     "levels_of_detail": "query",
     "merged": "shell.io.merge",
     "occluded": "query.rays",
+    "offset": "cad.offset",
     "plot": "shell.plot.plots",
     "plot_characteristic_map": "shell.plot.plots",
     "plot_convergence": "shell.plot.plots",
@@ -257,6 +268,7 @@ _HOME = {
     "silhouette": "query.silhouettes",
     "spectral_analysis": "spectra",
     "tessellate": "query",
+    "thickened": "cad.offset_cage",
     "to_brep": "cad.brep",
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",

@@ -1,0 +1,287 @@
+"""Cages whose limit is near an offset of a surface, and of what is between both: thick solids."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from limitsurf import html
+from limitsurf.cage.checks import checked_integer
+from limitsurf.cage.mesh import Mesh
+from limitsurf.refine import refined
+from limitsurf.scheme import schemes
+from limitsurf.surface import LimitSurface
+
+if TYPE_CHECKING:
+    from limitsurf.cad.offset import OffsetSurface
+
+Array = NDArray[Any]
+
+_ACROSS = 1e-3  # weight of what a place is off across the normal
+_STILL = 1e-9  # weight of moves that no place asks for
+_SHARP = 10.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OffsetCage:
+    """A cage whose limit is near an offset, made by `OffsetSurface.fit`.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        The cage: that of the surface, refined `levels` times, with other points, and the scheme
+        and rules of the surface as its tags.
+    base : Mesh
+        That of the surface, refined as often: vertices and faces are those of `mesh`.
+    levels : int
+    along_normal, parametric : float
+        The largest differences to the offset at the same parameters, along its normal and as a
+        whole, found at other places than those that were fitted. Along mitred creases the second
+        is as large as mitres are.
+    tolerance : float, or None
+        What was asked for.
+    met : bool
+        Whether `along_normal` is within it, or there is none.
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    >>> ls.offset(ls.LimitSurface(square), 0.5).fit().met
+    True
+    """
+
+    mesh: Mesh
+    base: Mesh
+    levels: int
+    along_normal: float
+    parametric: float
+    tolerance: float | None
+    met: bool
+
+    def __repr__(self) -> str:
+        n = self.mesh.n_vertices
+        return f"{type(self).__name__}({n} vertices, within {self.along_normal:.3g})"
+
+    def _repr_html_(self) -> str:
+        names = ("levels", "along_normal", "parametric", "tolerance", "met")
+        return html.facts(type(self).__name__, {name: getattr(self, name) for name in names})
+
+    @property
+    def surface(self) -> LimitSurface:
+        """The limit surface of the cage."""
+        return LimitSurface(self.mesh)
+
+
+def offset_cage(offset: OffsetSurface, tolerance: float | None, levels: int) -> OffsetCage:
+    """That of an offset, refined at most so often."""
+    levels = checked_integer("levels", levels, 0)
+    known = offset.surface
+    mesh = _tagged(known.mesh, known)
+    k = 0
+    while True:
+        surface = LimitSurface(mesh, engine=known.engine)
+        moves = _moves(surface, offset.distance, offset.workers)
+        cage = mesh.with_points(mesh.points + moves)
+        along, whole = _off(surface, cage, offset.distance, offset.workers)
+        met = tolerance is None or along <= tolerance
+        if met or k == levels:
+            return OffsetCage(cage, mesh, k, along, whole, tolerance, met)
+        mesh, k = _tagged(refined(mesh, 1, **known.rules), known), k + 1
+
+
+def _tagged(mesh: Mesh, surface: LimitSurface) -> Mesh:
+    """A plain mesh of the surface's own scheme and rules."""
+    names = ("creases", "corners", "holes", "face_data", "units", "up")
+    tags = {name: getattr(mesh, name) for name in names}
+    return Mesh(mesh.points, (mesh.sizes, mesh.indices), **tags, **_named(surface))
+
+
+def _named(surface: LimitSurface) -> dict[str, Any]:
+    """Its scheme and rules, with the scheme by its name if it is built in."""
+    rules = surface.rules
+    name = rules["scheme"].name
+    if name in schemes and schemes[name] is rules["scheme"]:
+        rules["scheme"] = name
+    return rules
+
+
+def _places(surface: LimitSurface, line: Array) -> tuple[Array, Array, Array]:
+    """Places inside all limit faces."""
+    faces = np.flatnonzero(surface.patches.with_limit)
+    u, v = (x.ravel() for x in np.meshgrid(line, line, indexing="ij"))
+    if surface.topology.lattice.sloped:
+        v = v * (1 - u)
+    face = np.repeat(faces, len(u))
+    return face, np.tile(u, len(faces)), np.tile(v, len(faces))
+
+
+def _rims(surface: LimitSurface) -> tuple[Array, Array, Array]:
+    """Places on the edges of limit faces at open edges of the cage."""
+    from limitsurf.cad.edges import places
+
+    mesh, ends = surface.mesh, surface.limit_faces
+    there = np.ones(mesh.n_faces, dtype=bool)
+    there[ends.face[~surface.patches.with_limit]] = False
+    half = np.flatnonzero(mesh.boundary_edge[mesh.corner_edge] & there[mesh.corner_face])
+    s = np.tile((np.arange(6) + 0.5) / 6, (len(half), 1))
+    face, u, v = places(surface, half, s)
+    return face.ravel(), u.ravel(), v.ravel()
+
+
+def _moves(surface: LimitSurface, distance: float, workers: int) -> Array:
+    """Moves (n, 3) of control points: least squares of d n at many places."""
+    from scipy.sparse import block_diag, csr_array, diags_array, hstack, vstack
+    from scipy.sparse.linalg import splu
+
+    inner = _places(surface, (np.polynomial.legendre.leggauss(4)[0] + 1) / 2)
+    parts, loads = [], []
+    n = surface.mesh.n_vertices
+    for where, across in ((inner, _ACROSS), (_rims(surface), 1.0)):
+        normal = surface.normal(*where, workers=workers)
+        known = np.isfinite(normal).all(axis=1)
+        normal, kept = normal[known], [x[known] for x in where]
+        rows = csr_array(surface.weights(*kept, workers=workers))
+        # along the normal, and across it by its three coordinates
+        parts.append(hstack([diags_array(normal[:, c]) @ rows for c in range(3)]))
+        loads.append(np.full(len(normal), distance))
+        parts.append(across * block_diag([rows] * 3))
+        loads.append(across * distance * normal.T.ravel())
+    matrix = csr_array(vstack(parts))
+    still = _STILL * diags_array(np.ones(3 * n))
+    system = (matrix.T @ matrix + still).tocsc()
+    found = splu(system).solve(matrix.T @ np.concatenate(loads))
+    return np.asarray(found.reshape(3, n).T)
+
+
+def _off(surface: LimitSurface, cage: Mesh, distance: float, workers: int) -> tuple[float, float]:
+    """The largest differences between the limit of a cage and the offset."""
+    where = _places(surface, np.array([0.02, 0.21, 0.43, 0.66, 0.98]))
+    rims = _rims(surface)
+    every = [np.concatenate(both) for both in zip(where, rims, strict=True)]
+    normal = surface.normal(*every, workers=workers)
+    made = surface.with_points(cage.points).evaluate(*every, workers=workers)
+    away = made - surface.evaluate(*every, workers=workers) - distance * normal
+    away, normal = (x[np.isfinite(normal).all(axis=1)] for x in (away, normal))
+    along = np.abs((away * normal).sum(axis=1)).max(initial=0)
+    return float(along), float(np.linalg.norm(away, axis=1).max(initial=0))
+
+
+def thickened(
+    surface: LimitSurface,
+    distance: float,
+    *,
+    tolerance: float | None = None,
+    levels: int = 3,
+    workers: int = 1,
+) -> Mesh:
+    """A cage of the solid between a surface and its offset, closed by walls along open edges.
+
+    Parameters
+    ----------
+    surface : LimitSurface
+        Of float64 points (n_vertices, 3).
+    distance : float
+        As for `offset`; not 0.
+    tolerance, levels
+        As for `OffsetSurface.fit`, by which the offset is made; so are creases.
+    workers : int
+        Threads among which queries are divided.
+
+    Returns
+    -------
+    Mesh
+        Vertices of the surface's cage (refined as often as the tolerance asks), then those of the
+        offset in the same order; faces of both, one of them turned over, so that normals are
+        outwards, then walls. Open edges are infinitely sharp: the surface is the limit of its part
+        of the cage, exactly. Around a closed surface there is a void, or the solid is within it.
+
+    Raises
+    ------
+    ValueError
+        For distance 0, holes, non-manifold edges, and open cages of schemes without creases, whose
+        walls would be rounded off; and as `offset`.
+
+    Notes
+    -----
+    In schemes of quadrilaterals walls are ruled, by straight lines between both rims. That nothing
+    intersects is not checked: `OffsetSurface.folds` tells. The volume of the solid is
+    d A - d^2 M + d^3 K / 3 with the area A, and the integrals M and K of the mean and of the
+    Gaussian curvature, by Steiner's formula (``derivations/offsets.py``).
+
+    Examples
+    --------
+    >>> import limitsurf as ls
+    >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    >>> plate = ls.thickened(ls.LimitSurface(square), 0.25)
+    >>> plate.is_closed, round(ls.volume(ls.LimitSurface(plate)), 9)
+    (True, 0.25)
+    """
+    from limitsurf.cad.offset import offset
+
+    made = offset(surface, distance, tolerance=tolerance, workers=workers)
+    if not distance:
+        raise ValueError("distance must not be 0: there is nothing between a surface and itself")
+    mesh = surface.mesh
+    if len(mesh.holes):
+        raise ValueError(f"no solid of a cage with holes: face {mesh.holes[0]} is the first")
+    if mesh.nonmanifold_edge.any():
+        ends = mesh.edges[np.argmax(mesh.nonmanifold_edge)].tolist()
+        raise ValueError(f"no solid of a cage with non-manifold edges: {ends} is the first")
+    _refuse_walls(surface)
+    fitted = made.fit(levels=levels)
+    return _closed(fitted, surface, distance)
+
+
+def _refuse_walls(surface: LimitSurface) -> None:
+    """Complain of open cages whose walls would not be sharp."""
+    mesh, scheme = surface.mesh, surface.topology.rules.scheme
+    if not mesh.boundary_edge.any():
+        return
+    if surface.topology.lattice.dual:
+        raise ValueError(
+            f"{scheme.name} has no sharp creases for walls: thicken a closed cage, or one of "
+            "another scheme"
+        )
+    if surface.rules["boundary"] == "none":
+        raise ValueError('faces at open edges have no limit with boundary="none": use another rule')
+
+
+def _closed(fitted: OffsetCage, surface: LimitSurface, distance: float) -> Mesh:
+    """Both cages and walls between their rims."""
+    base, other = fitted.base, fitted.mesh
+    n = base.n_vertices
+    low, high = (0, n) if distance > 0 else (n, 0)  # sheets whose normals point in and out
+    following = base.offsets[base.corner_face] + base.sizes[base.corner_face] - 1
+    back = following - (np.arange(base.n_corners) - base.offsets[base.corner_face])
+    upper, lower = base.indices + high, base.indices[back] + low
+    rim = np.flatnonzero(base.boundary_edge[base.corner_edge])
+    a, b = base.indices[rim], base.indices[base.next_corner[rim]]
+    walls = np.stack([b + high, a + high, a + low, b + low], axis=1)
+    if surface.topology.lattice.sloped:
+        walls = walls[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+    sizes = [base.sizes, base.sizes, np.full(len(walls), walls.shape[1])]
+    faces = np.concatenate(sizes), np.concatenate([upper, lower, walls.ravel()])
+    edges, sharpness = base.creases
+    tagged, sharp = base.corners
+    single = base.boundary_vertex & (base.vertex_faces == 1)
+    single &= surface.rules["boundary"] == "edge_and_corner"
+    single[tagged[np.asarray(sharp, dtype=float) >= _SHARP]] = True
+    upright = np.flatnonzero(single & base.boundary_vertex)
+    rims = np.sort(np.stack([a, b], axis=1), axis=1)
+    inner = ~base.boundary_edge[base.edge_numbers(edges)] if len(edges) else np.zeros(0, dtype=bool)
+    kept = edges[inner]
+    infinite = [np.full(k, np.inf) for k in (len(rims), len(rims), len(upright))]
+    both = np.stack([upright, upright + n], axis=1)
+    creases = (
+        np.concatenate([kept, kept + n, rims, rims + n, both]),
+        np.concatenate([np.tile(np.asarray(sharpness, dtype=float)[inner], 2), *infinite]),
+    )
+    corners = np.concatenate([tagged, tagged + n]), np.tile(np.asarray(sharp, dtype=float), 2)
+    points = np.concatenate([base.points, other.points])
+    tags: dict[str, Any] = {"creases": creases, "corners": corners, "units": base.units}
+    tags["up"] = base.up
+    return Mesh(points, faces, **tags, **_named(surface))
