@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import zoo
+from command_line import facts, fail
 
 import limitsurf as ls
 
@@ -146,6 +147,7 @@ def test_curvature_diverges_at_poles():
     surface = surface_of(zoo.prism(5))  # poles of valence 5 in the middles of both pentagons
     found = ls.offset(surface, -0.05).folds()
     assert len(np.unique(found.pole)) == 2
+    assert found.turns.all()
     assert (found.pole >= surface.mesh.n_vertices).all()
     assert (found.radius > 0).all()
     # round the pole of a prism curvature grows as (mu / lambda^2)^n, distances fall as lambda^n
@@ -272,3 +274,33 @@ def test_solids_of_opencascade():
     shell = steiner(surface, 0.1)
     assert abs(volumes[0] - ls.volume(surface) - shell) < 5e-4
     assert abs(volumes[1] - shell) < 2e-3
+
+
+def test_command(tmp_path):
+    cage = tmp_path / "cube.obj"
+    ls.write(cage, ls.Mesh(*zoo.cube()))
+    larger = tmp_path / "larger.obj"
+    found = facts("offset", cage, "-d", 0.1, "-o", larger)
+    fitted = ls.offset(surface_of(zoo.cube()), 0.1).fit()
+    assert abs(ls.read(larger).points - fitted.mesh.points).max() < 1e-12
+    assert found["deviation"] == fitted.along_normal
+    thick = tmp_path / "thick.obj"
+    assert facts("offset", cage, "-d", -0.1, "--thick", "-o", thick)["faces"] == 12
+    assert ls.read(thick).is_closed
+    assert "finite" in fail("offset", cage, "-d", "nan", "-o", larger)
+    assert "name one" in fail("offset", cage, "-d", 1, "--to", "step")
+
+
+def test_command_for_cad(tmp_path):
+    pytest.importorskip("OCP")
+    cage, part = tmp_path / "cube.obj", tmp_path / "cube.step"
+    ls.write(cage, ls.Mesh(*zoo.cube()))
+    found = facts("offset", cage, "-d", 0.1, "--tolerance", 1e-3, "-o", part)
+    assert found["faces"] == 6
+    assert found["deviation"] < 1e-3
+    text = part.read_text()
+    assert "offset at 0.1" in text
+    assert "cube.step" in text
+    with pytest.raises(ValueError, match="offset"):
+        surface = surface_of(zoo.cube())
+        ls.deviation(surface, ls.offset(surface, 0.1).bspline_faces(tolerance=1e-3))

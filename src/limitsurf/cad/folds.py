@@ -18,6 +18,7 @@ Array = NDArray[Any]
 
 _ZOOMS = 4  # each to 3/5 of a cell on either side
 _RINGS = 40  # halvings towards a pole
+_SHALLOW = 8  # of these, where what is found is the face's, not the pole's
 _NEARER = 1e-6  # of the distance: rounding and what a search leaves
 
 
@@ -30,8 +31,7 @@ class Folds:
     least : (n_limit_faces,) float64
         The least factor 1 - d k of each limit face that was found, k a principal curvature that is
         positive towards the normal. The offset is regular where it is positive, and folds back
-        where it is negative. At poles of diverging curvature -inf where it diverges towards the
-        offset. NaN on faces without a limit.
+        where it is negative. NaN on faces without a limit.
     u, v : (n_limit_faces,) float64
         Where.
     singular : (s,) int64
@@ -41,8 +41,10 @@ class Folds:
         often as faces have it; `pole` is a vertex, or the middle of face k: n_vertices + k.
     radius : (r,) float64
         How far from the pole, on that limit face, abs(d k) is 1/2 or more: there the offset is
-        rounded off to curvature -1 / d at the pole, or folds back. At the pole itself it is C1
-        where no factor is negative, and only C0 otherwise.
+        rounded off to curvature -1 / d at the pole, or folds back. Where it is far below what
+        counts, as it often is, that can be left alone; `any` does.
+    turns : (r,) bool
+        Whether it folds back there, and is only C0 at the pole; else it is C1.
     near_face : (m,) int64
     near_u, near_v : (m,) float64
     clearance : (m,) float64
@@ -65,6 +67,7 @@ class Folds:
     limit_face: NDArray[np.int64]
     corner: NDArray[np.int64]
     radius: NDArray[np.float64]
+    turns: NDArray[np.bool_]
     near_face: NDArray[np.int64]
     near_u: NDArray[np.float64]
     near_v: NDArray[np.float64]
@@ -72,7 +75,7 @@ class Folds:
 
     @property
     def any(self) -> bool:
-        """Whether anything was found that folds back or is too near."""
+        """Whether anything was found that folds back or is too near, what poles do not counted."""
         return bool(len(self.singular) or len(self.near_face))
 
     def __repr__(self) -> str:
@@ -99,10 +102,10 @@ def folds_of(surface: LimitSurface, distance: float, samples: int, workers: int)
         least[faces] = factor[np.arange(len(faces)), best]
         at[:, faces] = u[best], v[best]
         _zoom(surface, faces, least, at, 1 / samples, distance, workers)
-    pole, face, corner, radius = _poles(surface, distance, least, at, workers)
+    poles = _poles(surface, distance, least, at, workers)
     near = _near(surface, faces, u, v, distance, workers)
     singular = np.flatnonzero(least <= 0)
-    return Folds(least, at[0], at[1], singular, pole, face, corner, radius, *near)
+    return Folds(least, at[0], at[1], singular, *poles, *near)
 
 
 def _inside(samples: int, sloped: bool) -> tuple[Array, Array]:
@@ -154,7 +157,7 @@ def _zoom(
 
 def _poles(
     surface: LimitSurface, distance: float, least: Array, at: Array, workers: int
-) -> tuple[Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array, Array]:
     """Poles where curvature diverges, and how far from them it counts; enters what folds there."""
     ends = Poles.of(surface)
     base = ends.corners[ends.corner].astype(float)
@@ -179,14 +182,14 @@ def _poles(
     away = np.linalg.norm(points - centre[:, None], axis=-1).max(axis=2)
     radius = _radius(size, away)
     turns = grows & (signed[24] > 1.02 * signed[16]) & (signed[16] > 0)
-    lowest = np.where(turns, -np.inf, np.where(distance == 0, np.inf, 1 - signed.max(axis=0)))
+    lowest = 1 - signed[:_SHALLOW].max(axis=0, initial=0.0)
     best = least.copy()
     np.fmin.at(best, ends.face, lowest)
     lower = np.flatnonzero((lowest == best[ends.face]) & (lowest < least[ends.face]))
     at[:, ends.face[lower]] = base[lower].T
     least[:] = best
     kept = np.flatnonzero(grows)
-    return ends.pole[kept], ends.face[kept], ends.corner[kept], radius[kept]
+    return ends.pole[kept], ends.face[kept], ends.corner[kept], radius[kept], turns[kept]
 
 
 def _radius(size: Array, away: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import factorial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,8 @@ class OffsetFaces(BSplineFaces):
 
     Attributes
     ----------
+    distance : float
+        Of the offset.
     along_normal : (n,) float64
         How far each face is from the offset, as found: the part of the difference at the same
         parameters that is along the normal, and what the part across it makes of a sphere of
@@ -56,9 +58,18 @@ class OffsetFaces(BSplineFaces):
     OffsetFaces(1 face of degree (3, 3), 0 exact)
     """
 
+    distance: float = 0.0
     along_normal: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     parametric: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     turned: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def cap_errors(self) -> NoReturn:
+        """There are none: these faces are not near the limit surface."""
+        raise ValueError(
+            "faces of an offset are not those of its surface: their own fields deviation, "
+            "parametric and angle say how far they are from the offset"
+        )
 
     @property
     def deviation(self) -> Array:
@@ -227,7 +238,7 @@ def _made(
     turned = np.degrees(np.arccos(np.clip(np.nan_to_num(cosine, nan=1.0), -1, 1)))
     at_pole = bool(along.size and every.at_corner[np.argmax(along.max(axis=0))])
     measures = (x.max(axis=1, initial=0) for x in (along, whole, turned))
-    return OffsetFaces(*known, *measures), at_pole
+    return OffsetFaces(*known, d, *measures), at_pole
 
 
 def _points(

@@ -19,6 +19,7 @@ from limitsurf.shell.cli.analysis import spectrum as spectrum_command
 from limitsurf.shell.cli.convert import convert
 from limitsurf.shell.cli.measures import measure
 from limitsurf.shell.cli.modes import modes
+from limitsurf.shell.cli.offsets import offset
 from limitsurf.shell.cli.program import (
     PATH,
     Cage,
@@ -639,6 +640,7 @@ def _direction(view: str | None) -> str | tuple[float, ...] | None:
 
 
 main.add_command(convert)
+main.add_command(offset)
 
 
 @main.command()
