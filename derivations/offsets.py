@@ -104,12 +104,12 @@ for valence in (3, 4, 5, 6, 8, 12):
 # %% [markdown]
 # So $|d k| = s$ on a curve at the distance $\rho = (s / (c |d|))^{1 / (a - 2)}$ from the pole,
 # which `Folds.radius` gives for $s = 1 / 2$: found on rings, and beyond these by this power.
-# Within, on the convex side ($d k < 0$), the offset moves as $d \, \rho^{a - 1}$, which is larger than $\rho$
-# itself: it is *rounded off* as the sphere of radius $|d|$ about the pole is, with curvature
-# $-1 / d$. There it is C1. On the other side $1 - d k$ passes 0, and the offset folds back near
-# every such pole, however small $d$ is: within that radius it is but C0. The fold is of the order
-# of $\rho$ wide, as $d \, c \, \rho^{a - 1} = \rho$ there, and $\rho^2 / d$ high. Half of $d$ has
-# $2^{-1 / (2 - a)}$ of the radius.
+# Within, on the convex side ($d k < 0$), the offset moves as $d \, \rho^{a - 1}$, which is larger
+# than $\rho$ itself: it is *rounded off* as the sphere of radius $|d|$ about the pole is, with
+# curvature $-1 / d$. There it is C1. On the other side $1 - d k$ passes 0, and the offset folds
+# back near every such pole, however small $d$ is: within that radius it is but C0. The fold is of
+# the order of $\rho$ wide, as $d \, c \, \rho^{a - 1} = \rho$ there, and $\rho^2 / d$ high. Half
+# of $d$ has $2^{-1 / (2 - a)}$ of the radius.
 
 # %%
 rho, c, s, size = symbols("rho c s size", positive=True)
@@ -121,10 +121,10 @@ assert simplify((at_half.subs(size, size / 2) / at_half) / 2 ** (1 / (exponent -
 # %% [markdown]
 # ## 4. Deviation of splines
 #
-# A point $p + d \, n + e$ with $e = e_n n + e_t$ is at the distance
-# $\sqrt{(d + e_n)^2 + e_t^2}$ from $p$, which differs from $|d|$ by at most
-# $|e_n| + e_t^2 / (2 |d|)$, as the square root of a sum of squares grows by at most $e_t^2 / (2 (|d| + e_n))$ for $e_n \ge 0$. `OffsetFaces.along_normal`
-# is that, to second order, or $|e|$ if that is less.
+# A point $p + d \, n + e$ with $e = e_n n + e_t$ is at the distance $\sqrt{(d + e_n)^2 + e_t^2}$
+# from $p$, which differs from $|d|$ by at most $|e_n| + e_t^2 / (2 |d|)$, as the square root of a
+# sum of squares grows by at most $e_t^2 / (2 (|d| + e_n))$ for $e_n \ge 0$.
+# `OffsetFaces.along_normal` is that, to second order, or $|e|$ if that is less.
 
 # %%
 angle = symbols("angle", real=True)

@@ -139,6 +139,7 @@ def test_folds_of_a_trough():
     assert abs(inner - (1 - 1.02)).max() < 1e-5
     assert abs(found.u[12] - 0.3).max() < 5e-3
     assert len(found.near_face)
+    assert len(ls.offset(surface, 1e4).folds().near_face)
     assert not ls.offset(surface, -0.5).folds().any
     assert not ls.offset(surface, 0.0).folds().any
 
@@ -265,8 +266,10 @@ def test_solids_of_opencascade():
     from OCP.BRepGProp import BRepGProp
     from OCP.GProp import GProp_GProps
 
+    sheet = height(lambda x, y: x * x / 8 - y * x / 9, 4)
+    plate = ls.to_brep(ls.LimitSurface(ls.thickened(sheet, 0.1, tolerance=1e-3)), solid=True)
     volumes = []
-    for shape in (outer, thick):
+    for shape in (outer, thick, plate):
         assert BRepCheck_Analyzer(shape).IsValid()
         properties = GProp_GProps()
         BRepGProp.VolumeProperties_s(shape, properties)
@@ -274,6 +277,7 @@ def test_solids_of_opencascade():
     shell = steiner(surface, 0.1)
     assert abs(volumes[0] - ls.volume(surface) - shell) < 5e-4
     assert abs(volumes[1] - shell) < 2e-3
+    assert abs(volumes[2] - steiner(sheet, 0.1)) < 1e-3
 
 
 def test_command(tmp_path):
@@ -301,6 +305,7 @@ def test_command_for_cad(tmp_path):
     text = part.read_text()
     assert "offset at 0.1" in text
     assert "cube.step" in text
+    surface = surface_of(zoo.cube())
+    faces = ls.offset(surface, 0.1).bspline_faces(tolerance=1e-3)
     with pytest.raises(ValueError, match="offset"):
-        surface = surface_of(zoo.cube())
-        ls.deviation(surface, ls.offset(surface, 0.1).bspline_faces(tolerance=1e-3))
+        ls.deviation(surface, faces)

@@ -19,7 +19,8 @@ Array = NDArray[Any]
 _ZOOMS = 4  # each to 3/5 of a cell on either side
 _RINGS = 40  # halvings towards a pole
 _SHALLOW = 8  # of these, where what is found is the face's, not the pole's
-_NEARER = 1e-6  # of the distance: rounding and what a search leaves
+_NEARER = 1e-6  # of the distance, or the size if that is less: what a search leaves
+_ROUNDING = 1e-14  # of the distance
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -216,5 +217,7 @@ def _near(
     known = np.isfinite(points).all(axis=1)
     face, u, v, points = face[known], u[known], v[known], points[known]
     found = closest_point(surface, points, workers=workers).distance
-    near = found < (1 - _NEARER) * abs(distance)
+    size = float(np.ptp(surface.points[surface.mesh.indices], axis=0).max())
+    least = _NEARER * min(size, abs(distance)) + _ROUNDING * abs(distance)
+    near = found < abs(distance) - least
     return face[near], u[near], v[near], found[near]

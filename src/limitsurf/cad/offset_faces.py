@@ -85,10 +85,10 @@ class OffsetFaces(BSplineFaces):
 def offset_faces(offset: OffsetSurface, tolerance: float | None) -> OffsetFaces:
     """Those of an offset, within a tolerance as far as can be found."""
     surface = offset.surface
+    _refuse_creases(surface)
     if (surface.limit_faces.corner >= 0).any():
         fine = refined(surface.mesh, 1, **surface.rules)
         surface = LimitSurface(fine, **surface.rules, engine=surface.engine)
-    _refuse_creases(surface)
     used = surface.points[surface.mesh.indices]
     size = float(np.ptp(used, axis=0).max(initial=0)) if len(used) else 1.0
     wanted = _SHARE * size if tolerance is None else tolerance
