@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from limitsurf.cad.offset import OffsetSurface as OffsetSurface
     from limitsurf.cad.offset import offset as offset
     from limitsurf.cad.offset_cage import OffsetCage as OffsetCage
-    from limitsurf.cad.offset_cage import thickened as thickened
     from limitsurf.cad.offset_faces import OffsetFaces as OffsetFaces
     from limitsurf.cad.spline_faces import SplineFaces as SplineFaces
+    from limitsurf.cad.thick import thickened as thickened
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
@@ -268,7 +268,7 @@ _HOME = {
     "silhouette": "query.silhouettes",
     "spectral_analysis": "spectra",
     "tessellate": "query",
-    "thickened": "cad.offset_cage",
+    "thickened": "cad.thick",
     "to_brep": "cad.brep",
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",

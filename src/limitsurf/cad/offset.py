@@ -243,7 +243,7 @@ class OffsetSurface:
         True
         """
         wanted = self.tolerance if tolerance is None else tolerance
-        return offset_faces(self, wanted)
+        return offset_faces(self.surface, self.distance, wanted, self.workers)
 
     def fit(self, *, tolerance: float | None = None, levels: int = 3) -> OffsetCage:
         """A cage of the same topology, or refined, whose limit is near it.
@@ -273,7 +273,8 @@ class OffsetSurface:
         >>> ls.offset(ls.LimitSurface(square), 0.5).fit().mesh.points.round(9).tolist()[2]
         [1.0, 1.0, 0.5]
         """
-        return offset_cage(self, self.tolerance if tolerance is None else tolerance, levels)
+        wanted = self.tolerance if tolerance is None else tolerance
+        return offset_cage(self.surface, self.distance, wanted, levels, self.workers)
 
 
 def offset(

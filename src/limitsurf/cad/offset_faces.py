@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import factorial
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,6 @@ from limitsurf.cad.poles import Poles
 from limitsurf.cad.splines import Splines
 from limitsurf.refine import refined
 from limitsurf.surface import LimitSurface
-
-if TYPE_CHECKING:
-    from limitsurf.cad.offset import OffsetSurface
 
 Array = NDArray[Any]
 
@@ -82,9 +79,10 @@ class OffsetFaces(BSplineFaces):
         return self.turned
 
 
-def offset_faces(offset: OffsetSurface, tolerance: float | None) -> OffsetFaces:
-    """Those of an offset, within a tolerance as far as can be found."""
-    surface = offset.surface
+def offset_faces(
+    surface: LimitSurface, distance: float, tolerance: float | None, workers: int
+) -> OffsetFaces:
+    """Those of an offset at a distance, within a tolerance as far as can be found."""
     _refuse_creases(surface)
     if (surface.limit_faces.corner >= 0).any():
         fine = refined(surface.mesh, 1, **surface.rules)
@@ -92,7 +90,7 @@ def offset_faces(offset: OffsetSurface, tolerance: float | None) -> OffsetFaces:
     used = surface.points[surface.mesh.indices]
     size = float(np.ptp(used, axis=0).max(initial=0)) if len(used) else 1.0
     wanted = _SHARE * size if tolerance is None else tolerance
-    least = 2.0**-44 * max(size, abs(offset.distance))
+    least = 2.0**-44 * max(size, abs(distance))
     if wanted <= least and len(used) and size:
         raise ValueError(f"tolerance must be above {least:.3g}, for rounding, got {wanted}")
     sloped = surface.topology.lattice.sloped
@@ -100,7 +98,7 @@ def offset_faces(offset: OffsetSurface, tolerance: float | None) -> OffsetFaces:
     before = np.inf
     while True:
         every = _Triangles(surface, halvings) if sloped else _Squares(surface, halvings, depth)
-        found, at_pole = _made(offset, surface, every)
+        found, at_pole = _made(surface, every, distance, workers)
         worst = float(found.along_normal.max(initial=0))
         if worst <= wanted:
             return found
@@ -202,11 +200,11 @@ class _Triangles:
 
 
 def _made(
-    offset: OffsetSurface, surface: LimitSurface, every: _Squares | _Triangles
+    surface: LimitSurface, every: _Squares | _Triangles, d: float, workers: int
 ) -> tuple[OffsetFaces, bool]:
     """Faces, and whether they are worst at a pole."""
-    face, d = every.face, offset.distance
-    values = _points(surface, face, every, every.u, every.v, d, offset.workers)[0]
+    face = every.face
+    values = _points(surface, face, every, every.u, every.v, d, workers)[0]
     bad = np.argwhere(np.isnan(values).any(axis=2))
     if len(bad):
         at = bad[0]
@@ -227,7 +225,7 @@ def _made(
     )  # fmt: skip
     made = BSplineFaces(*known)
     u, v = every.test_u, every.test_v
-    true, normal = _points(surface, face, every, u, v, d, offset.workers)
+    true, normal = _points(surface, face, every, u, v, d, workers)
     which = np.arange(n)[:, None]
     away = made.evaluate(which, u, v) - true
     whole = np.linalg.norm(away, axis=2)
