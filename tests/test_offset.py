@@ -7,6 +7,9 @@ from command_line import facts, fail
 
 import limitsurf as ls
 
+# schemes whose limit faces are of polynomial pieces: others have no spline faces
+WITH_PIECES = [*getattr(ls.schemes, "with_pieces", ls.schemes)]
+
 
 def surface_of(made, **options):
     points, faces = made
@@ -53,7 +56,7 @@ def test_parabola_by_hand(distance):
     assert abs(across - off.normal(5, u, v)).max() < 1e-12
 
 
-@pytest.mark.parametrize("name", [*ls.schemes])
+@pytest.mark.parametrize("name", WITH_PIECES)
 def test_against_refined_normals(name):
     """p + d n at vertices of a refined cage, whose limits and normals are of masks alone."""
     made = zoo.bipyramid(5) if "loop" in name or name == "linear" else zoo.prism(5)
@@ -309,3 +312,38 @@ def test_command_for_cad(tmp_path):
     faces = ls.offset(surface, 0.1).bspline_faces(tolerance=1e-3)
     with pytest.raises(ValueError, match="offset"):
         ls.deviation(surface, faces)
+
+
+@pytest.mark.parametrize("name", WITH_PIECES)
+def test_spline_faces_of_every_scheme(name):
+    """Measured by closest points; schemes whose edges are all sharp are refused by name."""
+    made = zoo.bipyramid(5) if "loop" in name or name == "linear" else zoo.prism(5)
+    surface = surface_of(made, scheme=name)
+    off = ls.offset(surface, 0.05)
+    if name in ("bilinear", "linear"):
+        with pytest.raises(ValueError, match="sharp edges"):
+            off.bspline_faces()
+        return
+    faces = off.bspline_faces(tolerance=4e-3)
+    face = np.arange(len(faces))
+    away = ls.closest_point(surface, faces.evaluate(face, 0.3, 0.4)).distance
+    assert abs(away - 0.05).max() < 5e-3
+
+
+def test_channels_and_workers():
+    points, faces = zoo.prism(5)
+    mesh = ls.Mesh(points, faces)
+    bent = mesh.points * [1.0, 2.0, 0.5]
+    channel = {"rest": (bent, mesh.indices, "none")}
+    surface = ls.LimitSurface(ls.Mesh(points, faces, channels=channel))
+    other = ls.LimitSurface(ls.Mesh(bent, faces))
+    face, u, v = places(surface)
+    one = ls.offset(surface, 0.1, channel="rest", workers=2)
+    two = ls.offset(other, 0.1)
+    assert abs(one.evaluate(face, u, v) - two.evaluate(face, u, v)).max() < 1e-13
+    assert one.bspline_faces(tolerance=1e-2).deviation.max() < 1e-2
+    solid = ls.thickened(surface, 0.05, channel="rest")
+    expected = ls.thickened(other, 0.05)
+    assert abs(solid.points - expected.points).max() < 1e-9
+    with pytest.raises(ValueError, match="positive integer, or -1 for all"):
+        ls.offset(surface, 0.1, workers=0)

@@ -12,6 +12,7 @@ from limitsurf import html
 from limitsurf.cad.folds import Folds, folds_of
 from limitsurf.cad.offset_cage import OffsetCage, offset_cage
 from limitsurf.cad.offset_faces import OffsetFaces, offset_faces
+from limitsurf.engine.protocol import threads
 from limitsurf.surface import Curvature, LimitSurface
 
 Array = NDArray[Any]
@@ -333,6 +334,7 @@ def offset(
         raise ValueError(f"distance must be finite, got {distance}")
     if tolerance is not None and not 0 < tolerance < np.inf:
         raise ValueError(f"tolerance must be positive and finite, got {tolerance}")
+    threads(workers)
     found = surface.of_channel(channel)
     if found.points.ndim != 2 or found.points.shape[1] != 3:
         raise ValueError(f"offset needs points of shape (n, 3), got {found.points.shape}")
