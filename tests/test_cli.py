@@ -337,6 +337,7 @@ def test_keys_of_json_are_documented(cage, tmp_path):
         "section": [cage, "-o", tmp_path / "a.csv"],
         "interpolate": [cage, "-o", target],
         "convert": [cage, target],
+        "offset": [cage, "-d", 0.05, "-o", target],
         "plot": [cage, "-o", tmp_path / "a.png", "--size", 60, 40, "-n", 2],
         "demo": ["-o", tmp_path, "--queries", 1000],
         "evaluate": [cage, "--grid", 2, "-o", tmp_path / "a.npy"],

@@ -27,7 +27,13 @@ if TYPE_CHECKING:
     from limitsurf.cad.fit import fit as fit
     from limitsurf.cad.interpolate import Interpolation as Interpolation
     from limitsurf.cad.interpolate import interpolate as interpolate
+    from limitsurf.cad.folds import Folds as Folds
+    from limitsurf.cad.offset import OffsetSurface as OffsetSurface
+    from limitsurf.cad.offset import offset as offset
+    from limitsurf.cad.offset_cage import OffsetCage as OffsetCage
+    from limitsurf.cad.offset_faces import OffsetFaces as OffsetFaces
     from limitsurf.cad.spline_faces import SplineFaces as SplineFaces
+    from limitsurf.cad.thick import thickened as thickened
     from limitsurf.cage.checks import MeshError as MeshError
     from limitsurf.cage.faces import Faces as Faces
     from limitsurf.cage.mesh import Mesh as Mesh
@@ -203,9 +209,13 @@ _HOME = {
     "Faces": "cage.faces",
     "Fit": "cad.fit",
     "FeetOfPoints": "query.closest",
+    "Folds": "cad.folds",
     "LimitSurface": "surface",
     "Mesh": "cage.mesh",
     "MeshError": "cage.checks",
+    "OffsetCage": "cad.offset_cage",
+    "OffsetFaces": "cad.offset_faces",
+    "OffsetSurface": "cad.offset",
     "PatchDeviation": "cad.deviation",
     "Picture": "shell.plot.plots",
     "RayHits": "query.rays",
@@ -261,6 +271,7 @@ _HOME = {
     "levels_of_detail": "query",
     "merged": "shell.io.merge",
     "occluded": "query.rays",
+    "offset": "cad.offset",
     "plot": "shell.plot.plots",
     "plot_characteristic_map": "shell.plot.plots",
     "plot_convergence": "shell.plot.plots",
@@ -279,6 +290,7 @@ _HOME = {
     "silhouette": "query.silhouettes",
     "spectral_analysis": "spectra",
     "tessellate": "query",
+    "thickened": "cad.thick",
     "to_brep": "cad.brep",
     "to_pyvista": "shell.io.vtk",
     "to_trimesh": "shell.io.by_trimesh",

@@ -21,6 +21,7 @@ from limitsurf.shell.cli.fitting import fit
 from limitsurf.shell.cli.interpolating import interpolate
 from limitsurf.shell.cli.measures import measure
 from limitsurf.shell.cli.modes import modes
+from limitsurf.shell.cli.offsets import offset
 from limitsurf.shell.cli.program import (
     PATH,
     Cage,
@@ -643,6 +644,7 @@ def _direction(view: str | None) -> str | tuple[float, ...] | None:
 
 
 main.add_command(convert)
+main.add_command(offset)
 
 
 @main.command()

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from limitsurf.cad import foreign
 from limitsurf.cad.brep import Made, made
+from limitsurf.cad.offset_faces import OffsetFaces
 from limitsurf.cad.opencascade import (
     compound_of,
     failures,
@@ -191,11 +192,22 @@ def _said(known: Made | None) -> list[str]:
     if known is None:
         return []
     splines, scheme = known.splines, known.splines.surface.rules["scheme"]
+    name = getattr(scheme, "name", scheme)
+    gap = f"gap along shared edges at most {known.gap:.2g} where it was measured"
+    if isinstance(splines, OffsetFaces):
+        text = [
+            f"offset at {splines.distance:.6g} of the limit surface of a cage, scheme {name}",
+            f"{len(splines)} faces",
+            gap,
+            f"deviation from the offset {splines.deviation.max(initial=0):.3g} as measured",
+            f"normals within {splines.angle.max(initial=0):.3g} degrees as measured",
+        ]
+        return [line[:_LINE] for line in text]
     exact = int(splines.exact.sum())
     text = [
-        f"limit surface of a control cage, scheme {getattr(scheme, 'name', scheme)}",
+        f"limit surface of a control cage, scheme {name}",
         f"{len(splines)} faces, {exact} of them the limit surface to rounding",
-        f"gap along shared edges at most {known.gap:.2g} where it was measured",
+        gap,
     ]
     return [line[:_LINE] for line in [*text, *_deviation(known)]]
 
