@@ -311,6 +311,35 @@ def test_vertices_can_be_fixed_and_pinned():
     assert pinned.rms > 1e-4
 
 
+def test_corners_count_where_points_are_met_already():
+    points = ls.sample(ls.LimitSurface(CUBE), 60, rng=20).point
+    there = ls.LimitSurface(CUBE).evaluate(*_place_of(7))
+    pulled = ls.fit(CUBE, points, corners={7: there + 0.05}, max_iterations=5)
+    gap = np.linalg.norm(pulled.surface.evaluate(*_place_of(7)) - there - 0.05)
+    assert gap < 0.9 * np.linalg.norm([0.05] * 3)
+
+
+def _place_of(vertex):
+    face = next(f for f in range(6) if vertex in QUADS[f])
+    return ls.LimitSurface(CUBE).limit_faces.at_corner(face, QUADS[face].index(vertex))
+
+
+def test_points_beyond_what_has_a_limit_do_not_tear_it():
+    flat = SHEET.with_points(SHEET.points * [1, 1, 0]).with_tags(boundary="none")
+    x, y = np.meshgrid(np.linspace(0.5, 2.5, 9), np.linspace(0.5, 2.5, 9))
+    points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+    found = ls.fit(flat, points, max_iterations=10)
+    assert found.rms < found.history[0] / 10
+    assert np.abs(found.mesh.points).max() < 20
+
+
+def test_scales_and_units_at_the_ends_of_the_range():
+    points = ls.sample(ls.LimitSurface(CUBE), 60, rng=20).point + 0.01
+    assert np.isfinite(ls.fit(CUBE, points, loss="cauchy", scale=1e-300, max_iterations=2).rms)
+    tiny = ls.fit(CUBE.with_points(CORNERS * 1e-308), points * 1e-308, max_iterations=2)
+    assert np.isfinite(tiny.mesh.points).all()
+
+
 def test_vertices_at_no_point_are_told():
     flat = [[x, y, 0.0] for x in range(8) for y in range(3)]
     quads = [[3 * x + y, 3 * x + y + 3, 3 * x + y + 4, 3 * x + y + 1]

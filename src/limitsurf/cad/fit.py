@@ -365,7 +365,7 @@ def _run(surface: LimitSurface, target: Target, options: _Options) -> Fit:
     history: list[float] = []
     levels: list[int] = []
     before = np.full(len(target.points), 1e300)
-    enough = options.tolerance * 2.0**-frame.power
+    enough = float(np.ldexp(options.tolerance, -frame.power))
     pinned = options.corners
     for level in range(_LEVELS + 1):
         problem = _problem(surface, target, options, frame, pinned)
@@ -444,7 +444,7 @@ def _problem(
     moves = np.arange(surface.mesh.n_vertices) if options.free is None else options.free
     return Problem(
         frame.scaled(target.points), weights, target.normals, target.kinds, options.loss,
-        options.scale * 2.0**-frame.power, None, (at, frame.scaled(places)), moves,
+        float(np.ldexp(options.scale, -frame.power)), None, (at, frame.scaled(places)), moves,
         options.workers,
     )  # fmt: skip
 

@@ -121,8 +121,10 @@ class Steps:
 
     def _scale(self) -> float:
         """The distance from which on a robust loss counts less."""
-        if self.problem.loss == "linear" or self.problem.scale:
-            return self.problem.scale or 1.0
+        if self.problem.loss == "linear":
+            return 1.0
+        if self.problem.scale:
+            return max(self.problem.scale, _ROUNDING)
         return max(_MAD * float(np.median(self.state.distance)), _ROUNDING)
 
     def _counted(self) -> Array:
@@ -140,14 +142,25 @@ class Steps:
 
     def cost(self, state: State) -> float:
         """What is to be least."""
-        total, points = self.data(state), state.surface.points
+        total, points = self.data(state) + self._off_corners(state), state.surface.points
         if self.problem.energy is not None:
             total += float((points * (self.problem.energy @ points)).sum())
-        places, targets = self.problem.corners
-        if len(targets):
-            gap = targets - state.surface.evaluate(places.face, places.u, places.v)
-            total += float((gap**2).sum()) / len(targets)
         return total
+
+    def _off_corners(self, state: State) -> float:
+        """The mean of squared distances of corners from where they are to be."""
+        places, targets = self.problem.corners
+        if not len(targets):
+            return 0.0
+        gap = targets - state.surface.evaluate(places.face, places.u, places.v)
+        return float((gap**2).sum()) / len(targets)
+
+    def _done(self, enough: float) -> bool:
+        """Whether the error is small enough: as was asked for, or of all that is to be least."""
+        least = max(enough, _ROUNDING)
+        if self._off_corners(self.state) > least**2:
+            return False
+        return self.rms <= enough or self.cost(self.state) <= _ROUNDING**2
 
     @property
     def rms(self) -> float:
@@ -230,15 +243,15 @@ class Steps:
 
         Returns the rms before and after each step, and whether it ended before it had to.
         """
-        history, damping, least = [self.rms], _DAMPING, max(enough, _ROUNDING)
-        converged = history[0] <= least
+        history, damping = [self.rms], _DAMPING
+        converged = self._done(enough)
         for count in range(0 if converged else steps):
             damping, before, moved = self.step(damping, count % _OFTEN == 0)
             gained = before - self.cost(self.state)
             if moved:
                 self.renew()
                 history.append(self.rms)
-            converged = history[-1] <= least
+            converged = self._done(enough)
             if not converged and (not moved or gained <= _GAINED * before):
                 # what feet say that were followed may not be all
                 converged = not self.settle()
@@ -272,13 +285,14 @@ def metrics(surface: LimitSurface, feet: Feet, gap: Array, kinds: Array, workers
 
     ``n n^T + c1 d1 d1^T + c2 d2 d2^T`` with the principal directions and
     ``c = -d k / (1 - d k)``, or 0 where that is negative, of signed distances d and curvatures k.
-    Of feet that a sharp edge holds, ``1 - t t^T`` with its tangent t; of those that a corner holds,
-    or where the surface has no normal, 1.
+    Of feet that a sharp edge holds, ``1 - t t^T`` with its tangent t; of those that a corner or the
+    end of what has a limit holds, or where the surface has no normal, 1.
     """
     normal = surface.normal(feet.face, feet.u, feet.v, workers=workers)
     distance = np.sqrt((gap**2).sum(axis=1))
     along = (gap * normal).sum(axis=1)
-    aside = np.sqrt(((gap - along[:, None] * normal) ** 2).sum(axis=1)) > _ASIDE * distance
+    aside = np.sqrt(((gap - along[:, None] * normal) ** 2).sum(axis=1))
+    aside = aside > _ASIDE * distance + _FEET
     held, at_corner, side = _on_sharp(surface, feet)
     held &= aside | (kinds != _ON)
     found = _outer(normal)
@@ -297,7 +311,7 @@ def metrics(surface: LimitSurface, feet: Feet, gap: Array, kinds: Array, workers
         own = (gap[which] * tangent).sum(axis=1)
         free = ~at_corner[which] & (np.abs(own) <= _ASIDE * distance[which] + _ROUNDING)
         found[which] = _outer(np.eye(3)).sum(axis=0) - np.where(free[:, None], _outer(tangent), 0)
-    lost = ~np.isfinite(found).all(axis=1)
+    lost = ~np.isfinite(found).all(axis=1) | (aside & ~held)
     found[lost] = _outer(np.eye(3)).sum(axis=0)
     return found
 

@@ -220,8 +220,8 @@ class OffsetSurface:
         Parameters
         ----------
         tolerance : float, optional
-            How far faces may be from the offset at the same parameters, measured at places between
-            those that are met; else that of the offset, else 1e-4 of the size of the surface.
+            How far faces may be from the offset, as `OffsetFaces.along_normal` measures it, with a
+            margin of half as much again; else that of the offset, else 1e-4 of the size of the surface.
 
         Returns
         -------
