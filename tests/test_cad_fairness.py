@@ -131,7 +131,7 @@ def cages(scheme):
 
 
 @pytest.mark.parametrize("energy", ENERGIES)
-@pytest.mark.parametrize("scheme", ls.schemes)
+@pytest.mark.parametrize("scheme", ls.schemes.with_pieces)
 def test_what_all_energies_have(scheme, energy):
     for mesh in cages(scheme):
         surface = ls.LimitSurface(mesh, scheme=scheme)

@@ -23,7 +23,7 @@ SHEET = ls.Mesh(
     [[x, y, 0.2 * x * x - 0.1 * x * y + 0.05 * y**3] for x in range(4) for y in range(4)],
     [[4 * i + j, 4 * i + j + 4, 4 * i + j + 5, 4 * i + j + 1] for i in range(3) for j in range(3)],
 )
-PIECEWISE = [name for name in ls.schemes if hasattr(ls.schemes[name], "spline")]
+PIECEWISE = [*ls.schemes.with_pieces]
 
 
 def moved(mesh, by, seed=0):
@@ -324,13 +324,12 @@ def _place_of(vertex):
     return ls.LimitSurface(CUBE).limit_faces.at_corner(face, QUADS[face].index(vertex))
 
 
-def test_points_beyond_what_has_a_limit_do_not_tear_it():
+def test_points_beyond_what_has_a_limit_are_reached():
     flat = SHEET.with_points(SHEET.points * [1, 1, 0]).with_tags(boundary="none")
     x, y = np.meshgrid(np.linspace(0.5, 2.5, 9), np.linspace(0.5, 2.5, 9))
     points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
     found = ls.fit(flat, points, max_iterations=10)
-    assert found.rms < found.history[0] / 10
-    assert np.abs(found.mesh.points).max() < 20
+    assert found.rms < 1e-12
 
 
 def test_scales_and_units_at_the_ends_of_the_range():

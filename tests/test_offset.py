@@ -8,7 +8,7 @@ from command_line import facts, fail
 import limitsurf as ls
 
 # schemes whose limit faces are of polynomial pieces: others have no spline faces
-WITH_PIECES = [*getattr(ls.schemes, "with_pieces", ls.schemes)]
+WITH_PIECES = [*ls.schemes.with_pieces]
 
 
 def surface_of(made, **options):

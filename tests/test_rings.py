@@ -455,8 +455,6 @@ def test_masks_that_do_not_converge_are_refused():
     def vertex(n):
         return plain.vertex(n) if n < 60 else (Fraction(-2), Fraction(3, n), Fraction(0))
 
-    wild = ls.Scheme(
-        "wild", plain.face, plain.edge, vertex, plain.boundary_edge, plain.boundary_vertex, "none"
-    )
+    wild = ls.Scheme("wild", vertex=vertex)
     with pytest.raises(ValueError, match="do not converge"):
         ls.LimitSurface(around("interior", MANY), scheme=wild)

@@ -1089,7 +1089,7 @@ def test_masks_are_asked_for_no_more_than_needed():
     for sector in named("crease 3.1, corner 2.0, cone 6.0, dart 5.0"):
         check_basis(spectrum_with_inverse(scheme, sector))
         assert SectorBasis(scheme, sector).residual.is_zero_matrix
-    with pytest.raises(KeyError):
+    with pytest.raises(ValueError, match=r"'few': vertex\(6\) raised KeyError"):
         spectrum(scheme, Sector("dart", 6))
 
 

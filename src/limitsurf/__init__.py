@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from limitsurf.cad.fairness import fairness as fairness
     from limitsurf.cad.fit import Fit as Fit
     from limitsurf.cad.fit import fit as fit
+    from limitsurf.cad.folds import Folds as Folds
     from limitsurf.cad.interpolate import Interpolation as Interpolation
     from limitsurf.cad.interpolate import interpolate as interpolate
-    from limitsurf.cad.folds import Folds as Folds
     from limitsurf.cad.offset import OffsetSurface as OffsetSurface
     from limitsurf.cad.offset import offset as offset
     from limitsurf.cad.offset_cage import OffsetCage as OffsetCage

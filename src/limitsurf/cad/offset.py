@@ -221,7 +221,8 @@ class OffsetSurface:
         ----------
         tolerance : float, optional
             How far faces may be from the offset, as `OffsetFaces.along_normal` measures it, with a
-            margin of half as much again; else that of the offset, else 1e-4 of the size of the surface.
+            margin of half as much again; else that of the offset, else 1e-4 of the size of the
+            surface.
 
         Returns
         -------

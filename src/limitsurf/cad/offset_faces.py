@@ -225,7 +225,7 @@ def _made(
     depths = np.full((len(surface.limit_faces), len(lattice.corners)), -1)
     known = (
         surface, (every.degree, every.degree), counts, knots, knots, net, one, face, none,
-        every.origin, every.scale, np.zeros(n, dtype=bool), trims, depths,
+        every.origin, every.scale, np.zeros(n, dtype=bool), trims, depths, depths >= 0,
     )  # fmt: skip
     made = BSplineFaces(*known)
     u, v = every.test_u, every.test_v

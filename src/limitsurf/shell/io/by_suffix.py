@@ -546,7 +546,7 @@ def _cage_content(name: str, kind: str, x: Any) -> Any:
     if kind in formats.USD:
         found = _usd().content(x, kind)
         points = float_points(x) if isinstance(x, Mesh) else x.points
-        warn_of_rounding(name, kind, x, points, points.astype(np.float32), 3)
+        warn_of_rounding(name, kind, x, points, points.astype(np.float32))
         return found
     return _content_of(name, kind, x)
 
@@ -565,7 +565,7 @@ def _content_of(name: str, kind: str, x: Mesh | Tessellation) -> Iterator[bytes]
     if kind in formats.TRIMESH:
         shape = without_gaps(name, kind, shape)
         warn_of_cuts(name, kind, x)
-        warn_of_rounding(name, kind, x, shape.points, by_trimesh.rounded(kind, shape.points), 4)
+        warn_of_rounding(name, kind, x, shape.points, by_trimesh.rounded(kind, shape.points))
     if kind in (".off", ".ply"):
         return off.content(shape) if kind == ".off" else ply.content(shape.split())
     return vtk.content(shape, kind) if kind in formats.VTK else by_trimesh.content(shape, kind)

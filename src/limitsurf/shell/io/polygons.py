@@ -170,7 +170,7 @@ def warn_of_loss(
         lost += [f"vertices of no face ({unused})"] if unused else []
     if lost:
         text = f"{name}: a file of type {kind} cannot hold everything, left out: "
-        warnings.warn(text + ", ".join(lost), stacklevel=3 if tags else 4)
+        warnings.warn(text + ", ".join(lost), stacklevel=users_level())
 
 
 def without_gaps(name: str, kind: str, shape: Polygons) -> Polygons:
@@ -187,7 +187,7 @@ def without_gaps(name: str, kind: str, shape: Polygons) -> Polygons:
     faces = int(np.logical_or.reduceat(missing[rows], shape.offsets[:-1]).sum())
     text = f"{name}: a file of type {kind} holds texture coordinates of all faces or none: "
     text += f"{_faces(faces, len(shape.sizes))} without get zeros"
-    warnings.warn(text, stacklevel=4)
+    warnings.warn(text, stacklevel=users_level())
     kept = {"uv": (np.where(missing[:, None], 0, values), rows)}
     return replace(shape, channels=kept)
 
@@ -198,7 +198,7 @@ def warn_of_cuts(name: str, kind: str, x: Mesh | Tessellation) -> None:
     if cut:
         text = f"{name}: a file of type {kind} holds triangles only: faces of more than 3 corners, "
         text += f"{cut} of {len(x.sizes)}, are cut, which changes the limit surface of the cage"
-        warnings.warn(text, stacklevel=4)
+        warnings.warn(text, stacklevel=users_level())
 
 
 def warn_of_rounding(
@@ -207,7 +207,6 @@ def warn_of_rounding(
     x: Mesh | Tessellation,
     points: NDArray[np.float64],
     kept: NDArray[Any],
-    stacklevel: int,
 ) -> None:
     """Warn of points (V, 3) that differ, but not as a file keeps them, `kept` (V, 3)."""
     first, number = distinct(kept)
@@ -219,7 +218,7 @@ def warn_of_rounding(
         count = len(distinct(lost)[0])
         text = f"{name}: {count} of {len(first) + count} distinct points become equal to others, "
         text += f"rounded as in a file of type {kind}: .obj, .ply and .vtp keep float64"
-        warnings.warn(text, stacklevel=stacklevel)
+        warnings.warn(text, stacklevel=users_level())
 
 
 def distinct(points: NDArray[Any]) -> tuple[IntArray, IntArray]:

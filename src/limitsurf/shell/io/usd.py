@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.cage.checks import MeshError
+from limitsurf.cage.checks import MeshError, users_level
 from limitsurf.cage.mesh import Mesh
 from limitsurf.shell.io.apart import A_WHILE, AN_ANSWER
 from limitsurf.shell.io.losses import LocatedError, Losses, listed
@@ -340,7 +340,7 @@ def _define(stage: Any, mesh: Mesh) -> Any:
         value = getattr(mesh, option)
         if option == "scheme" and value == MIXED:
             text = "its meshes are of several schemes, which one mesh cannot be: written as 'none'"
-            warnings.warn(text, stacklevel=4)
+            warnings.warn(text, stacklevel=users_level())
             value = "none"
         _choose(prim, option, attribute, meanings, value)
     if mesh.creasing is not None:
@@ -356,7 +356,7 @@ def _define(stage: Any, mesh: Mesh) -> Any:
     mode = next(iter(modes.values()), None)
     if len(set(modes.values())) > 1:
         text = f"channels: a USD mesh holds one interpolation for all its seams, got {modes}"
-        warnings.warn(f"{text}: written as {mode!r}", stacklevel=4)
+        warnings.warn(f"{text}: written as {mode!r}", stacklevel=users_level())
     _choose(prim, "interpolation", *LINEAR, mode)
     write_data(geom, mesh)
     return geom
