@@ -123,6 +123,16 @@ def test_every_scheme_makes_a_solid(scheme):
     assert volume(shape) == pytest.approx(ls.volume(surface), rel=1e-4)
 
 
+def test_faces_that_share_tangent_planes_make_a_solid(tmp_path):
+    surface = together(cube())
+    shape = ls.to_brep(surface, depth=8, poles="g1", solid=True)
+    assert is_valid(shape)
+    assert volume(shape) == pytest.approx(ls.volume(surface), rel=1e-6)
+    path = tmp_path / "cube.step"
+    ls.write(path, surface, depth=8, poles="g1", check=True)
+    assert len(ls.read_brep(path)) == 6
+
+
 def test_open_parts_are_shells_and_say_where():
     square = together(([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.array([[0, 1, 2, 3]])))
     with pytest.warns(UserWarning, match="edge of vertices 0 and 1 of the cage is open"):

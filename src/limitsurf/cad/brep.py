@@ -61,6 +61,7 @@ def to_brep(
     tolerance: float | None = None,
     depth: int | None = None,
     merge: bool = True,
+    poles: str = "g0",
     g1_angle: float | None = None,
     channel: str | None = None,
     workers: int = 1,
@@ -79,7 +80,7 @@ def to_brep(
         default they are solids where they can be, and a warning says why others are not.
     unit : {"mm", "cm", "m", "km", "um", "in", "ft"}
         What the numbers of the surface are. Shapes are in millimetres; so are they by default.
-    tolerance, depth, merge, g1_angle
+    tolerance, depth, merge, poles, g1_angle
         As for `bspline_faces`.
     channel : str, optional
         A face-varying channel of three columns instead of the points.
@@ -130,7 +131,8 @@ def to_brep(
     >>> type(solid).__name__, solid.Closed(), solid.NbChildren()
     ('TopoDS_Solid', False, 1)
     """
-    how = {"tolerance": tolerance, "depth": depth, "merge": merge, "g1_angle": g1_angle}
+    how: dict[str, Any] = {"tolerance": tolerance, "depth": depth, "merge": merge}
+    how |= {"poles": poles, "g1_angle": g1_angle}
     found = made(surface, solid, unit, channel=channel, workers=workers, **how)
     found.warn(solid, 3)
     return found.shape

@@ -46,6 +46,11 @@ _UNITS = ("mm", "cm", "m", "km", "um", "in", "ft")
     metavar="LENGTH",
     help="For CAD: how far faces may be from the surface: a proved bound.",
 )
+@click.option(
+    "--poles",
+    type=click.Choice(["g0", "g1"]),
+    help="For CAD: whether faces around poles share tangent planes (g1); g0.",
+)
 @click.option("--unit", type=click.Choice(_UNITS), help="For CAD: what the numbers are; mm.")
 @click.option("--solid", is_flag=True, help="For CAD: refuse what is not closed.")
 @click.option("--check", is_flag=True, help="For CAD: read the file again before it is one.")
@@ -59,6 +64,7 @@ def convert(
     select: Sequence[str],
     scheme: str | None,
     tolerance: float | None,
+    poles: str | None,
     unit: str | None,
     solid: bool,
     check: bool,
@@ -85,7 +91,7 @@ def convert(
 
     suffix = to or os.path.splitext(output)[1].lower()
     said = {
-        "--scheme": scheme, "--tolerance": tolerance, "--unit": unit,
+        "--scheme": scheme, "--tolerance": tolerance, "--poles": poles, "--unit": unit,
         "--solid": solid or None, "--check": check or None,
     }  # fmt: skip
     given = [name for name, value in said.items() if value is not None]
@@ -102,7 +108,7 @@ def convert(
     files.check_target(output)
     surface = Cage(source, from_, {"scheme": scheme}, asked, select).surface()
     with terminal.working("making faces"):
-        faces = ls.bspline_faces(surface, tolerance=tolerance)
+        faces = ls.bspline_faces(surface, tolerance=tolerance, poles=poles or "g0")
     with terminal.working("writing"):
         options: dict[str, Any] = {"suffix": suffix, "unit": unit or "mm", "check": check}
         options["solid"] = solid or None
