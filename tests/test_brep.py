@@ -387,6 +387,21 @@ def test_compare_finds_distances_both_ways():
     assert found.from_surface == pytest.approx(np.linalg.norm(corners, axis=1) - 1, abs=1e-9)
 
 
+def test_compare_finds_feet_on_faces_of_any_length():
+    """Long merged faces beside small ones with many knots: the nearest known places are theirs."""
+    mesh = ls.refined(ls.Mesh(*cube(2.0, -1.0)), 1)
+    points = mesh.points * [25.0, 10.0, 8.0]
+    points[:, 2] += 0.005 * points[:, 0] ** 2
+    surface = ls.LimitSurface(ls.refined(mesh.with_points(points), 1))
+    faces = ls.bspline_faces(surface, tolerance=0.05)
+    assert faces.grid.prod(axis=1).max() > 3
+    found = ls.compare(surface, ls.to_brep(faces), n=4)
+    assert found.from_surface.max() <= faces.deviation.max()
+    places = found.faces.evaluate(found.shape_face, found.shape_u, found.shape_v)
+    limit = surface.evaluate(found.face, found.u, found.v)
+    assert (found.from_surface <= cKDTree(places).query(limit)[0]).all()
+
+
 def test_without_opencascade_the_extra_is_named(monkeypatch):
     def missing(name):
         raise ImportError(name)

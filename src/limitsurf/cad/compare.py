@@ -21,8 +21,12 @@ from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
 
-_SEEDS = 4  # places of a shape that Newton's method begins at, for each point
-_STEPS = 12
+_NEAREST = 24  # known places of a shape among which seeds are chosen, for each point
+_EACH, _SEEDS = 2, 6  # seeds on one face, and in all
+_STEPS = 40
+_SETTLED = 1e-24  # of the squared size of a face's domain: a step that changes nothing
+_BLOCK = 1 << 14  # points at a time
+_MOST = 256  # places along a face that is much longer than others
 _SHIFT = 1 / (2**0.5 * 1e3)  # keeps places off the lines where faces and trims like to end
 
 
@@ -95,7 +99,7 @@ def compare(
         What `read_brep` or `to_brep` made, or any other shape.
     n : int
         Places in each direction: of each limit face n x n, and as many of each face of the shape
-        for each of its spans, up to 32 x 32.
+        for each of its spans, up to 32 x 32, or in proportion where a face is longer than others.
     channel : str, optional
         A face-varying channel of three columns instead of the points.
     workers : int
@@ -115,9 +119,10 @@ def compare(
     Notes
     -----
     From places of the shape to the limit surface distances are those of `closest_point`. The other
-    way Newton's method begins at the nearest 4 places of the shape that are known: a distance may
-    be too large where it ends elsewhere, and beside open trimmed edges, where that of a known place
-    counts. What is between places is not seen: this is a measurement, no bound.
+    way damped steps of Newton's method begin at a few of the nearest known places, on up to three
+    faces or more: a distance may be too large where all end elsewhere, and beside open trimmed
+    edges, where that of a known place counts. What is between places is not seen: this is a
+    measurement, no bound.
 
     Examples
     --------
@@ -149,7 +154,8 @@ def _faces_of(shape: Any) -> SplineFaces:
     found = getattr(shape, "wrapped", shape)
     if not type(found).__name__.startswith("TopoDS_"):
         raise TypeError(
-            f"compare needs SplineFaces (of read_brep) or a shape, got {type(shape).__name__}"
+            f"compare needs SplineFaces (of read_brep) or a shape (of to_brep), got "
+            f"{type(shape).__name__}; ls.deviation measures those of bspline_faces"
         )
     with failures("the shape"):
         known = foreign.contents(found)
@@ -159,7 +165,10 @@ def _faces_of(shape: Any) -> SplineFaces:
 
 def _places(faces: SplineFaces, n: int) -> tuple[Array, Array, Array]:
     """Places on all faces, within their trims."""
-    spans = np.clip((faces.counts - faces.degree) * n, n, max(n, 32))
+    length = _lengths(faces)
+    long = np.ceil(32 * length / max(float(np.median(length)), np.finfo(float).tiny))
+    spans = np.clip((faces.counts - faces.degree) * n, n, np.clip(long, max(n, 32), _MOST))
+    spans = spans.astype(np.int64)
     number = spans.prod(axis=1)
     face = np.repeat(np.arange(len(faces)), number)
     step = np.arange(len(face)) - np.repeat(np.cumsum(number) - number, number)
@@ -169,6 +178,18 @@ def _places(faces: SplineFaces, n: int) -> tuple[Array, Array, Array]:
     u, v = (low + share * (high - low)).T
     kept = faces.covers(face, u, v)
     return face[kept], u[kept], v[kept]
+
+
+def _lengths(faces: SplineFaces) -> Array:
+    """About how long faces (k, 2) are along u and v: between places that are evenly distributed."""
+    share = (np.arange(5) + 0.5) / 5
+    low, high = np.moveaxis(faces.domain, 2, 0)[..., None]
+    at = low + share * (high - low)  # (k, 2, 5)
+    points = faces.evaluate(np.arange(len(faces))[:, None, None], at[:, 0, :, None], at[:, 1, None])
+    steps = (np.linalg.norm(np.diff(points, axis=axis), axis=-1) for axis in (1, 2))
+    return np.stack(
+        [x.sum(axis=axis).max(axis=1) for axis, x in zip((1, 2), steps, strict=True)], axis=1
+    )
 
 
 def _limit_places(surface: LimitSurface, n: int) -> tuple[Array, Array, Array]:
@@ -188,15 +209,23 @@ def _to_shape(
     """Distances (Q,) of points from a shape of which some places are known."""
     if not len(known):
         return np.full(len(points), np.inf)
-    count = min(_SEEDS, len(known))
-    near, seed = cKDTree(known).query(points, k=count)
+    tree = cKDTree(known)
+    blocks = range(0, len(points), _BLOCK)
+    found = [_distances(faces, points[start : start + _BLOCK], where, tree) for start in blocks]
+    return np.concatenate(found)
+
+
+def _distances(
+    faces: SplineFaces, points: Array, where: tuple[Array, Array, Array], tree: cKDTree
+) -> Array:
+    """Those of a block of points (Q, 3)."""
+    count = min(_NEAREST, tree.n)
+    near, seed = tree.query(points, k=count)
     near, seed = near.reshape(len(points), count), seed.reshape(len(points), count)
-    owner = np.repeat(np.arange(len(points)), count)
-    face, u, v = (x[seed.ravel()] for x in where)
-    box = faces.domain[face]
-    for _ in range(_STEPS):
-        u, v = _step(faces, face, u, v, points[owner], box)
-    far = np.linalg.norm(faces.evaluate(face, u, v) - points[owner], axis=1)
+    owner, rank = np.nonzero(_chosen(where[0][seed]))
+    face, u, v = (x[seed[owner, rank]] for x in where)
+    u, v = _feet(faces, face, u, v, points[owner])
+    far = np.linalg.norm(jets(faces, face, u, v, 0)[0, 0] - points[owner], axis=1)
     trimmed = np.flatnonzero(~faces.untrimmed[face])
     outside = trimmed[~faces.covers(face[trimmed], u[trimmed], v[trimmed])]
     far[outside] = np.inf
@@ -205,12 +234,49 @@ def _to_shape(
     return np.asarray(best)
 
 
-def _step(
-    faces: SplineFaces, face: Array, u: Array, v: Array, points: Array, box: Array
+def _chosen(face: Array) -> Array:
+    """Which of places on faces (Q, k), nearest first, to begin at: a few, of several faces."""
+    same = face[:, :, None] == face[:, None, :]
+    before = np.tril(same, -1).sum(axis=2)
+    kept = before < _EACH
+    return np.asarray(kept & (kept.cumsum(axis=1) <= _SEEDS))
+
+
+def _feet(
+    faces: SplineFaces, face: Array, u: Array, v: Array, points: Array
 ) -> tuple[Array, Array]:
-    """Nearer places within a face, by one step of Newton's method, or else of Gauss's."""
-    jet = jets(faces, face, u, v, 2)
-    gap = points - jet[0, 0]
+    """Where places end that move within their faces towards points (Q, 3), never farther away.
+
+    Steps that lead away are tried again, damped after Levenberg and Marquardt.
+    """
+    u, v = u.copy(), v.copy()
+    damping = np.zeros(len(u))
+    box = faces.domain[face]
+    small = _SETTLED * ((box[:, :, 1] - box[:, :, 0]) ** 2).sum(axis=1)
+    which = np.arange(len(u))
+    for _ in range(_STEPS):
+        jet = jets(faces, face[which], u[which], v[which], 2)
+        gap = points[which] - jet[0, 0]
+        new = _step(jet, gap, u[which], v[which], box[which], damping[which])
+        far = points[which] - jets(faces, face[which], *new, 0)[0, 0]
+        nearer = (far**2).sum(axis=1) <= (gap**2).sum(axis=1)
+        moved = (new[0] - u[which]) ** 2 + (new[1] - v[which]) ** 2 > small[which]
+        on = which[nearer]
+        u[on], v[on] = new[0][nearer], new[1][nearer]
+        more = damping[which]
+        damping[which] = np.where(
+            nearer, np.where(more > 0.1, more / 8, 0), np.maximum(1, 4 * more)
+        )
+        which = which[moved]
+        if not len(which):
+            break
+    return u, v
+
+
+def _step(
+    jet: dict[tuple[int, int], Array], gap: Array, u: Array, v: Array, box: Array, damping: Array
+) -> tuple[Array, Array]:
+    """Places within a face after one step of Newton's method, or else of Gauss's."""
     a, b = jet[1, 0], jet[0, 1]
     aa, ab, bb = ((x * y).sum(axis=1) for x, y in ((a, a), (a, b), (b, b)))
     ag, bg = (a * gap).sum(axis=1), (b * gap).sum(axis=1)
@@ -218,6 +284,7 @@ def _step(
     p, q, r = aa - bent[0], ab - bent[1], bb - bent[2]
     convex = (p > 0) & (r > 0) & (p * r - q * q > 1e-6 * aa * bb)
     p, q, r = (np.where(convex, *both) for both in ((p, aa), (q, ab), (r, bb)))
+    p, r = p + damping * aa, r + damping * bb
     # on a side that it would leave, a place moves along it
     at = np.stack([u, v], axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
