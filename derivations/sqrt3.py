@@ -45,6 +45,7 @@ from limitsurf.numbers import RATIONAL
 from limitsurf.refine.turning import across, curve_limit
 from limitsurf.rules import Rules
 from limitsurf.scheme.sqrt3 import SQRT3
+from limitsurf.spectra.stepwise import characteristic_map
 
 N, f, k, j = symbols("N f k j", positive=True)
 RULES = Rules.resolve(ls.Mesh([[0.0], [1], [2]], [[0, 1, 2]]), "sqrt3")
@@ -294,54 +295,16 @@ assert change[1] * shrinks(STEPS[1], 3) < 4e-14
 # ## 7. The characteristic map
 #
 # Its control points are the right eigenvectors of the subdominant pair. All of its pieces but those
-# next to the vertex, cut often enough, have derivatives that are linear up to the bound of 6.: so
-# the Jacobian is positive all over a ring, and by halves of it everywhere. On the spokes it is
-# symmetric, so that it goes around once. Where pieces are not small enough yet they are cut again.
-
+# next to the vertex, cut often enough, have derivatives that are linear up to the bound of 6.,
+# which is 3.6 for what the points around have beside quadratics: so the Jacobian is positive all
+# over a ring, and by thirds of it everywhere, and directions say that the map goes around once. The
+# same is done for butterfly schemes in [stepwise](stepwise.py), and for any valence by
+# `spectral_analysis`.
 
 # %%
-FACTOR = change[1] * (sum(float(norms[m]) * 3**m for m in range(4)) / (1 - float(norms[4]) * 81))
-
-
-def regular_all_over(n):
-    """Whether the Jacobian of the characteristic map is positive."""
-    kinds, kind = begins(n, None, True)
-    own = kinds.map(kind, 0)[0]
-    values, vectors = np.linalg.eig(own)
-    which = np.argsort(-np.abs(values))[:2]
-    plane = np.linalg.svd(np.hstack([vectors[:, which].real, vectors[:, which].imag]))[0][:, :2]
-    plane = plane @ np.linalg.inv(plane[:2])  # corners 1 and 2 at (1, 0) and (0, 1)
-    pieces = [(kinds.parts(kind)[d], kinds.map(kind, d)[0] @ plane) for d in range(1, 9)]
-    for _ in range(7):
-        outer = [piece for piece in pieces if piece[0] != 0]
-        inner = np.array([x for one, x in pieces if one == 0]).reshape(-1, 26, 2)
-        inner = inner[~_positive(inner)]
-        if not outer and not len(inner):
-            return True
-        pieces = [*outer, *((0, x) for x in inner)]
-        pieces = [
-            (kinds.parts(one)[d], kinds.map(one, d)[0] @ x) for one, x in pieces for d in range(9)
-        ]
-    return False
-
-
-def _positive(data):
-    """Whether Jacobians of pieces (n, 26, 2) are positive, by their corners and the bound."""
-    error = FACTOR * np.abs(left[:, 1:] @ data).max(axis=1)[:, None]
-    boxes = []
-    for s, t in ((0, 0), (1, 0), (0, 1)):
-        rows = np.stack([rows_of(s, t, which)[1:] for which in (1, 2)])
-        boxes.append(rows @ data)  # (n, derivative, coordinate)
-    low, high = np.min(boxes, axis=0) - error, np.max(boxes, axis=0) + error
-    ends = np.stack([low, high])
-    products = [
-        (ends[:, None, :, 0, i] * ends[None, :, :, 1, 1 - i]).reshape(4, -1) for i in (0, 1)
-    ]
-    return products[0].min(axis=0) - products[1].max(axis=0) > 0
-
-
+assert change[1] * shrinks(0, 3) < 3.6
 for n in (3, 4, 5, 7, 8, 9, 12, 20, 50):
-    assert regular_all_over(n), n
+    assert characteristic_map(SQRT3, n, 1) == (True, 1.0), n
 
 # %% [markdown]
 # ## 8. Beside boundaries

@@ -95,6 +95,17 @@ def test_what_is_said_of_vertices():
     assert behaviour["catmull-clark", 3] == "tends to 0"
 
 
+def test_what_is_said_of_vertices_of_schemes_by_steps():
+    for n in range(2, 13):
+        sqrt3, modified, old = (
+            ls.spectral_analysis(name, valence=n)
+            for name in ("sqrt3", "modified-butterfly", "butterfly")
+        )
+        assert (sqrt3.c1, modified.c1, old.c1) == (n > 2, n > 2, 4 <= n <= 7)
+        bounded = [x for x in (sqrt3, modified, old) if x.c1 and x.curvature.behaviour == "bounded"]
+        assert bounded == ([sqrt3] if n in (4, 5, 6) else [])
+
+
 def test_spectra_are_drawn(tmp_path):
     mine = ls.Scheme("mine", vertex=lambda N: ls.schemes["catmull-clark"].vertex(N))
     ls.plot_spectrum([mine, "loop"], tmp_path / "s.svg", valences=[3, 5])

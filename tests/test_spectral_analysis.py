@@ -10,8 +10,10 @@ from test_analysis import own, own_loop
 
 import limitsurf as ls
 from limitsurf.exact.analysis import minor_sign, winding
+from limitsurf.refine.neighbourhoods import lattice_places
 from limitsurf.scheme.doo_sabin import DOO_SABIN
 from limitsurf.scheme.dual import DualScheme
+from limitsurf.spectra import stepwise
 
 CATMULL_CLARK, LOOP = ls.schemes["catmull-clark"], ls.schemes["loop"]
 PAGE = Path(__file__).parent.parent / "notebooks" / "site" / "howto" / "schemes.md"
@@ -201,13 +203,134 @@ def test_what_is_shown():
         found.c1 = False
 
 
+# after Kobbelt (2000): frequency f has (2/3) cos(pi f / N), what is constant lambda^2; outer points
+# have 0.2025... at each valence, by the matrix of all points below
+@pytest.mark.parametrize("n", [3, 4, 5, 6, 7, 8, 12])
+def test_waves_of_sqrt3(n):
+    found = ls.spectral_analysis("sqrt3", valence=n)
+    waves = 2 / 3 * np.cos(np.pi * np.arange(1, n // 2 + 1) / n)
+    assert (found.c1, found.regular, found.injective) == (True, True, True)
+    assert found.subdominant == pytest.approx((waves[0],) * 2, abs=1e-15)
+    values = {x.value: x for x in found.eigenvalues}
+    near = {w: min(values, key=lambda x: abs(x - w)) for w in (*waves, waves[0] ** 2)}
+    assert all(abs(w - x) < 1e-15 for w, x in near.items())
+    assert "frequency 0" in values[near[waves[0] ** 2]].origins
+    assert found.eigenvalues[0].value == 1
+    alpha = (4 - 2 * np.cos(2 * np.pi / n)) / 9
+    assert found.shrinkage == pytest.approx(3 * alpha / (1 + 3 * alpha), abs=1e-14)
+    rate = max(waves[1] / waves[0] ** 2 if n > 3 else 0, 1, 0.20254174 / waves[0] ** 2)
+    assert found.curvature.rate == pytest.approx(rate, abs=1e-7)
+    lead = next(mode for mode in found.curvature.by_frequency if mode.leads)
+    assert lead.outer == (n == 3)
+    assert found.curvature.behaviour == ("bounded" if n in (4, 5, 6) else "unbounded")
+
+
+def test_waves_of_butterfly():
+    """Dyn, Levin, Gregory (1990): no tangent plane at 3; more than one turn from 8 on."""
+    for n in (2, 3, 4, 7, 8):
+        assert ls.spectral_analysis("butterfly", valence=n).c1 == (4 <= n <= 7)
+    twice = ls.spectral_analysis("butterfly", valence=8)
+    assert (twice.regular, twice.injective, twice.curvature) == (True, False, None)
+    regular = ls.spectral_analysis("butterfly", valence=6)
+    (quarter,) = [x for x in regular.eigenvalues if x.value == 0.25]
+    assert (quarter.multiplicity, quarter.jordan) == (7, (3, 2, 2))
+    assert quarter.origins == ("frequency 0", "frequency 2")
+    assert regular.curvature.logarithm
+
+
+def test_waves_of_modified_butterfly():
+    """Zorin, Schroeder, Sweldens (1996): 1/2 from frequency 1, then 1/4 at 0 and 2."""
+    for n in (3, 4, 5, 7, 9):
+        found = ls.spectral_analysis("modified-butterfly", valence=n)
+        assert (found.c1, found.subdominant, found.shrinkage) == (True, (0.5, 0.5), 0)
+        quarter = found.eigenvalues[2]
+        assert (quarter.value, max(quarter.jordan)) == (0.25, 1)
+        assert quarter.multiplicity == {3: 1, 4: 2}.get(n, 3)
+        assert found.curvature.behaviour == "unbounded"
+
+
+@pytest.mark.parametrize("name", ["butterfly", "modified-butterfly", "sqrt3"])
+def test_all_waves_are_the_eigenvalues_of_a_matrix_of_points(name):
+    """A disk refined by the public call: one matrix of the points of three rings."""
+    n, rings = 5, 5 if name == "sqrt3" else 4
+    number = {}
+
+    def at(r, s, t):
+        r, s, t = (0, 0, 0) if r == 0 else (r, (s + t // r) % n, t % r)
+        return number.setdefault((r, s, t), len(number))
+
+    faces = []
+    for s in range(n):
+        for r in range(1, rings + 1):
+            for t in range(r):
+                faces.append((at(r - 1, s, t), at(r, s, t), at(r, s, t + 1)))
+                if t < r - 1:
+                    faces.append((at(r - 1, s, t), at(r, s, t + 1), at(r - 1, s, t + 1)))
+    mesh = ls.Mesh(np.zeros((len(number), 3)), faces)
+    steps = 2 if name == "sqrt3" else 1
+    fine, R = ls.refined(mesh, steps, scheme=name, operator=True)
+    # each new vertex by where it is: its ring is that of its parent, times two or three
+    scale = 3 if steps == 2 else 2
+    place = {}
+    keys = {k: key for key, k in number.items()}
+    for row in range(fine.n_vertices):
+        a, b, c = (keys[v] for v in mesh.faces[fine.parent_face[row]])
+        u, v = fine.parent_u[row], fine.parent_v[row]
+        where = sum(
+            w * r * np.exp(2j * np.pi * s / n)
+            + w * t * (np.exp(2j * np.pi * (s + 1) / n) - np.exp(2j * np.pi * s / n))
+            for w, (r, s, t) in ((1 - u - v, a), (u, b), (v, c))
+        )
+        place[complex(np.round(scale * where, 6) + 0)] = row
+    spots = {
+        key: complex(
+            np.round(
+                r * np.exp(2j * np.pi * s / n)
+                + t * (np.exp(2j * np.pi * (s + 1) / n) - np.exp(2j * np.pi * s / n)),
+                6,
+            )
+            + 0
+        )
+        for key, k in number.items()
+        for r, s, t in [key]
+        if r <= 3
+    }
+    rows = [place[spot] for spot in spots.values()]
+    columns = [number[key] for key in spots]
+    matrix = R[rows][:, columns].toarray()
+    assert np.abs(matrix.sum(axis=1) - 1).max() < 1e-14
+    values = np.linalg.eigvals(matrix)
+    found = ls.spectral_analysis(name, valence=n).eigenvalues
+    expected = [x.value**steps for x in found for _ in range(x.multiplicity)]
+    assert len(expected) == len(values) == 31
+    for power in range(1, 6):  # sums of powers, since chains have few digits
+        assert (values**power).sum() == pytest.approx(np.sum(np.power(expected, power)), abs=1e-12)
+
+
+def test_spectra_of_steps_are_refused_off_smooth_vertices():
+    with pytest.raises(
+        ValueError, match="'sqrt3': spectra of schemes that are refined step by step"
+    ):
+        ls.spectral_analysis("sqrt3", kind="crease", faces=3)
+
+
+def test_a_map_that_folds_is_told():
+    whole = stepwise.pieces_of(ls.schemes["sqrt3"], 5)
+    pieces = stepwise._Pieces(
+        0, np.zeros((1, 26, 2)), np.zeros((1, 2)), np.zeros((1, 2)), np.ones(1)
+    )
+    places = lattice_places(whole._kinds.known[0].faces, 27)[1:].astype(float)
+    pieces.steps[0] = places * [1, -1]
+    assert pieces.bounds(whole)[0].tolist() == [-1]
+    pieces.steps[0] = np.stack([places[:, 0], places[:, 0] * places[:, 1]], axis=1)
+    assert pieces.bounds(whole)[0].tolist() == [0]
+
+
 def test_the_table_of_the_page_is_recomputed():
     rows = re.findall(
-        r"^\| `([a-z-]+)` \| (\d+) \| (.*) \|$", PAGE.read_text("utf-8"), re.MULTILINE
+        r"^\| `([a-z0-9-]+)` \| (\d+) \| (.*) \|$", PAGE.read_text("utf-8"), re.MULTILINE
     )
-    assert {name for name, *_ in rows} == {
-        n for n, s in ls.schemes.with_pieces.items() if not s.local
-    }
+    assert {name for name, *_ in rows} == {n for n, s in ls.schemes.items() if not s.local}
     for name, valence, cells in rows:
         facts = ls.spectral_analysis(name, valence=int(valence)).facts
         names = ("C1", "curvature", "cups survive", "saddles survive", "shrinkage")

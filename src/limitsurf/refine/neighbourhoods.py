@@ -224,7 +224,7 @@ class Kinds:
                 if found is None:
                     corners, *more = np.split(row.astype(np.int64), 3 if joined else 1)
                     faces, n = corners.reshape(-1, 3), int(corners.max()) + 1
-                    places = None if joined else _places(faces, n)
+                    places = None if joined else lattice_places(faces, n)
                     self.known.append(Kind(faces, n, places, tuple(more)))
                     self._by_code[code] = found = len(self.known) - 1
         return found
@@ -292,7 +292,7 @@ def _ranks(group: Array) -> Array:
     return np.asarray(np.arange(len(group)) - (np.cumsum(sizes) - sizes)[group])
 
 
-def _places(faces: Array, n: int) -> Array | None:
+def lattice_places(faces: Array, n: int) -> Array | None:
     """Coordinates of points in a lattice, from the first face on; None if it is part of none."""
     found: dict[int, tuple[int, int]] = {0: (0, 0), 1: (1, 0), 2: (0, 1)}
     rest = [tuple(face) for face in faces[1:].tolist()]

@@ -55,6 +55,11 @@ class TurningScheme(StepwiseScheme):
         """Whether two steps cut edges into three, and one makes faces across edges."""
         return True
 
+    @property
+    def reach(self) -> float:
+        """How far a vertex has influence: 5/3 edges after two steps, a third as much after each."""
+        return 2.5
+
     def share_at(self, valence: int) -> Weight:
         """What the neighbours of an interior vertex have in its new point, checked."""
         found = self.share(valence)

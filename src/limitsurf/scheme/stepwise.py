@@ -75,6 +75,11 @@ class StepwiseScheme(Scheme):
         return False
 
     @property
+    def reach(self) -> float:
+        """How far a vertex has influence where the scheme is regular, in edges."""
+        raise NotImplementedError
+
+    @property
     def kinds(self) -> tuple[str, ...]:
         """The kinds of special corners that there are rules for: smooth ones."""
         return ("interior",)
@@ -124,6 +129,14 @@ class InterpolatingScheme(StepwiseScheme):
 
     def __hash__(self) -> int:
         return hash(self.name)
+
+    @property
+    def reach(self) -> float:
+        """How far a vertex has influence, in edges: 3/2 after a step, half as much more after each.
+
+        The point of an edge takes from the wings, which are three halves of an edge away.
+        """
+        return 3.0
 
     def spoke_mask(self, valence: int) -> tuple[Any, ...] | None:
         """Weights around an interior vertex in the point of one of its edges, if it has its own.

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from limitsurf import html
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
-from limitsurf.spectra.basis import Eigenbasis, eigenbasis
+from limitsurf.scheme.stepwise import StepwiseScheme
+from limitsurf.spectra.basis import Eigenbasis, chosen
+from limitsurf.spectra.stepwise import Waves, waves_of
 from limitsurf.tables import CurvatureMode, Verdicts, verdicts_of
 
 
@@ -44,8 +46,9 @@ class CurvatureAnalysis:
     behaviour : {"tends to 0", "bounded", "unbounded", "not decided"}
         "not decided" only where `exact` is False.
     rate : float
-        By what curvature is multiplied as the parameters are halved: the largest ``|mu| / l^2``,
-        with the subdominant eigenvalue l and mu any other but 1.
+        By what curvature is multiplied as the parameters are halved, of "sqrt3" as they are
+        divided by the square root of 3: the largest ``|mu| / l^2``, with the subdominant eigenvalue
+        l and mu any other but 1; of butterfly schemes at least the 1 that new vertices have.
     power : float or None
         Curvature grows like ``r^-power`` with the distance r in space, 1/length; negative where it
         tends to 0. None where `exact` is False.
@@ -96,7 +99,8 @@ class SpectralAnalysis:
         The two that outweigh all others but 1, the larger first; empty where none do.
     regular : bool or None
         Whether the Jacobian of the characteristic map has one sign on all faces, by its Bernstein
-        coefficients. None where there is no such map, or where 12 halvings do not decide.
+        coefficients, or bounds of derivatives. None where there is no such map, or where 12
+        halvings do not decide.
     injective : bool or None
         Whether that map, if it is regular, goes around the vertex once. None where it is not
         regular, and on sectors with two ends, where this is not decided.
@@ -191,8 +195,8 @@ def spectral_analysis(
 
     Whether they are C1 there, and whether curvature is bounded, of control points in general
     position. Eigenvalues are compared to 60 digits; the sign of the Jacobian of the
-    characteristic map is that of its Bernstein coefficients, on pieces that are halved until they
-    have one sign; nothing is sampled.
+    characteristic map is that of its Bernstein coefficients, or of bounds where limits are no
+    polynomials, on pieces that are halved until they have one sign; nothing is sampled.
 
     Parameters
     ----------
@@ -210,7 +214,8 @@ def spectral_analysis(
     ------
     ValueError
         As `eigenbasis`: for an unknown scheme or kind, too few faces, masks without a limit, or a
-        scheme by which no vertex is special, as "bilinear".
+        scheme by which no vertex is special, as "bilinear"; and for other than smooth vertices
+        under a scheme without polynomial pieces, as "sqrt3".
 
     Warns
     -----
@@ -224,7 +229,8 @@ def spectral_analysis(
     are halved, curvature is multiplied by ``mu / l^2`` (Sabin 1991), of the *extended* matrix: mu
     can belong to points outside of the ring, as at valence 3 of Loop's scheme. Cups and saddles:
     Karciauskas, Peters, Reif (2004). The weights of a vertex in its limit: Halstead, Kass, DeRose
-    (1993). Derived in ``derivations/scaling.py`` and ``derivations/analysis.py``.
+    (1993). Derived in ``derivations/scaling.py``, ``derivations/analysis.py`` and, without
+    polynomials, ``derivations/stepwise.py``.
 
     Examples
     --------
@@ -237,12 +243,13 @@ def spectral_analysis(
     >>> print(ls.spectral_analysis("doo-sabin", valence=5).curvature)
     unbounded, like log(1/r)
     """
-    basis = eigenbasis(scheme, valence, kind=kind, faces=faces, position=position)
+    scheme, sector = chosen(scheme, valence, kind, faces, position)
+    if not scheme.has_pieces:
+        return _of_waves(scheme, sector)
+    basis = Eigenbasis(scheme, sector)
     table, found = basis.float64, verdicts_of(basis.scheme, basis.sector)
     regular, undecided = found.regular, bool(found.pair) and found.regular is None
-    injective = None
-    if regular and found.turns is not None:
-        injective = abs(abs(found.turns) - 1) < 0.25
+    injective = _injective(found)
     c1 = None if undecided else bool(len(table.normal))
     return SpectralAnalysis(
         basis.scheme,
@@ -257,6 +264,53 @@ def spectral_analysis(
         _support(basis.scheme),
         1 - float(table.limit_mask[0]),
     )
+
+
+def _injective(found: Verdicts) -> bool | None:
+    if not found.regular or found.turns is None:
+        return None
+    return abs(abs(found.turns) - 1) < 0.25
+
+
+def _of_waves(scheme: Scheme, sector: Sector) -> SpectralAnalysis:
+    """That of a scheme without polynomial pieces."""
+    if sector.kind != "interior":
+        raise ValueError(
+            f"scheme {scheme.name!r}: spectra of schemes that are refined step by step are known "
+            f"at smooth interior vertices, not of a {sector.kind}; its surfaces have the normals "
+            "that ls.refined gives"
+        )
+    n = sector.faces
+    waves = waves_of(scheme, n)
+    found, injective = waves.verdicts, _injective(waves.verdicts)
+    c1 = None if found.pair and found.regular is None else bool(found.regular and injective)
+    curvature = _curvature(found, sector) if c1 else None
+    if curvature is not None and not scheme.turns_edges:
+        curvature = _with_chains(curvature, found.pair[0])
+    return SpectralAnalysis(
+        scheme, sector, tuple(_values(waves, n)), found.pair, found.regular, injective, c1,
+        curvature, waves.size, _support(scheme), 1 - waves.own,
+    )  # fmt: skip
+
+
+def _values(waves: Waves, n: int) -> Iterator[AnalysedEigenvalue]:
+    for value, some in waves.groups:
+        sizes = [one.jordan * (1 if 2 * one.frequency in (0, n) else 2) for one in some]
+        jordan = tuple(sorted((size for each in sizes for size in each), reverse=True))
+        origins = [f"frequency {one.frequency}" for one in some]
+        yield AnalysedEigenvalue(value, sum(jordan), jordan, tuple(dict.fromkeys(origins)))
+
+
+def _with_chains(curvature: CurvatureAnalysis, second: float) -> CurvatureAnalysis:
+    """The same where each new vertex has a chain that makes curvature unbounded, of power 0."""
+    own = curvature.rate > 1 and curvature.behaviour == "unbounded"
+    power = math.log(curvature.rate) / -math.log(second) if own else 0.0
+    logarithm = curvature.logarithm if own else True
+    rate = curvature.rate if own else 1.0
+    return replace(
+        curvature, behaviour="unbounded", rate=rate, power=power, logarithm=logarithm,
+        cups=curvature.cups if own else None, saddles=curvature.saddles if own else None,
+    )  # fmt: skip
 
 
 def _eigenvalues(basis: Eigenbasis) -> Iterator[AnalysedEigenvalue]:
@@ -300,6 +354,8 @@ def _support(scheme: Scheme) -> float:
     That of a B-spline of degree d is d + 1 intervals; of a box spline of three directions, each m
     times, m edges around, and its degree is 3 m - 2.
     """
+    if isinstance(scheme, StepwiseScheme):
+        return scheme.reach
     exponents = scheme.spline.exponents
     if scheme.lattice.face_size == 4:
         return (max(map(max, exponents)) + 1) / 2

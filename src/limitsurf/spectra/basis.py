@@ -299,6 +299,13 @@ def eigenbasis(
     >>> ls.eigenbasis("catmull-clark", kind="crease", faces=4).float64.eigenvalues[:4]
     array([1.        , 0.61111653, 0.5       , 0.5       ])
     """
+    return Eigenbasis(*chosen(scheme, valence, kind, faces, position))
+
+
+def chosen(
+    scheme: str | Scheme, valence: int | None, kind: str, faces: int | None, position: int
+) -> tuple[Scheme, Sector]:
+    """The scheme and the special corner that arguments of `eigenbasis` are of."""
     scheme = find_scheme(scheme)
     number = faces if valence is None else valence
     if (valence is None) == (faces is None):
@@ -307,4 +314,4 @@ def eigenbasis(
         if not isinstance(value, (int, np.integer)) or isinstance(value, bool):
             raise ValueError(f"the {name} is an integer, got {value!r}")
     assert number is not None
-    return Eigenbasis(scheme, scheme.sector(kind, int(number), int(position)))
+    return scheme, scheme.sector(kind, int(number), int(position))
