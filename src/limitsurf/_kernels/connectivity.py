@@ -1,8 +1,8 @@
 """Compiled connectivity of faces: corners at vertices, twins, fans, edges, and regular patches.
 
-Corners are numbered face by face, H in all. ``tail`` (H,) is the vertex of each. ``size`` is 4 for
-meshes of quads alone; else ``after`` and ``before`` (H,) are the next and the previous corner of
-the same face. ``starts`` (V + 1,) and ``corners`` (H,) are what `around` gives, ``twin`` (H,) what
+Corners are numbered face by face, H in all. ``tail`` (H,) is the vertex of each. ``size`` is 3 or 4
+for meshes of triangles or quads alone; else ``after`` and ``before`` (H,) are the next and the
+previous corner of the same face. ``starts`` (V + 1,) and ``corners`` (H,) are what `around` gives, ``twin`` (H,) what
 `twins` does. Other given integers have 64 bits; H is less than 2^31. Everything is linear in H,
 but for the sorting of the neighbours of each vertex in `edges`.
 """
@@ -23,12 +23,20 @@ Steps = tuple[int, Array, Array]
 
 @inlined
 def _following(corner: int, size: int, after: Array) -> Any:
-    return corner & ~3 | corner + 1 & 3 if size == 4 else after[corner]
+    if size == 4:
+        return corner & ~3 | corner + 1 & 3
+    if size == 3:
+        return corner + 1 - 3 * (corner % 3 == 2)
+    return after[corner]
 
 
 @inlined
 def _preceding(corner: int, size: int, before: Array) -> Any:
-    return corner & ~3 | corner - 1 & 3 if size == 4 else before[corner]
+    if size == 4:
+        return corner & ~3 | corner - 1 & 3
+    if size == 3:
+        return corner - 1 + 3 * (corner % 3 == 0)
+    return before[corner]
 
 
 def around(tail: Array, offsets: Array, n_vertices: int) -> tuple[Array, Array, bool]:
@@ -390,23 +398,32 @@ def _renumber(
         twins[k] = here if inside else -1
 
 
-def smooth_faces(tail: Array, first: Array, turn: Array, valence: Array) -> tuple[Array, Array]:
+def smooth_faces(
+    tail: Array, size: int, regular: int, first: Array, turn: Array, valence: Array
+) -> tuple[Array, Array]:
     """Which faces are one smooth patch: see `patches.neighbourhood.smooth_faces`."""
     found, start = np.empty(len(first), np.int32), np.empty(len(first), np.int8)
-    _smooth_faces(tail, first, turn, valence, found, start)
+    _smooth_faces(tail, size, regular, first, turn, valence, found, start)
     return found, start
 
 
 @kernel
 def _smooth_faces(
-    tail: Array, first: Array, turn: Array, valence: Array, found: Array, start: Array
+    tail: Array,
+    size: int,
+    regular: int,
+    first: Array,
+    turn: Array,
+    valence: Array,
+    found: Array,
+    start: Array,
 ) -> None:
     for face in range(len(first)):
-        special, place = 4, -turn[face] & 3
-        for k in range(4):
+        special, place = regular, (size - turn[face]) % size
+        for k in range(size):
             here = valence[tail[first[face] + k]]
-            if here != 4:
-                special, place = (here, k) if special == 4 else (0, 0)
+            if here != regular:
+                special, place = (here, k) if special == regular else (0, 0)
                 if special == 0:
                     break
         found[face] = special
@@ -509,6 +526,73 @@ def _specials(
         _grid(tail, size, after, before, twin, first[face], start[face], room, 0)
         for j in range(len(outer)):
             result[face, 2 * valence + 1 + j] = room[0, outer[j]]
+
+
+def stars(
+    tail: Array, steps: Steps, twin: Array, first: Array, start: Array, own: Array, around: Array
+) -> Array:
+    """Vertices of and around triangles, (n, places): see `patches.neighbourhood.templates`.
+
+    ``own`` (3,) and ``around`` (3, 6) are the places of the corners, and of what is around each.
+    """
+    result = np.full((len(first), around.max() + 1), -1, np.int32)
+    _stars(tail, *steps, twin, first, start, own, around, result)
+    return result
+
+
+@kernel
+def _stars(
+    tail: Array,
+    size: int,
+    after: Array,
+    before: Array,
+    twin: Array,
+    first: Array,
+    start: Array,
+    own: Array,
+    around: Array,
+    result: Array,
+) -> None:
+    for face in range(len(first)):
+        for k in range(3):
+            corner = first[face] + (start[face] + k) % 3
+            result[face, own[k]] = tail[corner]
+            # counter-clockwise, and clockwise where that does not come back
+            here, earlier, j = corner, corner, 0
+            while here >= 0 and j < 6:
+                result[face, around[k, j]] = tail[_following(here, size, after)]
+                earlier = _preceding(here, size, before)
+                here, j = twin[earlier], j + 1
+            result[face, around[k, j % 6]] = tail[earlier]
+            if here != corner:
+                here, j = corner, 6
+                result[face, around[k, 1]] = tail[_preceding(here, size, before)]
+                while here >= 0 and j > 0:
+                    result[face, around[k, j % 6]] = tail[_following(here, size, after)]
+                    if j < 6:
+                        result[face, around[k, (j + 1) % 6]] = tail[_preceding(here, size, before)]
+                    here, j = twin[here], j - 1
+                    if here >= 0:
+                        here = _following(here, size, after)
+
+
+def rings(tail: Array, steps: Steps, twin: Array, corners: Array, valence: int) -> Array:
+    """Vertices of triangles around corners: that there, then their edge neighbours."""
+    result = np.empty((len(corners), valence + 1), np.int32)
+    _rings(tail, *steps, twin, corners, result)
+    return result
+
+
+@kernel
+def _rings(
+    tail: Array, size: int, after: Array, before: Array, twin: Array, corners: Array, result: Array
+) -> None:
+    for row in range(len(corners)):
+        corner = corners[row]
+        result[row, 0] = tail[corner]
+        for j in range(1, result.shape[1]):
+            result[row, j] = tail[_following(corner, size, after)]
+            corner = twin[_preceding(corner, size, before)]
 
 
 def sharp_faces(

@@ -127,12 +127,12 @@ class Connectivity:
 
     @derived
     def steps(self) -> tuple[int, IntArray, IntArray]:
-        """How kernels go around faces: 4 if all have as many corners, and nothing else.
+        """How kernels go around faces: 3 or 4 if all have as many corners, and nothing else.
 
         Otherwise 0, and the next and the previous corner.
         """
-        if self.uniform_size == 4:
-            return 4, np.zeros(0, np.int64), np.zeros(0, np.int64)
+        if self.uniform_size in (3, 4):
+            return self.uniform_size, np.zeros(0, np.int64), np.zeros(0, np.int64)
         return 0, self.next_corner, self.previous_corner
 
     @property
