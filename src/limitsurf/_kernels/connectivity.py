@@ -2,9 +2,9 @@
 
 Corners are numbered face by face, H in all. ``tail`` (H,) is the vertex of each. ``size`` is 3 or 4
 for meshes of triangles or quads alone; else ``after`` and ``before`` (H,) are the next and the
-previous corner of the same face. ``starts`` (V + 1,) and ``corners`` (H,) are what `around` gives, ``twin`` (H,) what
-`twins` does. Other given integers have 64 bits; H is less than 2^31. Everything is linear in H,
-but for the sorting of the neighbours of each vertex in `edges`.
+previous corner of the same face. ``starts`` (V + 1,) and ``corners`` (H,) are what `around` gives,
+``twin`` (H,) what `twins` does. Other given integers have 64 bits; H is less than 2^31. Everything
+is linear in H, but for the sorting of the neighbours of each vertex in `edges`.
 """
 
 from __future__ import annotations
