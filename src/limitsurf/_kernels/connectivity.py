@@ -179,20 +179,27 @@ def _valences(
     result: Array,
 ) -> None:
     for vertex in range(len(result)):
-        count = starts[vertex + 1] - starts[vertex]
-        if count == 0:
-            result[vertex] = 0
-            continue
-        first = corners[starts[vertex]]
-        found, corner = 1, twin[_preceding(first, size, before)]
-        while corner >= 0 and corner != first:
-            found, corner = found + 1, twin[_preceding(corner, size, before)]
-        sign = 1
-        if corner < 0:
-            sign, corner = -1, twin[first]
-            while corner >= 0:
-                found, corner = found + 1, twin[_following(corner, size, after)]
-        result[vertex] = sign * count if found == count else 0
+        begin, end = starts[vertex], starts[vertex + 1]
+        result[vertex] = _valence(size, after, before, twin, corners, begin, end)
+
+
+@inlined
+def _valence(
+    size: int, after: Array, before: Array, twin: Array, corners: Array, begin: int, end: int
+) -> int:
+    count = end - begin
+    if count == 0:
+        return 0
+    first = corners[begin]
+    found, corner = 1, twin[_preceding(first, size, before)]
+    while corner >= 0 and corner != first:
+        found, corner = found + 1, twin[_preceding(corner, size, before)]
+    sign = 1
+    if corner < 0:
+        sign, corner = -1, twin[first]
+        while corner >= 0:
+            found, corner = found + 1, twin[_following(corner, size, after)]
+    return sign * count if found == count else 0
 
 
 def fans(steps: Steps, twin: Array, starts: Array, corners: Array) -> tuple[Array, ...]:
@@ -248,19 +255,28 @@ def _fans(
 
 
 def edges(
-    tail: Array, steps: Steps, twin: Array, starts: Array, corners: Array
-) -> tuple[Array, Array, Array]:
+    tail: Array, steps: Steps, twin: Array | None, starts: Array, corners: Array
+) -> tuple[Array, Array, Array, tuple[Array, ...]]:
     """Vertices of all edges (E, 2), edge of each corner (H,), half-edges of each edge (E, 2).
 
-    Rows and their order are those of `Mesh.edges` and `Mesh.edge_corners`.
+    Rows and their order are those of `Mesh.edges` and `Mesh.edge_corners`. Twins that are not given
+    are found on the way, and `valences`: both come last, as those functions give them.
     """
-    most = np.count_nonzero(twin < np.arange(len(twin)))
-    ends, edge_corners = np.empty((most, 2), np.int64), np.empty((most, 2), np.int64)
-    corner_edge = np.empty(len(twin), np.int64)
+    fresh, n, V = twin is None, len(tail), len(starts) - 1
+    most = n if twin is None else int(np.count_nonzero(twin < np.arange(n)))
+    # at once, which costs less; memory beyond what is found is never touched
+    counts = [n, fresh * n, fresh * V, 2 * most, 2 * most]
+    corner_edge, *more, ends, sides = _parted(np.empty(sum(counts), np.int64), counts)
+    ends, sides = ends.reshape(most, 2), sides.reshape(most, 2)
     room = np.empty(2 * np.diff(starts).max(), np.int64)
-    result = room, ends, corner_edge, edge_corners
-    count = _edges(tail, *steps, twin, starts, corners, *result)
-    return ends[:count], corner_edge, edge_corners[:count]
+    known = more[0] if twin is None else twin, more[1], starts, corners
+    count = _edges(tail, *steps, fresh, *known, room, ends, corner_edge, sides)
+    return ends[:count], corner_edge, sides[:count], tuple(more) if fresh else ()
+
+
+def _parted(array: Array, counts: list[int]) -> list[Array]:
+    """Parts of an array, of so many entries each."""
+    return np.split(array, np.cumsum(counts)[:-1])
 
 
 @kernel
@@ -269,7 +285,9 @@ def _edges(
     size: int,
     after: Array,
     before: Array,
+    fresh: bool,
     twin: Array,
+    valence: Array,
     starts: Array,
     corners: Array,
     keys: Array,
@@ -299,9 +317,22 @@ def _edges(
             if other != last:
                 last = other
                 edge += 1
+                if fresh:
+                    twin[corner] = -1
+                    if k + 1 < n and keys[k + 1] >> 32 == other:
+                        second = keys[k + 1] & 0xFFFFFFFF
+                        alone = k + 2 == n or keys[k + 2] >> 32 != other
+                        if alone and (tail[corner] == vertex) != (tail[second] == vertex):
+                            twin[corner] = second
                 ends[edge, 0], ends[edge, 1] = vertex, other
                 edge_corners[edge, 0], edge_corners[edge, 1] = corner, twin[corner]
+            elif fresh:
+                first = edge_corners[edge, 0]
+                twin[corner] = first if twin[first] == corner else -1
             corner_edge[corner] = edge
+        if fresh:  # twins of all half-edges here are known by now
+            begin, end = starts[vertex], starts[vertex + 1]
+            valence[vertex] = _valence(size, after, before, twin, corners, begin, end)
     return edge + 1
 
 

@@ -203,8 +203,11 @@ class Connectivity:
         if self.compiled and not self.repeats:
             from limitsurf._kernels import connectivity
 
-            known = self.indices, self.steps, self.twin
-            return connectivity.edges(*known, *self.around[:2])
+            known = self.indices, self.steps, vars(self).get("twin")
+            *table, more = connectivity.edges(*known, *self.around[:2])
+            for name, found in zip(("twin", "valences"), more, strict=False):
+                vars(self).setdefault(name, read_only(found))
+            return tuple(table)  # type: ignore[return-value]
         start, end = self.indices, self.indices[self.next_corner]
         key = np.minimum(start, end) * self.n_vertices + np.maximum(start, end)
         alone = self.separate
