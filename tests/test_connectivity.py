@@ -33,6 +33,10 @@ def both(make):
 def connectivity(points, faces):
     cage = Mesh(points, faces).connectivity
     arrays = {name: getattr(cage, name) for name in NAMES}
+    again = Mesh(points, faces).connectivity  # twins come with edges that are asked for first
+    for name in ("edges", "corner_edge", "edge_corners", "twin", "valences"):
+        arrays[f"{name}, in another order"] = getattr(again, name)
+        assert np.array_equal(getattr(again, name), arrays[name]), name
     return arrays | {f"fans.{name}": getattr(cage.fans, name) for name in FANS}
 
 
