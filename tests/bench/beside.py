@@ -60,7 +60,7 @@ def of_scheme(scheme: str, mesh: ls.Mesh, count: int) -> dict[str, Callable[[], 
     # corners of faces, all at one of its extraordinary vertices
     corner = odd_vertices(mesh)[mesh.indices].reshape(mesh.n_faces, -1)
     face = np.resize(np.flatnonzero(corner[:, 0]), count)
-    for u in (0.3, 1e-300):
+    for u in (0.3, 0.1, 1e-300):
         u, v = np.full((2, count), u)
         jobs[f"{scheme}: u = {u[0]:g}"] = jet(surface, (face, u, v))
     return jobs
