@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import zoo
+import zoo_triangles
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -32,6 +33,10 @@ def both(make):
 def connectivity(points, faces):
     cage = Mesh(points, faces).connectivity
     arrays = {name: getattr(cage, name) for name in NAMES}
+    again = Mesh(points, faces).connectivity  # twins come with edges that are asked for first
+    for name in ("edges", "corner_edge", "edge_corners", "twin", "valences"):
+        arrays[f"{name}, in another order"] = getattr(again, name)
+        assert np.array_equal(getattr(again, name), arrays[name]), name
     return arrays | {f"fans.{name}": getattr(cage.fans, name) for name in FANS}
 
 
@@ -67,10 +72,14 @@ def test_any_faces(faces):
     assert_same(*both(lambda: connectivity(np.zeros((7, 3)), faces)))
 
 
-@settings(deadline=None)
-@given(st.lists(st.permutations(range(7)).map(lambda p: p[:4]), min_size=1, max_size=9))
-def test_any_quads(faces):
-    assert_same(*both(lambda: connectivity(np.zeros((7, 3)), np.array(faces))))
+@pytest.mark.parametrize("size", [3, 4])
+def test_any_faces_of_one_size(size):
+    @settings(deadline=None)
+    @given(st.lists(st.permutations(range(7)).map(lambda p: p[:size]), min_size=1, max_size=9))
+    def any_faces(faces):
+        assert_same(*both(lambda: connectivity(np.zeros((7, 3)), np.array(faces))))
+
+    any_faces()
 
 
 def test_a_pole_and_fans_of_one_vertex():
@@ -103,6 +112,20 @@ CAGES |= {name: zoo.TAGGED[name] for name in zoo.TAGGED}
 def test_patches(name):
     points, faces, tags = CAGES[name]()
     assert_same(*both(lambda: patches(points, faces, **tags)))
+
+
+TRIANGLES = {name: lambda name=name: (*zoo_triangles.ZOO[name](), {}) for name in zoo_triangles.ZOO}
+TRIANGLES |= {
+    name: lambda name=name: (*zoo_triangles.NONMANIFOLD[name]()[:2], {})
+    for name in zoo_triangles.NONMANIFOLD
+}
+TRIANGLES |= zoo_triangles.TAGGED
+
+
+@pytest.mark.parametrize("name", TRIANGLES)
+def test_patches_of_triangles(name):
+    points, faces, tags = TRIANGLES[name]()
+    assert_same(*both(lambda: patches(points, faces, scheme="loop", **tags)))
 
 
 @settings(deadline=None)

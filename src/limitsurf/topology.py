@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from limitsurf.caching import cached_property
 from limitsurf.cage.connectivity import Connectivity, derived, read_only
-from limitsurf.cage.faces import IntArray
+from limitsurf.cage.faces import IntArray, equal_sizes
 from limitsurf.cage.mesh import Mesh, valid_mesh
 from limitsurf.scheme.lattice import Lattice
 
@@ -33,7 +33,7 @@ class ChildConnectivity(Connectivity):
         faces = child_faces(coarse, lattice)
         super().__init__(
             child_vertices(coarse, lattice),
-            np.full(len(faces), lattice.face_size),
+            equal_sizes(len(faces), lattice.face_size),
             faces.ravel(),
             repeats=False,
             uniform_size=lattice.face_size,
@@ -329,7 +329,7 @@ def child_mesh(mesh: Mesh, points: Array, lattice: Lattice) -> Mesh:
         if not lattice.face_points:
             known["parallel"] = True
             known["edge_table"] = _edges_without_centres(cage, lattice, twin)
-        sizes = np.full(len(faces), lattice.face_size)
+        sizes = equal_sizes(len(faces), lattice.face_size)
         children = Connectivity(child_vertices(cage, lattice), sizes, faces.ravel(), **known)
         return valid_mesh(Mesh, points, children)
     found = cage.children.get(lattice.name)

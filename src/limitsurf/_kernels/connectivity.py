@@ -1,10 +1,10 @@
 """Compiled connectivity of faces: corners at vertices, twins, fans, edges, and regular patches.
 
-Corners are numbered face by face, H in all. ``tail`` (H,) is the vertex of each. ``size`` is 4 for
-meshes of quads alone; else ``after`` and ``before`` (H,) are the next and the previous corner of
-the same face. ``starts`` (V + 1,) and ``corners`` (H,) are what `around` gives, ``twin`` (H,) what
-`twins` does. Other given integers have 64 bits; H is less than 2^31. Everything is linear in H,
-but for the sorting of the neighbours of each vertex in `edges`.
+Corners are numbered face by face, H in all. ``tail`` (H,) is the vertex of each. ``size`` is 3 or 4
+for meshes of triangles or quads alone; else ``after`` and ``before`` (H,) are the next and the
+previous corner of the same face. ``starts`` (V + 1,) and ``corners`` (H,) are what `around` gives,
+``twin`` (H,) what `twins` does. Other given integers have 64 bits; H is less than 2^31. Everything
+is linear in H, but for the sorting of the neighbours of each vertex in `edges`.
 """
 
 from __future__ import annotations
@@ -23,12 +23,20 @@ Steps = tuple[int, Array, Array]
 
 @inlined
 def _following(corner: int, size: int, after: Array) -> Any:
-    return corner & ~3 | corner + 1 & 3 if size == 4 else after[corner]
+    if size == 4:
+        return corner & ~3 | corner + 1 & 3
+    if size == 3:
+        return corner + 1 - 3 * (corner % 3 == 2)
+    return after[corner]
 
 
 @inlined
 def _preceding(corner: int, size: int, before: Array) -> Any:
-    return corner & ~3 | corner - 1 & 3 if size == 4 else before[corner]
+    if size == 4:
+        return corner & ~3 | corner - 1 & 3
+    if size == 3:
+        return corner - 1 + 3 * (corner % 3 == 0)
+    return before[corner]
 
 
 def around(tail: Array, offsets: Array, n_vertices: int) -> tuple[Array, Array, bool]:
@@ -171,20 +179,27 @@ def _valences(
     result: Array,
 ) -> None:
     for vertex in range(len(result)):
-        count = starts[vertex + 1] - starts[vertex]
-        if count == 0:
-            result[vertex] = 0
-            continue
-        first = corners[starts[vertex]]
-        found, corner = 1, twin[_preceding(first, size, before)]
-        while corner >= 0 and corner != first:
-            found, corner = found + 1, twin[_preceding(corner, size, before)]
-        sign = 1
-        if corner < 0:
-            sign, corner = -1, twin[first]
-            while corner >= 0:
-                found, corner = found + 1, twin[_following(corner, size, after)]
-        result[vertex] = sign * count if found == count else 0
+        begin, end = starts[vertex], starts[vertex + 1]
+        result[vertex] = _valence(size, after, before, twin, corners, begin, end)
+
+
+@inlined
+def _valence(
+    size: int, after: Array, before: Array, twin: Array, corners: Array, begin: int, end: int
+) -> int:
+    count = end - begin
+    if count == 0:
+        return 0
+    first = corners[begin]
+    found, corner = 1, twin[_preceding(first, size, before)]
+    while corner >= 0 and corner != first:
+        found, corner = found + 1, twin[_preceding(corner, size, before)]
+    sign = 1
+    if corner < 0:
+        sign, corner = -1, twin[first]
+        while corner >= 0:
+            found, corner = found + 1, twin[_following(corner, size, after)]
+    return sign * count if found == count else 0
 
 
 def fans(steps: Steps, twin: Array, starts: Array, corners: Array) -> tuple[Array, ...]:
@@ -240,19 +255,28 @@ def _fans(
 
 
 def edges(
-    tail: Array, steps: Steps, twin: Array, starts: Array, corners: Array
-) -> tuple[Array, Array, Array]:
+    tail: Array, steps: Steps, twin: Array | None, starts: Array, corners: Array
+) -> tuple[Array, Array, Array, tuple[Array, ...]]:
     """Vertices of all edges (E, 2), edge of each corner (H,), half-edges of each edge (E, 2).
 
-    Rows and their order are those of `Mesh.edges` and `Mesh.edge_corners`.
+    Rows and their order are those of `Mesh.edges` and `Mesh.edge_corners`. Twins that are not given
+    are found on the way, and `valences`: both come last, as those functions give them.
     """
-    most = np.count_nonzero(twin < np.arange(len(twin)))
-    ends, edge_corners = np.empty((most, 2), np.int64), np.empty((most, 2), np.int64)
-    corner_edge = np.empty(len(twin), np.int64)
+    fresh, n, V = twin is None, len(tail), len(starts) - 1
+    most = n if twin is None else int(np.count_nonzero(twin < np.arange(n)))
+    # at once, which costs less; memory beyond what is found is never touched
+    counts = [n, fresh * n, fresh * V, 2 * most, 2 * most]
+    corner_edge, *more, ends, sides = _parted(np.empty(sum(counts), np.int64), counts)
+    ends, sides = ends.reshape(most, 2), sides.reshape(most, 2)
     room = np.empty(2 * np.diff(starts).max(), np.int64)
-    result = room, ends, corner_edge, edge_corners
-    count = _edges(tail, *steps, twin, starts, corners, *result)
-    return ends[:count], corner_edge, edge_corners[:count]
+    known = more[0] if twin is None else twin, more[1], starts, corners
+    count = _edges(tail, *steps, fresh, *known, room, ends, corner_edge, sides)
+    return ends[:count], corner_edge, sides[:count], tuple(more) if fresh else ()
+
+
+def _parted(array: Array, counts: list[int]) -> list[Array]:
+    """Parts of an array, of so many entries each."""
+    return np.split(array, np.cumsum(counts)[:-1])
 
 
 @kernel
@@ -261,7 +285,9 @@ def _edges(
     size: int,
     after: Array,
     before: Array,
+    fresh: bool,
     twin: Array,
+    valence: Array,
     starts: Array,
     corners: Array,
     keys: Array,
@@ -291,9 +317,22 @@ def _edges(
             if other != last:
                 last = other
                 edge += 1
+                if fresh:
+                    twin[corner] = -1
+                    if k + 1 < n and keys[k + 1] >> 32 == other:
+                        second = keys[k + 1] & 0xFFFFFFFF
+                        alone = k + 2 == n or keys[k + 2] >> 32 != other
+                        if alone and (tail[corner] == vertex) != (tail[second] == vertex):
+                            twin[corner] = second
                 ends[edge, 0], ends[edge, 1] = vertex, other
                 edge_corners[edge, 0], edge_corners[edge, 1] = corner, twin[corner]
+            elif fresh:
+                first = edge_corners[edge, 0]
+                twin[corner] = first if twin[first] == corner else -1
             corner_edge[corner] = edge
+        if fresh:  # twins of all half-edges here are known by now
+            begin, end = starts[vertex], starts[vertex + 1]
+            valence[vertex] = _valence(size, after, before, twin, corners, begin, end)
     return edge + 1
 
 
@@ -390,23 +429,32 @@ def _renumber(
         twins[k] = here if inside else -1
 
 
-def smooth_faces(tail: Array, first: Array, turn: Array, valence: Array) -> tuple[Array, Array]:
+def smooth_faces(
+    tail: Array, size: int, regular: int, first: Array, turn: Array, valence: Array
+) -> tuple[Array, Array]:
     """Which faces are one smooth patch: see `patches.neighbourhood.smooth_faces`."""
     found, start = np.empty(len(first), np.int32), np.empty(len(first), np.int8)
-    _smooth_faces(tail, first, turn, valence, found, start)
+    _smooth_faces(tail, size, regular, first, turn, valence, found, start)
     return found, start
 
 
 @kernel
 def _smooth_faces(
-    tail: Array, first: Array, turn: Array, valence: Array, found: Array, start: Array
+    tail: Array,
+    size: int,
+    regular: int,
+    first: Array,
+    turn: Array,
+    valence: Array,
+    found: Array,
+    start: Array,
 ) -> None:
     for face in range(len(first)):
-        special, place = 4, -turn[face] & 3
-        for k in range(4):
+        special, place = regular, (size - turn[face]) % size
+        for k in range(size):
             here = valence[tail[first[face] + k]]
-            if here != 4:
-                special, place = (here, k) if special == 4 else (0, 0)
+            if here != regular:
+                special, place = (here, k) if special == regular else (0, 0)
                 if special == 0:
                     break
         found[face] = special
@@ -509,6 +557,73 @@ def _specials(
         _grid(tail, size, after, before, twin, first[face], start[face], room, 0)
         for j in range(len(outer)):
             result[face, 2 * valence + 1 + j] = room[0, outer[j]]
+
+
+def stars(
+    tail: Array, steps: Steps, twin: Array, first: Array, start: Array, own: Array, around: Array
+) -> Array:
+    """Vertices of and around triangles, (n, places): see `patches.neighbourhood.templates`.
+
+    ``own`` (3,) and ``around`` (3, 6) are the places of the corners, and of what is around each.
+    """
+    result = np.full((len(first), around.max() + 1), -1, np.int32)
+    _stars(tail, *steps, twin, first, start, own, around, result)
+    return result
+
+
+@kernel
+def _stars(
+    tail: Array,
+    size: int,
+    after: Array,
+    before: Array,
+    twin: Array,
+    first: Array,
+    start: Array,
+    own: Array,
+    around: Array,
+    result: Array,
+) -> None:
+    for face in range(len(first)):
+        for k in range(3):
+            corner = first[face] + (start[face] + k) % 3
+            result[face, own[k]] = tail[corner]
+            # counter-clockwise, and clockwise where that does not come back
+            here, earlier, j = corner, corner, 0
+            while here >= 0 and j < 6:
+                result[face, around[k, j]] = tail[_following(here, size, after)]
+                earlier = _preceding(here, size, before)
+                here, j = twin[earlier], j + 1
+            result[face, around[k, j % 6]] = tail[earlier]
+            if here != corner:
+                here, j = corner, 6
+                result[face, around[k, 1]] = tail[_preceding(here, size, before)]
+                while here >= 0 and j > 0:
+                    result[face, around[k, j % 6]] = tail[_following(here, size, after)]
+                    if j < 6:
+                        result[face, around[k, (j + 1) % 6]] = tail[_preceding(here, size, before)]
+                    here, j = twin[here], j - 1
+                    if here >= 0:
+                        here = _following(here, size, after)
+
+
+def rings(tail: Array, steps: Steps, twin: Array, corners: Array, valence: int) -> Array:
+    """Vertices of triangles around corners: that there, then their edge neighbours."""
+    result = np.empty((len(corners), valence + 1), np.int32)
+    _rings(tail, *steps, twin, corners, result)
+    return result
+
+
+@kernel
+def _rings(
+    tail: Array, size: int, after: Array, before: Array, twin: Array, corners: Array, result: Array
+) -> None:
+    for row in range(len(corners)):
+        corner = corners[row]
+        result[row, 0] = tail[corner]
+        for j in range(1, result.shape[1]):
+            result[row, j] = tail[_following(corner, size, after)]
+            corner = twin[_preceding(corner, size, before)]
 
 
 def sharp_faces(

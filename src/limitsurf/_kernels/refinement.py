@@ -398,8 +398,8 @@ def refined_points(
 def refined_triangles(
     points: Array,
     indices: Array,
-    twin: Array,
-    corner_edge: Array,
+    edges: Array,
+    edge_corners: Array,
     vertex_faces: Array,
     masks: tuple[Array, Array],
     first: int,
@@ -409,38 +409,34 @@ def refined_triangles(
     """Smooth points of refined triangles, (V + E, d), midpoints at edges without a twin.
 
     `masks` are by number of faces at a vertex the weight of edge neighbours; and those of each end,
-    and of each opposite corner, in edge points. Channels are as in `refined_points`.
+    and of each opposite corner, in edge points. Channels are as in `refined_points`. At a smooth
+    vertex every edge has a twin: what its neighbours bring comes by edges.
     """
     weights, (end, across) = masks[0], (masks[1][0], masks[1][1])
     n_vertices, last = len(points), first + len(channels)
     for vertex in range(n_vertices):
         for c in range(first, last):
             result[vertex, c] = 0.0
-    for begin in range(0, len(indices), 3):
-        for k in range(3):
-            h = begin + k
-            # unsigned: never counted from the end
-            tail = np.uint64(indices[h])
-            head = np.uint64(indices[begin if k == 2 else h + 1])
-            near = weights[vertex_faces[tail]]
+    for edge in range(len(edges)):
+        # unsigned: never counted from the end
+        a, b = np.uint64(edges[edge, 0]), np.uint64(edges[edge, 1])
+        h, other = edge_corners[edge, 0], edge_corners[edge, 1]
+        if other < 0:
             for c in range(first, last):
-                result[tail, c] += near * (points[head, c] - points[tail, c])
-            other = twin[h]
-            if other >= h:
-                continue  # when the other face has its point
-            edge = n_vertices + corner_edge[h]
-            if other < 0:
-                for c in range(first, last):
-                    result[edge, c] = 0.5 * (points[tail, c] + points[head, c])
-                continue
-            one = np.uint64(indices[begin + 2 if k == 0 else h - 1])
-            two = np.uint64(indices[other + 2 if other % 3 == 0 else other - 1])
-            for c in range(first, last):
-                ends = end * (points[tail, c] + points[head, c])
-                result[edge, c] = ends + across * (points[one, c] + points[two, c])
-    for vertex in range(n_vertices):
+                result[n_vertices + edge, c] = 0.5 * (points[a, c] + points[b, c])
+            continue
+        one = np.uint64(indices[h + 2 if h % 3 == 0 else h - 1])
+        two = np.uint64(indices[other + 2 if other % 3 == 0 else other - 1])
         for c in range(first, last):
-            result[vertex, c] += points[vertex, c]
+            p, q = points[a, c], points[b, c]
+            result[a, c] += q - p
+            result[b, c] += p - q
+            ends = end * (p + q)
+            result[n_vertices + edge, c] = ends + across * (points[one, c] + points[two, c])
+    for vertex in range(n_vertices):
+        near = weights[vertex_faces[vertex]]
+        for c in range(first, last):
+            result[vertex, c] = points[vertex, c] + near * result[vertex, c]
 
 
 @unfused

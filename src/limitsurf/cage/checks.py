@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from limitsurf import masked
 from limitsurf.cage.connectivity import Connectivity
-from limitsurf.cage.faces import Faces, IntArray
+from limitsurf.cage.faces import Faces, IntArray, equal_sizes
 from limitsurf.numbers import Numbers
 
 FacesLike: TypeAlias = Faces | ArrayLike | Sequence[ArrayLike] | tuple[ArrayLike, ArrayLike]
@@ -208,7 +208,7 @@ def face_arrays(faces: FacesLike) -> tuple[IntArray, IntArray]:
         if faces.ndim != 2:
             raise MeshError(f"faces: got an array of shape {faces.shape}, need (n_faces, k)")
         indices = integers(faces, "vertex indices of faces").reshape(-1)
-        sizes = np.full(len(faces), faces.shape[1])
+        sizes = equal_sizes(len(faces), faces.shape[1])
     elif isinstance(faces, tuple) and len(faces) == 2 and not isinstance(faces[0], tuple):
         sizes = integers(faces[0], "face sizes")
         indices = integers(faces[1], "vertex indices of faces")

@@ -127,12 +127,12 @@ class Connectivity:
 
     @derived
     def steps(self) -> tuple[int, IntArray, IntArray]:
-        """How kernels go around faces: 4 if all have as many corners, and nothing else.
+        """How kernels go around faces: 3 or 4 if all have as many corners, and nothing else.
 
         Otherwise 0, and the next and the previous corner.
         """
-        if self.uniform_size == 4:
-            return 4, np.zeros(0, np.int64), np.zeros(0, np.int64)
+        if self.uniform_size in (3, 4):
+            return self.uniform_size, np.zeros(0, np.int64), np.zeros(0, np.int64)
         return 0, self.next_corner, self.previous_corner
 
     @property
@@ -203,8 +203,11 @@ class Connectivity:
         if self.compiled and not self.repeats:
             from limitsurf._kernels import connectivity
 
-            known = self.indices, self.steps, self.twin
-            return connectivity.edges(*known, *self.around[:2])
+            known = self.indices, self.steps, vars(self).get("twin")
+            *table, more = connectivity.edges(*known, *self.around[:2])
+            for name, found in zip(("twin", "valences"), more, strict=False):
+                vars(self).setdefault(name, read_only(found))
+            return tuple(table)  # type: ignore[return-value]
         start, end = self.indices, self.indices[self.next_corner]
         key = np.minimum(start, end) * self.n_vertices + np.maximum(start, end)
         alone = self.separate

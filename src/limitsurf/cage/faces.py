@@ -121,3 +121,8 @@ def histogram(values: IntArray) -> str:
         f"{k}: {n}" for k, n in zip(found[:8].tolist(), counts[:8].tolist(), strict=True)
     )
     return f"{{{text}{', ...' if len(found) > 8 else ''}}}"
+
+
+def equal_sizes(count: int, size: int) -> IntArray:
+    """The sizes of so many faces of one size, read-only, in no memory of their own."""
+    return np.broadcast_to(np.int64(size), count)

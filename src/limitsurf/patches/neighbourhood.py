@@ -1,6 +1,6 @@
 """Which faces are one patch, and the control points around them, as the lattice tells.
 
-Faces of four corners have fast twins in ``squares.py`` and in ``_kernels/connectivity.py``.
+Fast twins are in ``_kernels/connectivity.py``, and of faces of four corners in ``squares.py``.
 """
 
 from __future__ import annotations
@@ -41,11 +41,12 @@ def smooth_faces(
     start : (n,) int8
         That corner, or the one at (0, 0).
     """
-    if mesh.connectivity.compiled and squares.fit(lattice):
+    size, regular = lattice.face_size, lattice.valence
+    if mesh.connectivity.compiled:
         from limitsurf._kernels import connectivity
 
-        return connectivity.smooth_faces(mesh.indices, *map(read_only, (first, turn, valence)))
-    size, regular = lattice.face_size, lattice.valence
+        known = map(read_only, (first, turn, valence))
+        return connectivity.smooth_faces(mesh.indices, size, regular, *known)
     here = valence[mesh.indices[_corners(mesh, lattice, first)]]
     odd = here != regular
     special = odd.argmax(axis=1)
@@ -161,9 +162,14 @@ def templates(
     """
     if squares.fit(lattice):
         return squares.templates(mesh, twin, numbers, first, start)
+    own, around = _stars(lattice)
+    if mesh.connectivity.compiled and lattice.face_size == 3:
+        from limitsurf._kernels import connectivity
+
+        known = numbers, mesh.connectivity.steps, twin, first, start, own, around
+        return connectivity.stars(*read_only(known))
     corners = _turned_corners(lattice, first, start)
     result = np.full((len(first), len(lattice.template)), -1, dtype=np.int32)
-    own, around = _stars(lattice)
     for k, places in enumerate(around):
         result[:, own[k]] = numbers[corners[:, k]]
         ring = _ring(mesh, lattice, twin, numbers, corners[:, k])
@@ -216,7 +222,18 @@ def specials(
 
         known = numbers, mesh.connectivity.steps, mesh.twin, first, start, valence, outer
         return connectivity.specials(*read_only(known))
-    corners = first + start
+    ring = _ring_of(mesh, lattice, numbers, first + start, valence)
+    grid = templates(mesh, lattice, mesh.twin, numbers, first, start)
+    return np.concatenate([ring, grid[:, outer]], axis=1)
+
+
+def _ring_of(mesh: Mesh, lattice: Lattice, numbers: Array, corners: Array, valence: int) -> Array:
+    """Control points at corners amid so many faces, and around them, face by face."""
+    if mesh.connectivity.compiled and lattice.face_size == 3:
+        from limitsurf._kernels import connectivity
+
+        known = numbers, mesh.connectivity.steps, mesh.twin, corners
+        return connectivity.rings(*read_only(known), valence)
     parts = [numbers[corners]]
     for _ in range(valence):
         leaving = corners
@@ -224,8 +241,7 @@ def specials(
             leaving = mesh.next_corner[leaving]
             parts.append(numbers[leaving])
         corners = mesh.twin[mesh.previous_corner[corners]]
-    grid = templates(mesh, lattice, mesh.twin, numbers, first, start)
-    return np.concatenate([np.stack(parts, axis=1).astype(np.int32), grid[:, outer]], axis=1)
+    return np.stack(parts, axis=1).astype(np.int32)
 
 
 def child_at(
@@ -291,14 +307,11 @@ def _ring(mesh: Mesh, lattice: Lattice, twin: Array, numbers: Array, corners: Ar
 
 
 @lru_cache(maxsize=8)
-def _stars(lattice: Lattice) -> tuple[list[int], list[Array]]:
+def _stars(lattice: Lattice) -> tuple[Array, Array]:
     """Places in the template of the corners of the face, and of the points around each."""
-    own, around = [], []
-    for k in range(lattice.face_size):
-        vertex, star = _star(lattice, k)
-        own.append(lattice.template.index(vertex))
-        around.append(np.array([lattice.template.index(place) for place in star]))
-    return own, around
+    place, stars = lattice.template.index, [_star(lattice, k) for k in range(lattice.face_size)]
+    own = np.array([place(vertex) for vertex, _ in stars])
+    return own, np.array([[place(x) for x in star] for _, star in stars])
 
 
 def _star(lattice: Lattice, k: int) -> tuple[Place, list[Place]]:

@@ -369,6 +369,8 @@ def refined(
     compiled = not number.exact and _kernels.compiled(_corners(mesh, levels), 10 if operator else 5)
     coarse, holes = mesh, np.flatnonzero(rules.without_limit(mesh))
     lattice = rules.scheme.lattice
+    if levels:
+        mesh.edges  # noqa: B018  (twins come with them, not the other way round)
     sharpness = Sharpness.of(mesh, rules, number)
     lineage = []
     for _ in range(levels):

@@ -344,6 +344,7 @@ def refined_values(
         known: Any = *given, *faces, *around, mesh.vertex_faces, mesh.n_edges, masks
         refine: Any = refinement.refined_points
     else:
+        around = mesh.edges, mesh.edge_corners
         known = *given, *around, mesh.vertex_faces, (masks[2][:, 0], masks[3])
         refine = refinement.refined_triangles
     for first, channels in channel_groups(values.shape[1]):
