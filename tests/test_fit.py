@@ -58,6 +58,21 @@ def test_steps_converge_quadratically():
     assert len(history) < 10
 
 
+def test_cages_that_can_slide_come_back():
+    """Where a cage moves almost within its surface steps are bent, and damped by nothing."""
+    m, n = 12, 8
+    i, j = (x.ravel() for x in np.meshgrid(range(m), range(n), indexing="ij"))
+    a, b = 2 * np.pi * i / m, 2 * np.pi * j / n
+    torus = [(3 + np.cos(b)) * np.cos(a), (3 + np.cos(b)) * np.sin(a), np.sin(b)]
+    corners = [i * n + j, (i + 1) % m * n + j, (i + 1) % m * n + (j + 1) % n, i * n + (j + 1) % n]
+    mesh = ls.Mesh(np.stack(torus, axis=1), np.stack(corners, axis=1))
+    points = ls.sample(ls.LimitSurface(mesh), 2000, rng=1).point
+    found = ls.fit(moved(mesh, 0.05), points, max_iterations=12)
+    assert found.converged
+    assert found.history[-1] < 1e-13
+    assert np.abs(found.mesh.points - mesh.points).max() < 1e-9
+
+
 def test_optimum_is_that_of_scipy():
     """All of cage and feet as unknowns, on the limit faces where feet are."""
     rng = np.random.default_rng(4)

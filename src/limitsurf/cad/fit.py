@@ -205,15 +205,16 @@ def fit(
     Notes
     -----
     Steps are those of Gauss and Newton for distances of the points from their nearest places, with
-    Levenberg's damping (a step that makes the error larger is not taken). Squared distances are
-    expanded to second order, less what would make them negative: as squared distances from tangent
-    planes, and where the surface is curved away from a point, along it as well (Wang, Pottmann and
-    Liu, "Fitting B-spline curves to point clouds by curvature-based squared distance minimization",
-    ACM Transactions on Graphics 2006; derived in ``derivations/fitting.py``). From points of a
-    surface of the same cage steps converge quadratically, to rounding, where the cage begins near
-    enough: within a part of its shorter edges. Farther away ripples can slide onto their
-    neighbours, where no step makes the error less. Nearest places are followed
-    by Newton's method, and sought on the whole surface every fourth step and at the end.
+    Levenberg's damping (a step that makes the error larger is not taken), each followed by a second
+    one for what it bends away. Squared distances are expanded to second order, less what would make
+    them negative: as squared distances from tangent planes, and, far from the end, where the
+    surface is curved away from a point, along it as well (Wang, Pottmann and Liu, "Fitting B-spline
+    curves to point clouds by curvature-based squared distance minimization", ACM Transactions on
+    Graphics 2006; derived in ``derivations/fitting.py``). From points of a surface of the same cage
+    steps converge quadratically, to rounding, where the cage begins near enough: within a part of
+    its shorter edges, and of the distance between sheets of the surface. Farther away ripples can
+    slide onto their neighbours, where no step makes the error less. Nearest places are followed by
+    Newton's method, and sought on the whole surface every eighth step and at the end.
 
     A cage is not always determined by its surface: on a flat part vertices can move in its plane,
     and where opposite moves of neighbours leave it as it is (on a cube, by Catmull and Clark's

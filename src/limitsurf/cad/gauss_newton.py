@@ -17,7 +17,7 @@ PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 ENTRY = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 _ROWS = 32  # that are multiplied at once
 _MOST = 1 << 22  # numbers that are in memory at once
-_FLOOR = 1e-6  # of the mean of the diagonal
+_FLOOR = 0.1  # of the mean of the diagonal
 
 
 def sums(W: csr_array, metric: Array) -> list[csr_array]:

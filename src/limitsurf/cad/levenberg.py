@@ -3,7 +3,7 @@
 Of a point x with its foot s on the surface, r = x - s. Whatever the vertices P do, the derivative
 of ``|r|^2 / 2`` is that with the foot held in place, ``-w^T r`` with the weights w of the foot. Its
 second derivative is ``w^T w M`` but for terms in which w changes, with M = 1 along r, 0 in
-directions in which the foot slides along, and what curvature leaves of these
+directions in which the foot slides along, and, far from the end, what curvature leaves of these
 (``derivations/fitting.py``).
 """
 
@@ -29,6 +29,8 @@ _TRIES = 12  # of dampings in a step
 _DAMPING, _LEAST, _MOST, _LESS = 1e-3, 1e-15, 1e6, 0.02
 _ROUNDING = 1e-14  # distances, of the size
 _FEET = 1e-12  # how far feet may be off along the surface, of the size
+_BENT = 1e-4  # root of the mean square, of the size, from which on curvature counts in a step
+_TURN = 0.75  # of a step: a second one that is longer is none
 _FADING, _LITTLE = 1e-6, 1e-8  # mean squares up to which such energies fade, and what is left
 _GAINED = 1e-3  # of the sum of squares: less is nothing
 _MAD = 1.4826  # standard deviations of a normal distribution in a median of distances
@@ -76,6 +78,48 @@ class State:
     feet: Feet
     gap: Array  # (n, 3)
     distance: Array  # (n,)
+
+
+@dataclass(frozen=True)
+class Equations:
+    """What a step solves, and what it was made of.
+
+    Attributes
+    ----------
+    normal : Normal
+        Second derivatives.
+    right : (n_free, 3)
+        Less the first ones.
+    W : csr_array (n, n_vertices)
+        Weights of the feet.
+    weight : (n,)
+    metric : (n, 6)
+    gap : (n, 3)
+        What counts of the gaps.
+    free : (n_free,)
+    """
+
+    normal: Normal
+    right: Array
+    W: Any
+    weight: Array
+    metric: Array
+    gap: Array
+    free: Array
+
+    def turned(self, damping: float, move: Array, gap: Array) -> Array | None:
+        """A second step, by what gaps after the first have that was not promised; None if long.
+
+        That is half of the second derivative along the step.
+        """
+        whole = np.zeros((self.W.shape[1], 3))
+        whole[self.free] = move
+        promised = self.gap - _times(self.metric, self.W @ whole)
+        more = self.weight[:, None] * (across(self.metric, gap) - promised)
+        found = self.normal.solve(damping, (self.W.T @ more)[self.free])
+        if found is None or np.abs(found).max() > _TURN * np.abs(move).max():
+            return None
+        return found
 
 
 class Steps:
@@ -169,16 +213,18 @@ class Steps:
 
     # ------------------------------------------------------------------ a step
 
-    def equations(self) -> tuple[Normal, Array]:
-        """The matrix of second derivatives, and the right side (n_free, 3)."""
+    def equations(self) -> Equations:
+        """Those of a step from where the surface is."""
         problem, state = self.problem, self.state
         feet, free, surface = state.feet, problem.free, state.surface
         _, slope = _rho(problem.loss, state.distance, self.scale)
         weight = self.counted * slope
         W = surface.weights(feet.face, feet.u, feet.v, workers=problem.workers)
-        metric = metrics(surface, feet, state.gap, problem.kinds, problem.workers)
+        bent = self.rms > _BENT
+        metric = metrics(surface, feet, state.gap, problem.kinds, problem.workers, bent=bent)
         blocks = sums(W, weight[:, None] * metric)
-        right = W.T @ (weight[:, None] * across(metric, state.gap))
+        gap = across(metric, state.gap)
+        right = W.T @ (weight[:, None] * gap)
         diagonal = [k for k, (i, j) in enumerate(PAIRS) if i == j]
         if problem.energy is not None:
             right = right - problem.energy @ surface.points
@@ -192,26 +238,26 @@ class Steps:
                 blocks[k] = blocks[k] + C.T @ C / len(targets)
         if len(free) < len(right):
             blocks = [one[free][:, free] for one in blocks]
-        return Normal(blocks), right[free]
+        return Equations(Normal(blocks), right[free], W, weight, metric, gap, free)
 
     def step(self, damping: float, anew: bool) -> tuple[float, float, bool]:
         """One step: the damping for the next one, the cost, and whether there was a step."""
         if self.fading is not None:
             share = min(max(self.data(self.state) / _FADING, _LITTLE), 1.0)
             self.problem = replace(self.problem, energy=share * self.fading)
-        normal, right = self.equations()
+        equations = self.equations()
+        normal, right = equations.normal, equations.right
         before, grow = self.cost(self.state), 4.0
         for _ in range(_TRIES):
             move = normal.solve(damping, right)
             if move is not None:
                 if np.abs(move).max(initial=0) < _ROUNDING:
                     break
-                points = self.state.surface.points.copy()
-                points[self.problem.free] += move
-                trial = self._at(
-                    self.state.surface.with_points(points), None if anew else self.state.feet
-                )
-                after = self.cost(trial)
+                trial, after = self._moved(move, anew)
+                if (more := equations.turned(damping, move, trial.gap)) is not None:
+                    other, least = self._moved(move + more, anew)
+                    if least < after:
+                        trial, after = other, least
                 promised = 2 * float((move * right).sum()) - normal.curvature(move)
                 if after < before:
                     self.state = trial
@@ -222,6 +268,14 @@ class Steps:
                 break
             damping, grow = min(damping * grow, _MOST), 2 * grow
         return damping, before, False
+
+    def _moved(self, move: Array, anew: bool) -> tuple[State, float]:
+        """The state after a step of the free vertices, and its cost."""
+        points = self.state.surface.points.copy()
+        points[self.problem.free] += move
+        surface = self.state.surface.with_points(points)
+        state = self._at(surface, None if anew else self.state.feet)
+        return state, self.cost(state)
 
     def settle(self) -> bool:
         """Seek all feet anew; whether that brought some nearer than they were thought to be."""
@@ -280,8 +334,10 @@ def _rho(loss: Loss, distance: Array, scale: float) -> tuple[Array, Array]:
     return scale**2 * np.log1p(z), 1 / (1 + z)
 
 
-def metrics(surface: LimitSurface, feet: Feet, gap: Array, kinds: Array, workers: int) -> Array:
-    """M of each point, (n, 6) in the order of `PAIRS`.
+def metrics(
+    surface: LimitSurface, feet: Feet, gap: Array, kinds: Array, workers: int, *, bent: bool
+) -> Array:
+    """M of each point, (n, 6) in the order of `PAIRS`; if not `bent`, with k = 0.
 
     ``n n^T + c1 d1 d1^T + c2 d2 d2^T`` with the principal directions and
     ``c = -d k / (1 - d k)``, or 0 where that is negative, of signed distances d and curvatures k.
@@ -296,15 +352,15 @@ def metrics(surface: LimitSurface, feet: Feet, gap: Array, kinds: Array, workers
     held, at_corner, side = _on_sharp(surface, feet)
     held &= aside | (kinds != _ON)
     found = _outer(normal)
-    bent = np.flatnonzero(~held & (distance > _ROUNDING))
-    if len(bent):
-        known = surface.curvature(feet.face[bent], feet.u[bent], feet.v[bent], workers=workers)
+    far = np.flatnonzero(~held & (distance > _ROUNDING))
+    if bent and len(far):
+        known = surface.curvature(feet.face[far], feet.u[far], feet.v[far], workers=workers)
         for k, way in ((known.k1, known.d1), (known.k2, known.d2)):
             with np.errstate(all="ignore"):
-                x = -along[bent] * k
+                x = -along[far] * k
                 c = np.where(np.isinf(x), 1.0, x / (1 + x))
             more = (c > 0) & np.isfinite(way).all(axis=1)
-            found[bent[more]] += np.minimum(c[more], 1)[:, None] * _outer(way[more])
+            found[far[more]] += np.minimum(c[more], 1)[:, None] * _outer(way[more])
     which = np.flatnonzero(held)
     if len(which):
         tangent = _tangents(surface, feet[which], side[which])
@@ -321,10 +377,15 @@ def across(metric: Array, gap: Array) -> Array:
 
     Along a surface that can slide within itself nothing else would oppose that in a step.
     """
-    found = np.einsum("nij,nj->ni", metric[:, ENTRY], gap)
+    found = _times(metric, gap)
     aside = np.sqrt(((gap - found) ** 2).sum(axis=1))
     exact = aside <= _ASIDE * np.sqrt((gap**2).sum(axis=1)) + _FEET
     return np.where(exact[:, None], found, gap)
+
+
+def _times(metric: Array, vectors: Array) -> Array:
+    """``M v`` of vectors (n, 3)."""
+    return np.asarray(np.einsum("nij,nj->ni", metric[:, ENTRY], vectors))
 
 
 def _outer(vectors: Array) -> Array:
