@@ -177,6 +177,16 @@ def test_cubics_are_kept_and_quartics_are_not(scheme):
     assert list(du[:4]) == [1, 0, 0, 0]
 
 
+def test_vtk_refines_closed_meshes_alike():
+    pyvista = pytest.importorskip("pyvista")
+    ball = pyvista.Sphere(theta_resolution=12, phi_resolution=8).clean()
+    theirs = ball.subdivide(1, "butterfly").points
+    own = ls.refined(ls.from_pyvista(ball), 1, scheme="modified-butterfly").points
+    assert len(own) == len(theirs)
+    apart = np.linalg.norm(own[:, None] - theirs, axis=2).min(axis=1)
+    assert apart.max() < 1e-7  # VTK has them in single precision
+
+
 @pytest.mark.skipif(not REFERENCE.is_dir(), reason="no reference numbers here")
 def test_reference_numbers():
     cages = json.loads((REFERENCE / "butterfly_cages.json").read_text("utf-8"))
