@@ -155,7 +155,8 @@ def made(
     splines = surface
     if not isinstance(surface, BSplineFaces):
         if not isinstance(surface, LimitSurface):
-            raise TypeError(f"to_brep needs a LimitSurface, got {type(surface).__name__}")
+            more = ": give its val()" if hasattr(surface, "val") else ""
+            raise TypeError(f"to_brep needs a LimitSurface, got {type(surface).__name__}{more}")
         surface = surface.of_channel(channel)
         _refuse_points(surface, UNITS[unit])
         splines = bspline_faces(surface, workers=workers, **how)
