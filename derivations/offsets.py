@@ -132,3 +132,37 @@ distance = sqrt((size + rho * cos(angle)) ** 2 + rho**2 * sin(angle) ** 2)
 series = distance.series(rho, 0, 3).removeO()
 expected = size + rho * cos(angle) + rho**2 * sin(angle) ** 2 / (2 * size)
 assert simplify(series - expected) == 0
+
+# %% [markdown]
+# ## 5. Bounds of that
+#
+# On a cell where the surface $p$ and the spline $q$ are polynomials, let $w = q - p = h \, n + t$
+# with $t \perp n$. With $N = p_u \times p_v$, $E = p_u^2$, $F = p_u p_v$, $G = p_v^2$,
+# $a = w \, p_u$ and $b = w \, p_v$,
+#
+# $$ t^2 = \frac{G a^2 - 2 F a b + E b^2}{|N|^2}, \qquad
+#    |t| \le \frac{|a| |p_v| + |b| |p_u|}{|N|}, \qquad h^2 = w^2 - t^2. $$
+#
+# $a$, $b$, $w^2 - d^2$, and $N m$ for a fixed unit vector $m$, which $|N|$ is at least, are
+# polynomials: their Bernstein coefficients bound them. If $l \le w^2 - d^2 \le g$ and $|t| \le T$,
+# then $d^2 + l - T^2 \le h^2 \le d^2 + g$. Where the lower end is positive $h$ has one sign in the
+# cell, which a corner tells; with that of $d$ it is within both roots of $d$.
+
+# %%
+pu, pv, wv = (Matrix(symbols(f"{name}1:4", real=True)) for name in ("r", "s", "w"))
+cross = pu.cross(pv)
+tangential = wv.dot(wv) - wv.dot(cross) ** 2 / cross.dot(cross)
+first, mixed, second = pu.dot(pu), pu.dot(pv), pv.dot(pv)
+a, b = wv.dot(pu), wv.dot(pv)
+formula = (second * a**2 - 2 * mixed * a * b + first * b**2) / cross.dot(cross)
+assert simplify(tangential - formula) == 0
+
+# %% [markdown]
+# In what remains at a pole, with the limit $l$, normals lie within an angle $\theta$ of $n_0$.
+# With $z = w - d \, n_0$ the height is $h - d = z \, n - d (1 - n \, n_0)$, so that
+# $|h - d| \le |z \, n_0| + 2 \sin(\theta / 2) |z| + |d| (1 - \cos \theta)$, and
+# $1 - \cos \theta = 2 \sin^2(\theta / 2)$.
+
+# %%
+theta = symbols("theta", positive=True)
+assert simplify(1 - cos(theta) - 2 * sin(theta / 2) ** 2) == 0

@@ -202,6 +202,19 @@ def test_faces_without_area_are_refused_by_name():
         ls.to_brep(surface, solid=False)
 
 
+def test_all_faces_without_area_are_named_for_holes():
+    path = SHARED / "catmark_nonman_edges.obj"
+    if not path.exists():
+        pytest.skip("the public cages are not here")
+    mesh = ls.read(path)
+    with pytest.raises(ValueError, match=r"with_tags\(holes=\[[\d, ]+\]\)") as said:
+        ls.to_brep(ls.LimitSurface(mesh), solid=False)
+    holes = [int(x) for x in str(said.value).rpartition("[")[2].partition("]")[0].split(",")]
+    shape = ls.to_brep(ls.LimitSurface(mesh.with_tags(holes=holes)), solid=False)
+    assert counted(shape)["Face"] > 60
+    assert is_valid(shape)
+
+
 def test_tolerances_are_what_edges_need():
     known = made(together(cube(1e3)), None, "mm", channel=None, workers=1)
     assert known.gap < 1e-12
@@ -359,6 +372,67 @@ def test_broken_files_are_errors(tmp_path, kind):
         ls.read_brep(tmp_path / f"other.{kind}")
     with pytest.raises(ValueError, match="read_brep"):
         ls.read(path)
+
+
+def test_faces_that_are_lost_are_warned_of(tmp_path):
+    path = tmp_path / "box.step"
+    ls.write(path, box((0, 0, 0), (1, 2, 3)))
+    lines = path.read_text().split("\n")
+    first = next(k for k, line in enumerate(lines) if "= PLANE(" in line)
+    path.write_text("\n".join([*lines[:first], *lines[first + 1 :]]))
+    with pytest.warns(UserWarning, match=r"box.step: 1 of 6 faces are left out"):
+        assert len(ls.read_brep(path)) == 5
+
+
+@pytest.mark.parametrize("kind", ["step", "igs", "brep"])
+@pytest.mark.parametrize("name", ["new\nline", 'it\'s "so"; ENDSEC', "\u2603", "\udcff"])
+def test_names_of_files_are_any(tmp_path, kind, name):
+    path = tmp_path / f"{name}.{kind}"
+    ls.write(path, box((0, 0, 0), (1, 2, 3)), check=True)
+    assert len(ls.read_brep(path)) == 6
+
+
+def _nan_channel():
+    values = np.where(np.arange(24).reshape(8, 3) == 4, np.nan, CUBE)
+    channels = {"other": (values, np.array(QUADS).ravel(), "none")}
+    return ls.LimitSurface(ls.Mesh(CUBE, QUADS, channels=channels))
+
+
+@pytest.mark.parametrize(
+    ("surface", "how", "error", "says"),
+    [
+        (
+            _nan_channel,
+            {"channel": "other"},
+            ValueError,
+            "face 0 of the cage has a corner at .*nan",
+        ),
+        (lambda: together(cube(1e200)), {}, ValueError, "within 1e.99 mm"),
+        (lambda: together(cube(), holes=range(6)), {}, ValueError, "needs a face"),
+        (lambda: together(cube()), {"solid": "yes"}, TypeError, "solid must be True or False"),
+        (lambda: together(cube()), {"merge": "no"}, TypeError, "merge must be True or False"),
+        (lambda: together(cube()), {"check": 1}, TypeError, "check must be True or False"),
+        (lambda: together(cube()), {"tolerance": "x"}, TypeError, "tolerance must be a number"),
+        (lambda: together(cube()), {"colors": np.full((6, 3), np.nan)}, ValueError, "of face 0"),
+        (lambda: together(cube()), {"unit": "inch"}, ValueError, "unit: got 'inch'"),
+    ],
+)
+def test_what_is_refused_leaves_the_old_file(tmp_path, surface, how, error, says):
+    path = tmp_path / "cube.step"
+    path.write_bytes(b"precious")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(error, match=says):
+            ls.write(path, surface(), **how)
+    assert path.read_bytes() == b"precious"
+    assert [*tmp_path.iterdir()] == [path]
+
+
+def test_parts_below_what_readers_tell_apart(tmp_path):
+    small = together(cube(1e-9))
+    with pytest.warns(UserWarning, match="8.8e-10 mm large"):
+        ls.write(tmp_path / "small.step", small, depth=3)
+    ls.write(tmp_path / "metres.step", together(cube(1e-6)), depth=3, unit="m", check=True)
 
 
 def test_options_of_solids_are_of_their_files_alone(tmp_path):

@@ -184,6 +184,40 @@ def test_spline_faces_meet_and_are_near(made):
     assert abs(one - two).max() < 1e-13
 
 
+@pytest.mark.parametrize(
+    ("made", "rules", "distance"),
+    [
+        (zoo.cube, {}, 0.1),
+        (zoo.cube, {}, -0.05),
+        (lambda: zoo.prism(5), {}, 0.02),
+        (zoo.cube, {"scheme": "doo-sabin"}, 0.1),
+    ],
+)
+def test_bounds_of_spline_faces_hold_and_are_near(made, rules, distance):
+    """At places everywhere, half of them close to poles, by points and normals alone."""
+    surface = surface_of(made(), **rules)
+    faces = ls.offset(surface, distance).bspline_faces(tolerance=1e-3)
+    rng = np.random.default_rng(5)
+    face, (u, v) = rng.integers(0, len(faces), 4000), rng.random((2, 4000))
+    u[2000:], v[2000:] = 2.0 ** -rng.uniform(0, 12, (2, 2000))
+    at = faces.limit_faces[face], u, v
+    w = faces.evaluate(face, u, v) - faces.surface.evaluate(*at)
+    height = (w * faces.surface.normal(*at)).sum(axis=1)
+    across = ((w**2).sum(axis=1) - height**2).clip(0)
+    far = np.abs(height - distance) + across / (2 * abs(distance))
+    assert (far <= faces.bounds[face] + 1e-15).all()
+    assert (faces.along_normal <= faces.bounds).all()
+    assert faces.bounds.max() < 6 * far.max()
+
+
+def test_bounds_of_triangles_are_refused():
+    faces = ls.offset(surface_of(zoo.tetrahedron(), scheme="loop"), 0.05).bspline_faces(
+        tolerance=1e-2
+    )
+    with pytest.raises(ValueError, match="schemes of triangles"):
+        _ = faces.bounds
+
+
 def test_spline_faces_of_triangles():
     surface = surface_of(zoo.tetrahedron(), scheme="loop")
     faces = ls.offset(surface, 0.05).bspline_faces(tolerance=1e-3)

@@ -6,17 +6,20 @@ import warnings
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from limitsurf.cad.boundary import Boundary
 from limitsurf.cad.bspline import BSplineFaces, bspline_faces
 from limitsurf.cad.opencascade import module
 from limitsurf.cad.shapes import Build, assembled
 from limitsurf.cad.sheets import Sheets
-from limitsurf.cage.checks import choice, count
+from limitsurf.cage.checks import checked_number, choice, count
 from limitsurf.surface import LimitSurface
 
 # millimetres
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "km": 1e6, "um": 1e-3, "in": 25.4, "ft": 304.8}
 _POINT = 1e-3  # of the smallest tolerance: a shorter edge is a point
+_FAR = 1e99  # OpenCASCADE takes 2e100 to be infinite
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,13 +147,23 @@ def made(
     """The shape of a surface, and what is known of it; arguments as for `to_brep`."""
     module("gp")
     choice(unit, "unit", tuple(UNITS))
+    for name, value in {"solid": solid, "merge": how.get("merge", True)}.items():
+        if not isinstance(value, (bool, np.bool_)) and not (name == "solid" and value is None):
+            raise TypeError(f"{name} must be True or False, got {value!r}")
+    if how.get("tolerance") is not None:
+        checked_number("tolerance", how["tolerance"])
     splines = surface
     if not isinstance(surface, BSplineFaces):
         if not isinstance(surface, LimitSurface):
-            raise TypeError(f"to_brep needs a LimitSurface, got {type(surface).__name__}")
-        splines = bspline_faces(surface, channel=channel, workers=workers, **how)
+            more = ": give its val()" if hasattr(surface, "val") else ""
+            raise TypeError(f"to_brep needs a LimitSurface, got {type(surface).__name__}{more}")
+        surface = surface.of_channel(channel)
+        _refuse_points(surface, UNITS[unit])
+        splines = bspline_faces(surface, workers=workers, **how)
     if splines.points.shape[1] != 3:
         raise ValueError(f"to_brep needs points (n_vertices, 3), got {splines.points.shape[1]}")
+    if not len(splines):
+        raise ValueError("to_brep needs a face: all of the cage are holes, or have no limit")
     boundary = Boundary.of(splines)
     why = [
         "its part with the edge of vertices {} and {} of the cage is open there".format(*ends)
@@ -168,3 +181,17 @@ def made(
     build = Build(sheets, boundary.without(points), points)
     shape = assembled(build, solid is not False)
     return Made(shape, build.faces, splines, build.most, build.gap, why)
+
+
+def _refuse_points(surface: LimitSurface, factor: float) -> None:
+    """Refuse what no shape has: points that are not finite, or too far for OpenCASCADE."""
+    mesh = surface.mesh
+    points = np.asarray(surface.points[mesh.indices], dtype=float).reshape(len(mesh.indices), -1)
+    bad = np.flatnonzero(~(np.abs(points) <= _FAR / factor).all(axis=1))
+    if len(bad):
+        face, value = mesh.corner_face[bad[0]], points[bad[0]]
+        more = f" (and {count(len(bad) - 1, 'corner')} of faces more)" if len(bad) > 1 else ""
+        raise ValueError(
+            f"face {face} of the cage has a corner at {value}{more}: solids need points that are "
+            f"finite and within {_FAR:g} mm; tag the face as a hole, or mend its points"
+        )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import factorial
 from typing import Any, NoReturn
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from limitsurf.cad.bspline import BSplineFaces
 from limitsurf.cad.edges import inner_edges, places
 from limitsurf.cad.nets import clamped, square_of_triangle
+from limitsurf.cad.offset_bounds import bounds
 from limitsurf.cad.poles import Poles
 from limitsurf.cad.splines import Splines
 from limitsurf.refine import refined
@@ -68,6 +70,45 @@ class OffsetFaces(BSplineFaces):
             "faces of an offset are not those of its surface: their own fields deviation, "
             "parametric and angle say how far they are from the offset"
         )
+
+    @cached_property
+    def bounds(self) -> Array:
+        """How far each face is from the offset, at most, (n,): what `along_normal` never exceeds.
+
+        Proved, by Bernstein coefficients of the differences, for schemes of quadrilaterals; inf
+        where surfaces have no normal, or there is none that is known to hold. It takes longer than
+        to make the faces, and is computed once, when it is asked for.
+
+        Raises
+        ------
+        ValueError
+            For schemes of triangles.
+
+        Notes
+        -----
+        With the difference w from the surface to the face at the same parameters: squares of the
+        length of w, and products with both derivatives of the surface, are polynomials, which
+        their coefficients bound; so do those of the cross product of derivatives its length from
+        below. ``derivations/offsets.py``, section 5; what remains at poles is bounded by
+        eigenfunctions, as in ``derivations/spline_faces.py``.
+
+        Examples
+        --------
+        >>> import limitsurf as ls
+        >>> square = ls.Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+        >>> faces = ls.offset(ls.LimitSurface(square), 0.5).bspline_faces()
+        >>> bool(faces.bounds.max() < 1e-12)
+        True
+        """
+        if self.trims is not None:
+            raise ValueError(
+                "no bounds for offsets of schemes of triangles: along_normal says what was found"
+            )
+        if not len(self):
+            return np.zeros(0)
+        n = int(self.counts[0, 0])
+        net = self.points.reshape(len(self), n, n, 3)
+        return bounds(self.surface, self.limit_faces, net, self.knots_u[: n + 4], self.distance)
 
     @property
     def deviation(self) -> Array:

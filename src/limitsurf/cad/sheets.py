@@ -16,6 +16,7 @@ Array = NDArray[Any]
 _LEAST = 1e-7  # below it, OpenCASCADE takes points to be the same
 _SHARE = 1e-9  # of the size of a surface, where that is less
 _FLAT = 1e-12  # of the size of a face: what is no wider is a curve
+_NAMED = 20  # faces that a message names
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +173,7 @@ class Sheets:
         sizes = self.splines.counts.prod(axis=1)
         owner = np.repeat(np.arange(len(sizes)), sizes)
         points = self.points - self.points[self.first][owner]
+        points /= np.abs(points).max(initial=0) or 1.0  # squares of any size are numbers
         far = np.linalg.norm(points, axis=1)
         farthest = np.lexsort((far, owner))[np.cumsum(sizes) - 1]  # of each face
         length = far[farthest]
@@ -182,12 +184,15 @@ class Sheets:
         bad = np.flatnonzero(wide <= _FLAT * length)
         if len(bad):
             grid = self.splines.grid.prod(axis=1)
-            limit_face = self.splines.limit_faces[(np.cumsum(grid) - grid)[bad[0]]]
+            limit_face = self.splines.limit_faces[(np.cumsum(grid) - grid)[bad]]
             face = self.splines.surface.limit_faces.face[limit_face]
+            every = np.unique(face).tolist()
             more = f" (and {len(bad) - 1} more are like it)" if len(bad) > 1 else ""
+            holes = ", ".join(map(str, every[:_NAMED])) + ", ..." * (len(every) > _NAMED)
             raise ValueError(
-                f"limit face {limit_face}, of face {face} of the cage, has no area: its points are "
-                f"on a line{more}: move its vertices apart, or tag it as a hole, holes=[{face}]"
+                f"limit face {limit_face[0]}, of face {face[0]} of the cage, has no area: its "
+                f"points are on a line{more}: move its vertices apart, or tag what is like it as "
+                f"holes, mesh.with_tags(holes=[{holes}])"
             )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tempfile
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
@@ -53,7 +54,9 @@ UNITS = {
 }
 _BLOCK = 1 << 20  # bytes
 _FORMAT, _NUMBER = "%.16E", re.compile(rb"-?\d\.\d{16}E[+-]\d\d+")
+_FACE = re.compile(rb"=\s*(?:ADVANCED_FACE|FACE_SURFACE)\s*\(")
 _MOST = 8  # faces of the cage that a name tells
+_SMALL = 1e-4  # millimetres
 _COLUMNS = 70  # of a line of IGES
 _LINE = 200  # characters of a text in a header
 _writing = Lock()  # the parameters of writers are those of the process
@@ -79,12 +82,16 @@ def content(
         Of a surface, what `to_brep` is told.
     """
     choice(unit, "unit", tuple(UNITS))
+    if not isinstance(check, (bool, np.bool_)):
+        raise TypeError(f"check must be True or False, got {check!r}")
     if kind in BREP and unit != "mm":
         raise ValueError(f"unit={unit!r}: BREP files state no unit, their numbers are millimetres")
     shape, known = _shape_of(x, how)
     if known is None and colors is not None:
         raise ValueError("colors are of the faces of a surface, got a shape")
     painted = None if known is None else of_faces(known, colors)
+    if known is not None:
+        _warn_of_size(known, UNITS[unit][1] / 1e-3)
     with tempfile.TemporaryDirectory() as folder:
         path = os.path.join(folder, f"part{kind}")
         with failures("it cannot be written"), _writing, silence():
@@ -99,6 +106,14 @@ def content(
         with open(path, "rb") as file:
             while block := file.read(_BLOCK):
                 yield block
+
+
+def _warn_of_size(known: Made, factor: float) -> None:
+    """Say that a part is so small, in millimetres, that readers take its points to be one."""
+    size = factor * float(np.ptp(known.splines.points, axis=0).max())
+    if size < _SMALL:
+        text = f"the part is {size:.2g} mm large, and readers take points within 1e-7 mm to be one"
+        warnings.warn(f"{text}: scale it, or name its unit, as unit='m'", stacklevel=4)
 
 
 def _shape_of(x: Any, how: dict[str, Any]) -> tuple[Any, Made | None]:
@@ -333,6 +348,7 @@ def _write_iges(document: Any, path: str, name: str, unit: str, said: list[str])
 
 
 def _ascii(text: str) -> str:
+    text = "".join(x if x.isprintable() else "?" for x in text)
     return text.encode("ascii", errors="replace").decode()
 
 
@@ -423,6 +439,12 @@ def contents_of(name: str, kind: str, path: str, folder: str | None) -> dict[str
     except ValueError as error:
         raise MeshError(f"{name}: {error}") from None
     count = found["faces"]
+    if kind in STEP:
+        with open(path, "rb") as file:
+            stated = len(_FACE.findall(file.read()))
+        if count < stated:
+            text = f"{name}: {stated - count} of {stated} faces are left out"
+            warnings.warn(f"{text}: OpenCASCADE makes nothing of them", stacklevel=2)
     names, colors = [""] * count, np.full((count, 3), np.nan)
     for k, (said, color) in enumerate(known[:count]):
         names[k] = said
@@ -487,6 +509,11 @@ def read_brep(file: Path, *, unit: str = "mm") -> SplineFaces:
     ImportError
         OpenCASCADE is not installed.
 
+    Warns
+    -----
+    UserWarning
+        How many faces of a STEP file are left out, since they are broken.
+
     Examples
     --------
     >>> import limitsurf as ls, pathlib, tempfile
@@ -507,7 +534,7 @@ def read_brep(file: Path, *, unit: str = "mm") -> SplineFaces:
     module("gp")
     with files.opened(name) as opened, tempfile.TemporaryDirectory() as folder:
         path, size = os.path.abspath(name), os.fstat(opened.fileno()).st_size
-        if not os.path.isfile(name):
+        if not (os.path.isfile(name) and _is_unicode(path)):
             path = os.path.join(folder, f"part{kind}")
             with open(path, "wb") as copy:
                 copy.writelines(files.blocks(opened, name))
@@ -519,6 +546,15 @@ def read_brep(file: Path, *, unit: str = "mm") -> SplineFaces:
     names, colors = found.pop("names"), found.pop("colors")
     scale = UNITS[unit][1] / 1e-3
     return SplineFaces.of(found, names=names, colors=colors, unit=scale)
+
+
+def _is_unicode(path: str) -> bool:
+    """Whether a path is text that OpenCASCADE takes: names of files are any bytes."""
+    try:
+        path.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _check_beginning(name: str, kind: str, data: bytes) -> None:
