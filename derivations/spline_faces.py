@@ -169,8 +169,8 @@ for p in (1, 2, 4):
 # from the angle at the ends. Values of derivatives err by $2^{-47}$ times the largest control point
 # over the shortest knot interval: a slope is a sum of $(p + 1)^2$ products of control points and
 # weights, whose sizes add up to $2 p$ over the interval at most, and coefficients by as much as the
-# rows of the inverse matrix have. Points relative to the first one
-# of the face are taken, so that it does not matter how far from the origin they are.
+# rows of the inverse matrix have. Points relative to the first one of the face are taken, so that
+# it does not matter how far from the origin they are.
 
 # %%
 for p in (2, 3, 4):

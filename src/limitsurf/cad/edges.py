@@ -198,4 +198,4 @@ def _angles(one: Sides, other: Sides, shape: tuple[int, ...], solve: Array) -> A
 def _crossed(product: Array, du: Array, dv: Array) -> Array:
     """Coefficients (L, m, 3) of cross products of polynomials (L, n, 3) on lines."""
     pairs = np.cross(du[:, :, None], dv[:, None]).reshape(len(du), -1, 3)
-    return np.matmul(product.T, pairs)
+    return np.asarray(np.matmul(product.T, pairs))
