@@ -274,7 +274,9 @@ for bump in (0.01, 0.1):
 # $J_{bk} q_b \times q_k$; those of equal eigenvalues are one. The tangent of the angle from the
 # limit normal is a convex function over a linear one, and so no larger than at one of these sums.
 # The same with derivatives bounds products of two that are not leading. Of eigenfunctions those
-# that matter most are summed so, what is left by sizes as above.
+# that matter most are summed so, what is left by sizes as above. Across the limit normal products
+# of two tangents are no more than the size of one times the height of the other, twice: a plane's
+# normals do not turn.
 
 # %%
 x1, x2, x3 = symbols("x1:4")

@@ -287,11 +287,11 @@ def _cone_beyond(
         some = np.arange(start, min(start + _TOGETHER, len(modes)))
         some = some[size[some] > 0]
         axis[some] = normal[some] / size[some, None]
-        off = _rest_beyond(table, leading, level, modes[some])
+        aside, off = _rest_beyond(table, leading, level, modes[some], axis[some])
         along, far = _slow_beyond(table, leading, level, modes[some], axis[some])
         along += leading.jacobian[:, None] * size[some, None, None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            far = (far + off[:, None, None]) / (along - off[:, None, None])
+            far = (far + aside[:, None, None]) / (along - off[:, None, None])
             sure = (along > off[:, None, None]).all(axis=(1, 2))
             turned = np.arctan(far.max(axis=(1, 2), initial=0)) * (1 + 1e-9)
         wide[some] = np.where(sure, turned, np.pi)
@@ -331,28 +331,40 @@ def _slow_beyond(
     return found[..., 0], np.hypot(found[..., 1], found[..., 2])
 
 
-def _rest_beyond(table: EigenTable, leading: _Leading, level: int, modes: Array) -> Array:
-    """How far coefficients of normals move (M,) by all that is not in `_slow_beyond`."""
-    sizes, slow = length(modes), leading.plain
-    rates = np.abs(table.rates[0, 1:])
-    leads = rates[leading.pair]
-    # others against either that leads, by direction: they fall from ring to ring
-    rest = [sizes @ (leading.rest @ weights.growth(table, level, r)).T for r in leads]
-    A, B = (sizes[:, [k]] * leading.most[:, j] for j, k in enumerate(leading.pair.tolist()))
-    off = A[:, 0] * rest[1][:, 1] + rest[1][:, 0] * A[:, 1]
-    off += B[:, 0] * rest[0][:, 1] + rest[0][:, 0] * B[:, 1]
-    both = []
-    for k, r in enumerate(leads.tolist()):
-        far = np.zeros((len(modes), 2))
-        total = np.zeros((len(modes), 2, leading.steps.shape[1], 3))
-        for j, own in enumerate(slow.tolist()):
-            # those of one rate are summed before, here as elsewhere
-            share = (rates[own] / r) ** level * modes[:, None, None, own]
-            total = total + leading.steps[:, :, j, None] * share
-            if j + 1 == len(slow) or rates[slow[j + 1]] < rates[own] * (1 - _EQUAL):
-                far = np.maximum(far, length(total).max(axis=2))
-        both.append(far + rest[k])
-    return np.asarray((off + both[0][:, 0] * both[1][:, 1]) * (1 + 1e-9))
+def _rest_beyond(
+    table: EigenTable, leading: _Leading, level: int, modes: Array, axis: Array
+) -> tuple[Array, Array]:
+    """How far coefficients of normals move by all that is not in `_slow_beyond`, (M,) each.
+
+    Across the axis, and at all: the former takes a factor that is not across it, as both that lead
+    are, and so is nothing on what is flat.
+    """
+    plain, leads = leading.plain, np.abs(table.rates[0, 1 + leading.pair])
+    heights = np.matmul(modes, axis[:, :, None])
+    A, B = (length(modes[:, [k]]) * leading.most[:, j] for j, k in enumerate(leading.pair.tolist()))
+    first, both = [], []
+    for parts in (heights, modes):
+        sizes = np.sqrt((parts**2).sum(axis=2))
+        # others against either that leads, by direction: they fall from ring to ring
+        rest = [sizes @ (leading.rest @ weights.growth(table, level, r)).T for r in leads]
+        off = A[:, 0] * rest[1][:, 1] + rest[1][:, 0] * A[:, 1]
+        first.append(off + B[:, 0] * rest[0][:, 1] + rest[0][:, 0] * B[:, 1])
+        for r, more in zip(leads.tolist(), rest, strict=True):
+            far = np.zeros((len(modes), 2))
+            total = np.zeros((len(modes), 2, leading.steps.shape[1], parts.shape[2]))
+            for j, own in enumerate(plain.tolist()):
+                # those of one rate are summed before, here as elsewhere
+                rate = table.rates[0, 1 + own]
+                share = (rate / r) ** level * parts[:, None, None, own]
+                total = total + leading.steps[:, :, j, None] * share
+                last = j + 1 == len(plain)
+                if last or table.rates[0, 1 + plain[j + 1]] < rate * (1 - _EQUAL):
+                    far = np.maximum(far, np.sqrt((total**2).sum(axis=3)).max(axis=2))
+            both.append(far + more)
+    (a, b), (c, d) = both[:2], both[2:]
+    aside = first[0] + a[:, 0] * d[:, 1] + c[:, 0] * b[:, 1]
+    off = first[1] + c[:, 0] * d[:, 1]
+    return np.minimum(aside, off) * (1 + 1e-9), off * (1 + 1e-9)
 
 
 def _across(axis: Array) -> Array:
