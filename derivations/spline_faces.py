@@ -159,6 +159,28 @@ for p in (1, 2, 4):
 # between normals are bounded as in [approximate](approximate.py), and by the cone of the limit's
 # normals from a ring on, and that of the polynomial there, beyond the last ring.
 #
+# Beyond the last ring, that cone holds the partial sums of eigenfunctions in the order of their
+# eigenvalues ([tessellation](tessellation.py), section 7): it is near at high valence as well.
+#
+# Across an edge the limit is not asked. On each stretch between knots both sides have derivatives
+# that are polynomials of degree $p$ in the parameter $t$ along the edge, one along it, one across;
+# $p + 1$ values of each give Bernstein coefficients, their cross products coefficients of normals
+# of degree $2 p$, and the angle between these two is bounded as above, on halves where that is far
+# from the angle at the ends. Values of derivatives err by $2^{-47}$ times the largest control point
+# over the shortest knot interval: a slope is a sum of $(p + 1)^2$ products of control points and
+# weights, whose sizes add up to $2 p$ over the interval at most, and coefficients by as much as the
+# rows of the inverse matrix have. Points relative to the first one of the face are taken, so that
+# it does not matter how far from the origin they are.
+
+# %%
+for p in (2, 3, 4):
+    weights = np.zeros(p + 1)
+    for share in np.linspace(0, 1, 33):
+        low = [comb(p - 1, k) * share**k * (1 - share) ** (p - 1 - k) for k in range(p)]
+        weights = np.append(0, p * np.array(low)) - np.append(p * np.array(low), 0)
+        assert np.abs(weights).sum() <= 2 * p + 1e-12
+
+# %% [markdown]
 # The surface is self-similar: the difference falls with each level like the subdominant eigenvalue
 # $\lambda$, along the normal like $\mu$, the largest that is not in the tangent plane, and angles
 # like $\mu/\lambda$. At valence 3, $\lambda = 0.410$, and at corners of a cube $\mu = 1/6$.

@@ -1,5 +1,6 @@
 """B-spline faces: the limit itself, to rounding, and how far off cells at special corners are."""
 
+import dataclasses
 from fractions import Fraction
 
 import numpy as np
@@ -347,3 +348,74 @@ def test_approximate_patches_are_measured_along_edges():
     assert (found.edge_angle_found < 1e-6).all()
     acc = ls.deviation(surface, ls.approximate(surface, "acc", levels=1))
     assert (acc.edge_angle >= acc.edge_angle_found - 1e-9).all()
+
+
+def around(valence, height=0.3):
+    """Points and faces around one vertex, of random heights."""
+    ring = np.exp(2j * np.pi * np.arange(valence) / valence)
+    outer = (ring + np.roll(ring, -1)) * (1.0 if valence > 3 else 1.5)
+    z, k = np.concatenate([[0], ring, outer]), np.arange(valence)
+    points = np.stack([z.real, z.imag, height * np.random.default_rng(0).normal(size=len(z))], 1)
+    return points, np.stack([0 * k, 1 + k, 1 + valence + k, 1 + (k + 1) % valence], 1)
+
+
+@pytest.mark.parametrize("valence", [3, 5, 9, 16, 40])
+def test_bounds_of_angles_are_near_at_any_valence(valence):
+    surface = made(around(valence))
+    faces = ls.bspline_faces(surface)
+    found = ls.deviation(surface, faces)
+    for name in ("angle", "edge_angle"):
+        bound, most = getattr(found, name), getattr(found, f"{name}_found")
+        assert (most <= bound).all()
+        assert bound.max() <= 3 * most.max()
+    # at places of their own: cells at the vertex, and both sides of edges from there
+    rng = np.random.default_rng(1)
+    face, (u, v) = rng.integers(0, valence, 20000), 2.0 ** -rng.uniform(5, 16, (2, 20000))
+    which, x, y = faces.of(face, u, v)
+    truth, other = surface.normal(face, u, v), faces.normal(which, x, y)
+    angle = 2 * np.arctan2(
+        np.linalg.norm(truth - other, axis=1), np.linalg.norm(truth + other, axis=1)
+    )
+    assert (angle <= found.angle[which] + 1e-9).all()
+    sides = [
+        faces.normal(*faces.of(*place))
+        for place in ((face, u, 0.0), ((face - 1) % valence, 0.0, u))
+    ]
+    angle = 2 * np.arctan2(*(np.linalg.norm(sides[0] + s * sides[1], axis=1) for s in (-1, 1)))
+    assert (angle <= found.edge_angle.max()).all()
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e200])
+def test_deviation_is_that_of_the_size(scale):
+    points, quads = around(5)
+    one, other = (
+        ls.deviation(s, ls.bspline_faces(s))
+        for s in (made((points, quads)), made((points * scale, quads)))
+    )
+    assert np.allclose(other.parametric / scale, one.parametric, rtol=1e-6)
+    for name in ("angle", "edge_angle", "edge_angle_found"):
+        assert np.allclose(getattr(other, name), getattr(one, name), rtol=1e-6)
+    assert 0 < other.gap.max() / scale < 1e-14
+
+
+def test_gaps_far_from_the_origin_count_what_points_are_rounded_to():
+    points, quads = around(5)
+    surface = made((points + 1e6, quads))
+    faces = ls.bspline_faces(surface)
+    found = ls.deviation(surface, faces)
+    near = ls.deviation(made((points, quads)), ls.bspline_faces(made((points, quads))))
+    assert (found.edge_angle_found <= found.edge_angle).all()
+    assert found.edge_angle.max() < 1.01 * near.edge_angle.max() + 1e-6
+    # rows of control points along shared edges, as they are
+    gap = max(np.abs(faces[k].points[:, 0] - faces[(k - 1) % 5].points[0]).max() for k in range(5))
+    assert gap <= found.gap.max() < 1e-8
+
+
+def test_points_that_were_moved_are_noticed():
+    surface = surface_of("cube")
+    faces = ls.bspline_faces(surface, depth=4)
+    for k in (0, 57, 400):
+        moved = faces.points.copy()
+        moved[k] += 0.1
+        with pytest.raises(ValueError, match="not as it was made"):
+            ls.deviation(surface, dataclasses.replace(faces, points=moved))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -10,19 +10,20 @@ from numpy.typing import NDArray
 
 from limitsurf import html
 from limitsurf.cad.bspline import BSplineFaces
-from limitsurf.cad.edges import across, inner_edges, spokes
+from limitsurf.cad.edges import Sides, across, inner_edges, spokes
 from limitsurf.cad.poles import Poles
+from limitsurf.cad.splines import Splines
 from limitsurf.query.approximate import ApproximatePatches
-from limitsurf.query.chords import length
-from limitsurf.query.deviation import Deviation
+from limitsurf.query.deviation import Deviation, length
 from limitsurf.query.index import checked_surface
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
 
-_PLACES = 1 << 18  # at once
+_CELLS = 1 << 16  # at once
 _STEPS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # of places in cells
-_FINEST = 12
+_OF_POINTS = 2.0**-50  # of the size of control points, by which points are rounded
+_OF_SLOPES = 2.0**-47  # of the size of control points over knots, by which slopes are rounded
 _ROUNDED = 2.0**-46  # of the size, by which faces that are exact may be off
 
 
@@ -47,8 +48,8 @@ class PatchDeviation(Deviation):
         The largest distances along these edges between the patches on both sides.
     edge_angle, edge_angle_found : (e,)
         The largest angles between their normals there, radians. NaN for the bound on sharp edges,
-        where the surface itself has two normals. With ``poles="g1"`` the bound is what rounding of
-        control points does to tangent planes that are the same.
+        where the surface itself has two normals. The bound holds for the faces as they are, with
+        what rounding does to them: around poles of ``poles="g1"`` it is nothing else.
 
     Examples
     --------
@@ -117,9 +118,10 @@ def deviation(
     -----
     B-spline faces are the limit itself, to rounding, but for cells at special corners; there both
     are compared ring by ring, by the Bernstein coefficients of their difference, and a hull bounds
-    what is beyond the last ring (``derivations/spline_faces.py``). Bounds are about what is found,
-    but for angles around vertices of many faces, where they may be some times as large. What is
-    found is the largest at 25 places of each cell between knots, and in rings of those at corners.
+    what is beyond the last ring (``derivations/spline_faces.py``). Along edges both sides are
+    polynomials, whose normals are compared without the limit. Bounds are within 3 times what is
+    found, where that is not rounding. What is found is the largest at 25 places of each cell at a
+    special corner between knots, in rings of these, and at the middles of other cells.
     All edges are measured.
 
     Examples
@@ -156,40 +158,50 @@ def deviation(
         "parametric_found", "along_normal_found", "angle_found",
     )):  # fmt: skip
         np.maximum.at(values[row], owner, getattr(errors, name))
-    sampled = _sampled(found, patches, workers)
+    near = _Near.of(patches)
+    sampled = _sampled(found, patches, near, workers)
     np.maximum(values[3:], sampled, out=values[3:])
     if (values[3] > values[0]).any():
         k = int(np.argmax(values[3] - values[0]))
         raise ValueError(f"face {k} of the patches is not as it was made of the surface")
     half, ways, lines = inner_edges(found), spokes(found), _lines(found, patches)
 
-    def evaluate(face: Array, u: Array, v: Array) -> Array:
-        return patches.evaluate(*patches.of(face, u, v)).reshape(-1, 3)
+    error = _rounding(near)
 
-    def normal(face: Array, u: Array, v: Array) -> Array:
-        return patches.normal(*patches.of(face, u, v)).reshape(-1, 3)
+    def sides(face: Array, u: Array, v: Array) -> Sides:
+        """Those of places of limit faces."""
+        which, x, y = (np.ravel(a) for a in patches.of(face, u, v))
+        value, du, dv = near.splines.jet(which, x, y, 1)
+        origin = near.origin[which]
+        return Sides(value, None, origin, error[2, which], du, dv, error[:2, which])
 
-    edges, ends = across(found, half, ways, lines, patches.degree[0], evaluate, normal)
-    bound = _angles_across(found, half, ways, patches)
+    edges, ends = across(found, half, ways, lines, patches.degree[0], sides)
+    bound = np.maximum(edges[3], 0)
+    bound[: len(half)][_sharp(found, half)] = np.nan
     return PatchDeviation(
         values[0], values[3], values[4], values[5], values[5], values[2], values[2], values[1],
         ends, edges[0], edges[1], bound, edges[2],
     )  # fmt: skip
 
 
-def _sampled(surface: LimitSurface, faces: BSplineFaces, workers: int) -> Array:
-    """Largest distances, distances along normals, and angles at places of all cells, (3, n)."""
+def _sampled(surface: LimitSurface, faces: BSplineFaces, near: _Near, workers: int) -> Array:
+    """Largest distances, distances along normals, and angles at places of all cells, (3, n).
+
+    25 of those at special corners, and one of each other, which takes all control points.
+    """
     found = np.zeros((3, len(faces)))
     p, q = faces.degree
     spans = faces.counts - (p, q)
     number = spans.prod(axis=1)
     x, y = (a.ravel() for a in np.meshgrid(_STEPS, _STEPS, indexing="ij"))
+    middle = np.array([1 / 2]), np.array([1 / 2])
     if faces.trims is not None:
         x, y = x[x + y <= 1], y[x + y <= 1]
-    splines, each = faces.splines, max(1, _PLACES // len(x))
-    ends = np.cumsum(number)
-    for start in range(0, int(ends[-1]) if len(ends) else 0, each):
-        cell = np.arange(start, min(start + each, int(ends[-1])))
+        middle = np.array([1 / 3]), np.array([1 / 3])
+    splines, ends = faces.splines, np.cumsum(number)
+    total = int(ends[-1]) if len(ends) else 0
+    for start in range(0, total, _CELLS):
+        cell = np.arange(start, min(start + _CELLS, total))
         face = np.searchsorted(ends, cell, side="right")
         i, j = np.divmod(cell - (ends - number)[face], spans[face, 1])
         low, high = (
@@ -198,26 +210,47 @@ def _sampled(surface: LimitSurface, faces: BSplineFaces, workers: int) -> Array:
                 faces.knots_v[splines.first_v[face] + q + j + more],
             ]) for more in (0, 1)
         )  # fmt: skip
-        u, v = (
-            a[:, None] + (b - a)[:, None] * t for a, b, t in zip(low, high, (x, y), strict=True)
-        )
-        which = np.broadcast_to(face[:, None], u.shape).ravel()
-        errors = _errors(surface, faces, which, u.ravel(), v.ravel(), workers)
-        most = errors.reshape(3, len(cell), -1).max(axis=2)
-        for k in range(3):
-            np.maximum.at(found[k], face, most[k])
+        place = (low + high) / (2 if faces.trims is None else 3)
+        whole = (high > low).all(axis=0)
+        special = whole & _at_corner(surface, faces, face, place)
+        for some, places in ((whole & ~special, middle), (special, (x, y))):
+            a, b = low[:, some, None], high[:, some, None]
+            u, v = a + (b - a) * np.stack(places)[:, None]
+            which = np.repeat(face[some], len(places[0]))
+            at = which, u.ravel(), v.ravel()
+            errors = _errors(surface, faces, near, at, workers)
+            for k in range(3):
+                np.maximum.at(found[k], which, errors[k])
+    return found
+
+
+def _at_corner(surface: LimitSurface, faces: BSplineFaces, face: Array, place: Array) -> Array:
+    """Whether places (2, q) of faces (q,) are within cells at special corners, (q,)."""
+    where, at = faces.on_surface(face, *place)
+    found = np.zeros(len(face), dtype=bool)
+    more = surface.limit_faces.corner[where] >= 0
+    for k, corner in enumerate(surface.topology.lattice.corners):
+        depth = faces.depths[where, k]
+        far = np.abs(at - np.array(corner))
+        if faces.trims is not None:
+            far = (at.sum(axis=1) if k == 0 else 1 - at[:, k - 1])[:, None]
+        found |= (depth >= 0) & (far.max(axis=1) < np.ldexp(1.0, more - depth))
     return found
 
 
 def _errors(
-    surface: LimitSurface, faces: BSplineFaces, which: Array, u: Array, v: Array, workers: int
+    surface: LimitSurface, faces: BSplineFaces, near: _Near, place: tuple[Array, ...], workers: int
 ) -> Array:
     """Distances, distances along normals, and angles at places (q,) of faces, (3, q)."""
-    limit_face, place = faces.on_surface(which, u, v)
-    known = limit_face, *place.T
-    step = faces.evaluate(which, u, v) - surface.evaluate(*known, workers=workers)
+    limit_face, at = faces.on_surface(*place)
+    known = limit_face, *at.T
+    value, du, dv = near.jet(*place)
+    step = value - surface.evaluate(*known, workers=workers)
     truth = surface.normal(*known, workers=workers)
-    other = faces.normal(which, u, v)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        du, dv = (d / np.abs(d).max(axis=1, keepdims=True) for d in (du, dv))
+        other = np.cross(du, dv)
+        other /= length(other)[:, None]
     angle = 2 * np.arctan2(length(truth - other), length(truth + other))
     found = np.stack([length(step), np.abs((step * truth).sum(axis=1)), angle])
     return np.asarray(np.nan_to_num(found))
@@ -225,44 +258,73 @@ def _errors(
 
 def _lines(surface: LimitSurface, faces: BSplineFaces) -> Array:
     """Lines along all edges between which their curves are polynomials."""
-    poles = Poles.of(surface)
-    level = min(poles.finest, _FINEST)
-    lines = [np.arange(2**level + 1) / 2**level]
-    for depth in np.unique(faces.depths[faces.depths >= 0]).tolist():
-        lines.append(2.0 ** -np.arange(depth + 2))
-    found = np.concatenate(lines)
+    if faces.trims is None:
+        # knots, in limit faces, and of those beside half edges
+        found = np.unique(np.concatenate([faces.knots_u % 1, faces.knots_v % 1, [0.0, 1.0]]))
+        if (surface.limit_faces.corner >= 0).any():
+            found = np.concatenate([found, found / 2, 0.5 - found / 2, [0.5]])
+    else:
+        level = Poles.of(surface).finest
+        found = np.concatenate([
+            np.arange(2**level + 1) / 2**level,
+            *(2.0 ** -np.arange(k + 2) for k in np.unique(faces.depths[faces.depths >= 0]).tolist())
+        ])  # fmt: skip
     return np.unique(np.concatenate([found, 1 - found]))
 
 
-def _angles_across(surface: LimitSurface, half: Array, ways: Array, faces: BSplineFaces) -> Array:
-    """Bounds (e,) of angles between normals on both sides of edges; NaN where these are sharp."""
-    mesh, known, poles = surface.mesh, surface.limit_faces, Poles.of(surface)
-    errors = faces.cap_errors[1]
-    smooth = np.isfinite(errors.edge)
-    by_face = np.zeros(mesh.n_faces)
-    np.maximum.at(by_face, known.face[poles.face], np.where(smooth, 0, errors.angle))
-    found = by_face[mesh.corner_face[half]] + by_face[mesh.corner_face[mesh.twin[half]]]
-    # along sides that begin at corners around which tangent planes are shared
-    shared = np.zeros(faces.smooth.shape)
-    shared[poles.face[smooth], poles.corner[smooth]] = errors.edge[smooth]
-    if smooth.any():
-        for begin in (half, mesh.twin[half]):
-            face = mesh.corner_face[begin]
-            first, corner = known.first[face], begin - mesh.offsets[face]
-            split = known.corner[first] >= 0
-            at = np.where(split, first + corner, first), np.where(split, 0, corner % 4)
-            found = np.maximum(found, shared[at])
+@dataclass(frozen=True, eq=False)
+class _Near:
+    """Splines of points relative to the first one of each, far from the origin as these may be.
+
+    Attributes
+    ----------
+    splines : Splines
+    origin : (n, 3)
+    """
+
+    splines: Splines
+    origin: Array
+
+    @classmethod
+    def of(cls, faces: BSplineFaces) -> _Near:
+        """Those of faces."""
+        known = faces.splines
+        origin = known.points[known.first[:-1]]
+        points = known.points - np.repeat(origin, np.diff(known.first), axis=0)
+        return cls(replace(known, points=points), origin)
+
+    def jet(self, which: Array, u: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Points, and derivatives along u and along v, at places (q,) of faces."""
+        value, du, dv = self.splines.jet(which, u, v, 1)
+        return value + self.origin[which], du, dv
+
+
+def _rounding(faces: _Near) -> Array:
+    """What rounding may do to derivatives along u and along v, and to points, of faces (3, n)."""
+    splines, n = faces.splines, len(faces.origin)
+    if not n:
+        return np.zeros((3, 0))
+    size = np.maximum.reduceat(np.abs(splines.points).max(axis=1), splines.first[:-1])
+    found = np.empty((3, n))
+    found[2] = _OF_POINTS * size
+    for k, (knots, first) in enumerate((
+        (splines.knots_u, splines.first_u), (splines.knots_v, splines.first_v)
+    )):  # fmt: skip
+        span = np.append(np.diff(knots), np.inf)
+        span = np.where(span > 0, span, np.inf)
+        with np.errstate(over="ignore"):
+            found[k] = _OF_SLOPES * size / np.minimum.reduceat(span, first[:-1])
+    return found
+
+
+def _sharp(surface: LimitSurface, half: Array) -> Array:
+    """Which of half-edges (e,) are infinitely sharp."""
+    mesh = surface.mesh
+    sharp = np.zeros(mesh.n_edges, dtype=bool)
     ends, sharpness = mesh.creases
     if len(sharpness):
-        sharp = np.zeros(mesh.n_edges, dtype=bool)
         sharp[mesh.edge_numbers(ends)[np.asarray(sharpness, dtype=float) >= 10]] = True
-        found[sharp[mesh.corner_edge[half]]] = np.nan
-    middle = 2 * by_face[mesh.corner_face[ways]]
-    if smooth.any():
-        face, beside = mesh.corner_face[ways], mesh.next_corner[ways]
-        own = known.first[face] + beside - mesh.offsets[face]
-        middle = np.maximum(middle, shared[own, 2])
-    return np.asarray(np.minimum(np.append(found, middle), np.pi))
+    return np.asarray(sharp[mesh.corner_edge[half]])
 
 
 def _of_approximate(
@@ -274,7 +336,13 @@ def _of_approximate(
     fine = LimitSurface(mesh, **surface.rules)
     half = inner_edges(fine)
     none, line = np.zeros(0, dtype=np.int64), np.array([0.0, 1.0])
-    edges, ends = across(fine, half, none, line, 3, patches.evaluate, patches.normal)
+
+    def sides(face: Array, u: Array, v: Array) -> Sides:
+        """Those of places of faces."""
+        point, normal = (x(face, u, v).reshape(-1, 3) for x in (patches.evaluate, patches.normal))
+        return Sides(point, normal)
+
+    edges, ends = across(fine, half, none, line, 3, sides)
     known = [getattr(error, field.name) for field in fields(Deviation)]
     face = mesh.corner_face
     bound = np.minimum(error.angle[face[half]] + error.angle[face[mesh.twin[half]]], np.pi)

@@ -116,12 +116,20 @@ def parts(exponents: Array, frames: Array) -> Array:
 
 def children(lattice: Lattice, exponents: Array) -> tuple[Array, Array]:
     """Frames (c, 3, 2) of the children of the domain, and exactly what `parts` says of them."""
+    return _children(lattice, tuple(map(tuple, exponents.tolist())))
+
+
+@lru_cache(maxsize=64)
+def _children(lattice: Lattice, exponents: tuple[tuple[int, int], ...]) -> tuple[Array, Array]:
     frames = np.zeros((len(lattice.children), 3, 2))
     for k, child in enumerate(lattice.children):
         sign = -1 if child.turned else 1
         frames[k] = [child.origin, (sign, 0), (0, sign)]
     frames = frames / 2
-    return frames, blossoms(exponents, frames)
+    found = frames, blossoms(np.array(exponents), frames)
+    for array in found:
+        array.flags.writeable = False
+    return found
 
 
 def blossoms(exponents: Array, frames: Array) -> Array:

@@ -73,6 +73,7 @@ class Beyond:
         self._source = FloatPoints(self._local, points)
         self._lattice, self._patches = scheme.lattice, patches
         self._modes: dict[int, Array] = {}
+        self._tables: dict[int, tables.EigenTable] = {}
         self._place = np.zeros(len(special), dtype=np.int64)
         self.limits = np.zeros((len(special), points.shape[1]))
         self._functions: dict[tuple[int, int], tuple[Array, Array]] = {}
@@ -99,9 +100,11 @@ class Beyond:
         self._modes[kind] = modes[:, 1:]
 
     def _table(self, kind: int) -> tables.EigenTable:
-        sector = self._patches.sectors[kind]
-        assert sector is not None
-        return tables.eigen_table(self._local.scheme, sector)
+        if kind not in self._tables:
+            sector = self._patches.sectors[kind]
+            assert sector is not None
+            self._tables[kind] = tables.eigen_table(self._local.scheme, sector)
+        return self._tables[kind]
 
     def cells(self, which: Array, ring: Array) -> RingCells:
         """The cells of a ring (M,) of corners `which` (M,); ring 0 is the first that remains."""

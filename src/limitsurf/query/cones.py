@@ -6,9 +6,9 @@ coefficients. ``derivations/tessellation.py`` has the bounds.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from limitsurf.pieces import weights
 from limitsurf.pieces.bernstein import Bernstein
 from limitsurf.query.chords import length, triangles_error, ways
-from limitsurf.query.polynomials import Form, products
+from limitsurf.query.polynomials import Form, multiples, products
 from limitsurf.query.wanted import LOST
 
 if TYPE_CHECKING:
@@ -28,6 +28,9 @@ Array = NDArray[Any]
 
 # by which normals differ that are welded, and more
 WELDED = 2e-6
+_TOGETHER = 256  # polynomials, so that sums stay in the cache
+_SLOW = 8  # eigenfunctions besides those of tangents of which what they do has its signs
+_EQUAL = 1e-14  # eigenvalues are, that differ by less
 
 
 class Turning:
@@ -110,22 +113,48 @@ class Turning:
         return np.where(flat < np.pi / 2, np.minimum(found + WELDED, np.pi), np.pi)
 
 
-def crossed(form: Form, pairs: Array, points: Array) -> tuple[Array, Array]:
+class Crossing(NamedTuple):
+    """How coefficients of two polynomials make those of their product.
+
+    Attributes
+    ----------
+    weights : (n,)
+        What coefficients of factors are multiplied by.
+    places : (n, n) int
+        To which coefficient of the product a pair adds.
+    total : (m,)
+        What the sums are divided by.
+    """
+
+    weights: Array
+    places: Array
+    total: Array
+
+
+def crossed(form: Form, pairs: Crossing, points: Array) -> tuple[Array, Array]:
     """Coefficients (L, m, 3) of cross products of derivatives, and what rounding takes, (L,)."""
     n = form.size
     both = np.matmul(form.derivatives[1:3].reshape(2 * n, n), points)
     return cross_products(pairs, both[:, :n], both[:, n:])
 
 
-def cross_products(pairs: Array, du: Array, dv: Array) -> tuple[Array, Array]:
+def cross_products(pairs: Crossing, du: Array, dv: Array) -> tuple[Array, Array]:
     """The same of polynomials (L, n, 3), of one degree."""
-    found = np.empty((len(du), pairs.shape[1], 3))
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        one = np.matmul(du[:, :, None, i], dv[:, None, :, j])
-        one -= np.matmul(du[:, :, None, j], dv[:, None, :, i])
-        found[:, :, k] = one.reshape(len(du), -1) @ pairs
     size = length(du).max(axis=1) + length(dv).max(axis=1)
+    found = np.empty((len(du), len(pairs.total), 3))
+    for start in range(0, len(du), _TOGETHER):
+        some = slice(start, start + _TOGETHER)
+        # the longest axis last: sums over pairs are then of long rows
+        (a, b, c), (d, e, f) = (
+            np.ascontiguousarray((x[some] * pairs.weights[:, None]).transpose(2, 1, 0))
+            for x in (du, dv)
+        )
+        made = np.zeros((3, len(pairs.total), len(du[some])))
+        for k, to in enumerate(pairs.places):
+            made[0, to] += b[k] * f - c[k] * e
+            made[1, to] += c[k] * d - a[k] * f
+            made[2, to] += a[k] * e - b[k] * d
+        found[some] = (made / pairs.total[:, None]).transpose(2, 1, 0)
     return found, 8 * LOST * size
 
 
@@ -156,14 +185,21 @@ def _arcsin(far: Array, size: Array) -> Array:
 
 
 @lru_cache(maxsize=32)
-def normal_form(lattice: Lattice, degree: int) -> tuple[Form, Array]:
-    """The form of products of polynomials of a degree, and `products`."""
-    return Form.of(lattice, 2 * degree), products(lattice, degree)
+def normal_form(lattice: Lattice, degree: int) -> tuple[Form, Crossing]:
+    """The form of products of polynomials of a degree, and how these are made."""
+    factor, product = Form.of(lattice, degree), Form.of(lattice, 2 * degree)
+    number = {tuple(place): k for k, place in enumerate(product.exponents.tolist())}
+    sums = factor.exponents[:, None] + factor.exponents
+    places = np.array([[number[tuple(place)] for place in row] for row in sums.tolist()])
+    weights, total = multiples(factor.exponents), multiples(product.exponents)
+    return product, Crossing(weights, places, total)
 
 
 @dataclass(frozen=True, eq=False)
 class _Leading:
     """What the normals around a special corner tend to, whatever the control points.
+
+    Of c coefficients of normals, on all pieces of the first ring.
 
     Attributes
     ----------
@@ -171,19 +207,35 @@ class _Leading:
         The eigenfunctions that lead, counted without the constant one.
     turn : float
         The sign of their Jacobian.
-    least : float
-        A bound from below of its size, on the first ring.
+    jacobian : (c,)
+        Its size, positive.
     most : (2, 2)
         Bounds of their derivatives, by direction and eigenfunction.
+    plain : (s,)
+        Eigenfunctions that follow and fall each by a rate of its own, the slowest first.
+    steps : (2, n, s)
+        Derivatives of these, by direction.
+    crossed : (2, c, s)
+        Jacobians of either that leads and these.
     rest : (2, K - 1)
-        Bounds of those of others, by direction; 0 for both that lead.
+        Bounds of derivatives of others, by direction; 0 for both that lead.
     """
 
     pair: Array
     turn: float
-    least: float
+    jacobian: Array
     most: Array
+    plain: Array
+    steps: Array
+    crossed: Array
     rest: Array
+
+    def split(self, some: Array) -> _Leading:
+        """With so many of the plain ones, as `rest` has the others."""
+        rest = self.rest.copy()
+        rest[:, self.plain[some]] = 0
+        steps, crossed = self.steps[..., some], self.crossed[..., some]
+        return replace(self, plain=self.plain[some], steps=steps, crossed=crossed, rest=rest)
 
 
 class Poles:
@@ -223,23 +275,104 @@ def _cone_beyond(
     table: EigenTable, leading: _Leading, level: int, modes: Array
 ) -> tuple[Array, Array]:
     """Normals (M, 3) at corners and half angles of cones from a ring on, of modes (M, K - 1, 3)."""
-    a, b = leading.pair.tolist()
-    one, other = modes[:, a], modes[:, b]
-    sizes = length(modes)
-    rates = np.abs(table.rates[0, 1 + leading.pair])
-    # others against either that leads, by direction: they fall from ring to ring
-    by_one, by_other = (sizes @ (leading.rest @ weights.growth(table, level, r)).T for r in rates)
-    A, B = sizes[:, [a]] * leading.most[:, 0], sizes[:, [b]] * leading.most[:, 1]
-    # of both directions, along s and along t
-    off = A[:, 0] * by_other[:, 1] + by_other[:, 0] * A[:, 1]
-    off += B[:, 0] * by_one[:, 1] + by_one[:, 0] * B[:, 1]
-    off += by_one[:, 0] * by_other[:, 1]
+    one, other = (modes[:, k] for k in leading.pair.tolist())
+    rates, plain = table.rates[0, 1:], leading.plain
+    sizes = leading.rest[:, plain].max(axis=0) * length(modes[:, plain]).max(axis=0, initial=0)
+    fallen = (rates[plain] / np.abs(rates[leading.pair]).min()) ** level
+    leading = leading.split(np.sort(np.argsort(-sizes * fallen, kind="stable")[:_SLOW]))
     normal = np.cross(one, other) * leading.turn
     size = length(normal)
-    noise = 8 * LOST * (sizes[:, a] + sizes[:, b])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        wide = _arcsin(off * (1 + 1e-9), size * leading.least) + _arcsin(noise, size)
-        return normal / size[:, None], np.minimum(wide, np.pi)
+    axis, wide = np.full(normal.shape, np.nan), np.full(len(normal), np.pi)
+    for start in range(0, len(modes), _TOGETHER):
+        some = np.arange(start, min(start + _TOGETHER, len(modes)))
+        some = some[size[some] > 0]
+        axis[some] = normal[some] / size[some, None]
+        aside, off = _rest_beyond(table, leading, level, modes[some], axis[some])
+        along, far = _slow_beyond(table, leading, level, modes[some], axis[some])
+        along += leading.jacobian[:, None] * size[some, None, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = (far + aside[:, None, None]) / (along - off[:, None, None])
+            sure = (along > off[:, None, None]).all(axis=(1, 2))
+            turned = np.arctan(far.max(axis=(1, 2), initial=0)) * (1 + 1e-9)
+        wide[some] = np.where(sure, turned, np.pi)
+    noise = 8 * LOST * (length(one) + length(other))
+    return axis, np.minimum(wide + _arcsin(noise, size), np.pi)
+
+
+def _slow_beyond(
+    table: EigenTable, leading: _Leading, level: int, modes: Array, axis: Array
+) -> tuple[Array, Array]:
+    """What slow modes add to coefficients along axes, and how far across, (M, c, g) each.
+
+    Multiples of what falls slowest, of that and what is next, and so on: normals are means of
+    these, on the first ring and all beyond (``derivations/tessellation.py``).
+    """
+    rates, slow = table.rates[0, 1:], leading.plain
+    count = len(leading.jacobian)
+    none = np.zeros((len(modes), count, 1))
+    if not len(slow):
+        return none, none
+    across = _across(axis)
+    basis = np.concatenate([axis[:, None], across], axis=1)  # (M, 3, 3)
+    rate = (rates[slow] / np.abs(rates[leading.pair[::-1], None])).ravel()
+    steps = np.concatenate([np.cross(modes[:, [k]], modes[:, slow]) for k in leading.pair], axis=1)
+    vectors = np.matmul(steps * leading.turn, basis.swapaxes(1, 2))
+    columns = np.concatenate([*leading.crossed], axis=1)
+    order = np.argsort(-rate, kind="stable")
+    rate, vectors, columns = rate[order], vectors[:, order], columns[:, order]
+    vectors = vectors * (rate**level)[None, :, None]
+    first = np.flatnonzero(np.append(True, rate[1:] < rate[:-1] * (1 - _EQUAL)))
+    ends = np.append(first[1:], len(rate))
+    found = np.zeros((len(modes), len(first) + 1, count, 3))
+    for k, (low, high) in enumerate(zip(first.tolist(), ends.tolist(), strict=True)):
+        more = np.matmul(columns[:, low:high], vectors[:, low:high])
+        found[:, k + 1] = found[:, k] + more
+    found = found.swapaxes(1, 2)
+    return found[..., 0], np.hypot(found[..., 1], found[..., 2])
+
+
+def _rest_beyond(
+    table: EigenTable, leading: _Leading, level: int, modes: Array, axis: Array
+) -> tuple[Array, Array]:
+    """How far coefficients of normals move by all that is not in `_slow_beyond`, (M,) each.
+
+    Across the axis, and at all: the former takes a factor that is not across it, as both that lead
+    are, and so is nothing on what is flat.
+    """
+    plain, leads = leading.plain, np.abs(table.rates[0, 1 + leading.pair])
+    heights = np.matmul(modes, axis[:, :, None])
+    A, B = (length(modes[:, [k]]) * leading.most[:, j] for j, k in enumerate(leading.pair.tolist()))
+    first, both = [], []
+    for parts in (heights, modes):
+        sizes = np.sqrt((parts**2).sum(axis=2))
+        # others against either that leads, by direction: they fall from ring to ring
+        rest = [sizes @ (leading.rest @ weights.growth(table, level, r)).T for r in leads]
+        off = A[:, 0] * rest[1][:, 1] + rest[1][:, 0] * A[:, 1]
+        first.append(off + B[:, 0] * rest[0][:, 1] + rest[0][:, 0] * B[:, 1])
+        for r, more in zip(leads.tolist(), rest, strict=True):
+            far = np.zeros((len(modes), 2))
+            total = np.zeros((len(modes), 2, leading.steps.shape[1], parts.shape[2]))
+            for j, own in enumerate(plain.tolist()):
+                # those of one rate are summed before, here as elsewhere
+                rate = table.rates[0, 1 + own]
+                share = (rate / r) ** level * parts[:, None, None, own]
+                total = total + leading.steps[:, :, j, None] * share
+                last = j + 1 == len(plain)
+                if last or table.rates[0, 1 + plain[j + 1]] < rate * (1 - _EQUAL):
+                    far = np.maximum(far, np.sqrt((total**2).sum(axis=3)).max(axis=2))
+            both.append(far + more)
+    (a, b), (c, d) = both[:2], both[2:]
+    aside = first[0] + a[:, 0] * d[:, 1] + c[:, 0] * b[:, 1]
+    off = first[1] + c[:, 0] * d[:, 1]
+    return np.minimum(aside, off) * (1 + 1e-9), off * (1 + 1e-9)
+
+
+def _across(axis: Array) -> Array:
+    """Two unit vectors (M, 2, 3) that are orthogonal to others (M, 3), and to each other."""
+    least = np.eye(3)[np.abs(axis).argmin(axis=1)]
+    one = np.cross(axis, least)
+    one /= length(one)[:, None]
+    return np.stack([one, np.cross(axis, one)], axis=1)
 
 
 @lru_cache(maxsize=256)
@@ -255,14 +388,27 @@ def _leading(table: EigenTable, lattice: Lattice, form: Form) -> _Leading | None
         return None
     pieces = Bernstein.of(table.scheme, False).from_powers @ table.pieces[:, :, 1:]
     both = np.matmul(form.derivatives[1:3, None], pieces)  # (2, c, n, K - 1)
-    (A, B), (C, D) = (np.moveaxis(x[:, :, pair], 2, 0) for x in both)
-    cross = A[:, :, None] * D[:, None] - C[:, :, None] * B[:, None]
-    jacobian = cross.reshape(len(cross), -1) @ normal_form(lattice, form.degree)[1]
-    turn = float(np.sign(jacobian.sum()))
-    least = float((turn * jacobian).min())
-    if not least > 0:
+    pairs = products(lattice, form.degree)
+
+    def jacobian(a: int, b: int) -> Array:
+        """Coefficients of that of two eigenfunctions, on all pieces."""
+        (A, B), (C, D) = both[..., a], both[..., b]
+        cross = A[:, :, None] * D[:, None] - B[:, :, None] * C[:, None]
+        return np.asarray(cross.reshape(len(cross), -1) @ pairs).ravel()
+
+    leads = jacobian(*pair.tolist())
+    turn = float(np.sign(leads.sum()))
+    if not (turn * leads).min() > 0:
         return None
+    plain = np.setdiff1d(others, linked)
+    plain = plain[table.rates[0, plain] > 0] - 1
+    plain = plain[np.argsort(-rates[1 + plain], kind="stable")]
     most = np.abs(both).max(axis=(1, 2))
     rest = most.copy()
     rest[:, pair] = 0
-    return _Leading(pair, turn, least, most[:, pair], rest)
+    crossed = np.zeros((2, len(leads), len(plain)))
+    for k, lead in enumerate(pair.tolist()):
+        for j, other in enumerate(plain.tolist()):
+            crossed[k, :, j] = jacobian(lead, other)
+    steps = both[..., plain].reshape(2, -1, len(plain))
+    return _Leading(pair, turn, turn * leads, most[:, pair], plain, steps, crossed, rest)
