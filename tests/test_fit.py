@@ -392,6 +392,17 @@ def test_too_few_points_are_told_and_fair():
         ls.fit(CUBE, points, smoothing=1e-4)
 
 
+def test_vertices_that_stray_are_told():
+    """A plane says of a cube that it is flat, and not how large."""
+    plane = np.c_[np.random.default_rng(0).random((400, 2)), np.full(400, 0.5)]
+    with pytest.warns(UserWarning, match=r"vertices are far from the points.*smoothing=1e-6"):
+        ls.fit(CUBE, plane)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = ls.fit(CUBE, plane, smoothing=1e-6)
+    assert np.abs(found.mesh.points).max() < 10
+
+
 def test_fairness_smooths():
     rng = np.random.default_rng(22)
     points = ls.sample(ls.LimitSurface(SHEET), 120, rng=23).point + 0.02 * rng.normal(size=(120, 3))

@@ -34,6 +34,7 @@ _GAIN = 0.8  # what a refinement must make of the error of a part to be followed
 _FAR = 20  # sizes, of the larger one, between the boxes of cage and points, that make no sense
 _SUPPORTED = 1e-12  # of the largest sum of squared weights: vertices with less are not seen
 _LARGEST = 1e300
+_STRAY = 10  # sizes of the points
 _SMOOTHING = 1e-6  # where points do not determine the cage
 
 
@@ -200,7 +201,7 @@ def fit(
     Warns
     -----
     UserWarning
-        Where the points do not determine the cage.
+        Where the points do not determine the cage, before, or, by vertices far off, afterwards.
 
     Notes
     -----
@@ -537,6 +538,20 @@ def _same_places(
     return np.flatnonzero(new.mesh.vertex_faces > 0)[near], pinned[1]
 
 
+def _tell_strays(surface: LimitSurface) -> None:
+    """Warn of vertices far beyond the points, whose extent is 1 or less."""
+    largest = np.abs(surface.points).max(axis=1) * (surface.mesh.vertex_faces > 0)
+    strays = np.flatnonzero(largest > _STRAY)
+    if len(strays):
+        worst = int(largest.argmax())
+        warnings.warn(
+            f"{len(strays)} of {surface.mesh.n_vertices} vertices are far from the points, vertex "
+            f"{worst} by {largest[worst]:.3g} times their size: the points do not say where they "
+            "are to be; give smoothing=1e-6, say, or a cage with fewer vertices",
+            UserWarning, stacklevel=users_level(),
+        )  # fmt: skip
+
+
 def _record(
     surface: LimitSurface,
     given: Array,
@@ -553,6 +568,7 @@ def _record(
     error[known] = np.ldexp(run.state.distance, frame.power)
     face[known], u[known], v[known] = feet.face, feet.u, feet.v
     mesh = surface.mesh
+    _tell_strays(run.state.surface)
     return Fit(
         mesh, surface, np.ldexp(np.array(history), frame.power), np.array(levels), error, face, u,
         v, given, converged,
