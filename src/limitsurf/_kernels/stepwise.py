@@ -13,13 +13,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf._kernels.jit import inlined, lean
+from limitsurf._kernels.jit import inlined, lean, products
 
 Array = NDArray[Any]
 
 LONGEST = 11  # powers of two of halvings that are taken at once: parameters have no more
 STACK = 256  # operations of a query, at most: each ends a digit, or halves what a run has left
 FIRST, CHILDREN, RUN, END = range(1, 5)  # what may be missing
+EIGHT = 8  # columns of a matrix that are multiplied at once: rows of matrices are filled up
+_product1, _product2, _product3 = products(1), products(2), products(3)
 _MIDDLE = 3
 _RUN = 8  # least number of halvings towards a corner that are taken at once
 _GROWTH = np.array([2.0 ** (2.0**j / 2) for j in range(LONGEST)])  # square roots of 2^(2^j)
@@ -34,7 +36,8 @@ class Steps(NamedTuple):
     ends: Array  # (3, kinds, 3) int64: where in `values` the rows at corners are, of three types
     sizes: Array  # (kinds,) int64: number of differences
     places: Array  # (kinds,) int64: where in `values` the lattice is, -1 where there is none
-    shapes: Array  # (operations, 3) int64: rows, columns, and where in `values` they are
+    shapes: Array  # (operations, 3) int64: rows, columns, and where in `values` they are:
+    # a row, then a matrix
     factors: Array  # (operations, 2): of positions and derivatives
     values: Array  # (n,)
 
@@ -58,47 +61,42 @@ def _halved(ref: int, x: float, y: float) -> tuple[int, int, float, float]:
 
 
 @inlined
-def _taken_back(
-    code: int, steps: Steps, axes: Array, rows: Array, source: int, target: int
-) -> None:
-    """Rows times the matrix of an operation, from one place in them to another."""
+def _taken_back(code: int, steps: Steps, axes: Array, rows: Array, made: Array) -> None:
+    """Rows (n, axes) times the matrix of an operation, in their place; `made` is room."""
     m, n, at = steps.shapes[code]
-    values = steps.values
-    for r in range(len(axes)):
-        for j in range(n):
-            rows[target, r, j] = 0.0
-    for i in range(m):
-        begin = at + (i + 1) * n
-        for r in range(len(axes)):
-            weight = rows[source, r, i]
-            if weight == 0:
-                continue
-            for j in range(n):
-                rows[target, r, j] += weight * values[begin + j]
-    for r in range(len(axes)):
+    stride, count, values = (n + EIGHT - 1) // EIGHT * EIGHT, len(axes), steps.values
+    for j in range(0, n, EIGHT):
+        begin = at + stride + j
+        if count == 1:
+            _product1(values, begin, m, stride, rows, 0, 1, made, 0, j)
+        elif count == 2:
+            _product2(values, begin, m, stride, rows, 0, 2, made, 0, j)
+        else:
+            _product3(values, begin, m, stride, rows, 0, 3, made, 0, j)
+    for r in range(count):
         if axes[r] < 0:
             factor = steps.factors[code, 0]
             for j in range(n):
-                rows[target, r, j] = rows[target, r, j] * factor + values[at + j]
+                rows[count * j + r] = made[0, r, j] * factor + values[at + j]
         else:
             factor = steps.factors[code, 1]
             for j in range(n):
-                rows[target, r, j] *= factor
+                rows[count * j + r] = made[0, r, j] * factor
 
 
 @lean
 def weighted(
     which: Array, face: Array, u: Array, v: Array, triangles: Array, frames: Array, steps: Steps,
-    asked: tuple[Array, int], room: tuple[Array, Array], out: Array, found: Array,
+    asked: tuple[Array, int], room: tuple[Array, Array, Array], out: Array, found: Array,
 ) -> None:  # fmt: skip
-    """Rows (Q, axes, ...) over differences of points around children of the cage's triangles.
+    """Rows (Q, axes, ...), at most three, over differences around children of the cage's triangles.
 
     Of queries `which`. `triangles` has the kind of each child and where its points begin, `frames`
     its first corner. Asked are positions (axis -1) and derivatives, and the type of rows at
     corners. `found` (Q, 4) int64 becomes 0, kind and beginning, or what is missing, and of what.
     """
     axes, kind_of_rows = asked
-    stack, rows = room
+    (stack, rows, made), count = room, len(axes)
     for query in which:
         child, ref, x, y = _halved(0, u[query], v[query])
         triangle = 4 * face[query] + child
@@ -147,21 +145,20 @@ def weighted(
             found[query, 0], found[query, 1], found[query, 2] = END, kind, end
             continue
         n = steps.sizes[kind]
-        for r in range(len(axes)):
+        for r in range(count):
             for j in range(n):
-                rows[0, r, j] = 0.0 if axes[r] < 0 else steps.values[begin + axes[r] * n + j]
+                place = begin + axes[r] * n + j
+                rows[count * j + r] = 0.0 if axes[r] < 0 else steps.values[place]
             if axes[r] < 0 and end > 0:
-                rows[0, r, end - 1] = 1.0
-        source = 0
+                rows[count * (end - 1) + r] = 1.0
         while height > 0:
             height -= 1
-            _taken_back(stack[height], steps, axes, rows, source, 1 - source)
-            source = 1 - source
+            _taken_back(stack[height], steps, axes, rows, made)
         n, lattice = steps.sizes[first], steps.places[first]
-        for r in range(len(axes)):
+        for r in range(count):
             factor = 1.0 if axes[r] < 0 else -2.0 if child == _MIDDLE else 2.0
             for j in range(n):
-                out[query, r, j] = rows[source, r, j] * factor
+                out[query, r, j] = rows[count * j + r] * factor
             if lattice >= 0:
                 for j in range(2):
                     total = 0.0

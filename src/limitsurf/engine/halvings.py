@@ -66,13 +66,18 @@ class Halvings:
                 wider = np.zeros((Q, len(axes), width))
                 wider[:, :, : out.shape[2]] = out
                 out = wider
-            room = stack, np.empty((2, len(axes), width))
+            room = stack, np.empty(width * len(axes)), np.empty((1, len(axes), width))
             given = which, face, u, v, first.triangles, FRAMES, steps, asked, room
             self._kernels.weighted(*given, out, found)
             which = which[found[which, 0] != 0]
             if len(which):
                 self._add(first, np.unique(found[which], axis=0), type_)
         return out, found[:, 1], found[:, 2]
+
+    def counts(self, kinds: Array) -> Array:
+        """Numbers of points of some kinds."""
+        found: Array = self._known.sizes[kinds] + 1
+        return found
 
     def _add(self, first: FirstStep, missing: Array, type_: str) -> None:
         """Find out what kernels have asked for."""
@@ -118,7 +123,7 @@ class Halvings:
         self._tables[4][old:] = [kind.n_points - 1 for kind in known[old:]]
 
     def _snapshot(self) -> tuple[Steps, int]:
-        """What is known now, in arrays of its own, and the largest size of all."""
+        """What is known now, in arrays of its own, and room for the largest size of all."""
         self._grown()
         kinds = self._local.kinds
         for kind in np.flatnonzero((self._tables[5] < 0) & (self._tables[0][:, 0] >= 0)).tolist():
@@ -126,13 +131,16 @@ class Halvings:
             if one.affine and one.places is not None:
                 self._tables[5][kind] = self._put(one.places[3:])
         for g, C, scale, sign in self._operations.known[len(self._shapes) :]:
-            self._shapes.append((*C.shape, self._put(g, C)))
+            rows = np.concatenate([g[None], C])
+            more = -rows.shape[1] % self._kernels.EIGHT
+            self._shapes.append((*C.shape, self._put(np.pad(rows, ((0, 0), (0, more))))))
             self._factors.append((float(scale), float(sign)))
         self._parts = [np.concatenate(self._parts)]
         tables = [table.copy() for table in self._tables]
         shapes, factors = np.array(self._shapes), np.array(self._factors)
         steps = self._kernels.Steps(*tables, shapes, factors, self._parts[0])
-        return steps, int(tables[4].max(initial=0))
+        each = self._kernels.EIGHT
+        return steps, -(-int(tables[4].max(initial=0)) // each) * each
 
 
 def halvings_of(operations: Operations) -> Halvings:

@@ -38,6 +38,7 @@ _T = TypeVar("_T")
 _CHUNK = 1 << 13  # queries in memory at once
 _RUN = 8  # least number of halvings towards a corner that are taken at once
 _SIDES = (0, 0), (1, 0), (0, 1)  # orders of what rows are of
+_AXES = {(0, 0): -1, (1, 0): 0, (0, 1): 1}
 _MIDDLE = 3  # the child that is turned by half a turn
 
 
@@ -190,11 +191,11 @@ class Interpolating:
         def work(part: slice) -> list[_T]:
             where = every[part]
             some = face[where], u[where].astype(u.dtype), v[where].astype(v.dtype)
-            rows, kinds, starts = rows_of(*some, orders, wanted)
-            sizes = np.array([one.n_points for one in first.steps.kinds.known])[kinds]
+            rows, counts, starts = rows_of(*some, orders, wanted)
+            alike = bool((counts == counts[0]).all())
             found = []
-            for n in np.unique(sizes).tolist():
-                which = np.flatnonzero(sizes == n)
+            for n in [int(counts[0])] if alike else np.unique(counts).tolist():
+                which = slice(None) if alike else np.flatnonzero(counts == n)
                 ids = first.points[starts[which][:, None] + np.arange(n)]
                 found.append(use(where[which], ids, rows[which, :, : n - 1]))
             return found
@@ -206,26 +207,31 @@ class Interpolating:
         self, face: Array, u: Array, v: Array, orders: Sequence[Order], wanted: Wanted
     ) -> tuple[Array, Array, Array]:
         """As `_rows_of`, by kernels."""
-        axes = np.array([-1 if nu == (0, 0) else nu.index(1) for nu in orders])
-        found = halvings_of(operations_of(self._first.steps))
-        return found.rows(self._first, face, u, v, axes, wanted)
+        packed = halvings_of(operations_of(self._first.steps))
+        known = tuple(dict.fromkeys(orders))
+        axes = np.array([_AXES[nu] for nu in known])
+        rows, kinds, starts = packed.rows(self._first, face, u, v, axes, wanted)
+        if len(known) < len(orders):
+            rows = rows[:, [known.index(nu) for nu in orders]]
+        return rows, packed.counts(kinds), starts
 
     def _rows_of(
         self, face: Array, u: Array, v: Array, orders: Sequence[Order], wanted: Wanted
     ) -> tuple[Array, Array, Array]:
-        """Rows (q, orders, ...), and kinds of first triangles and where their points begin."""
+        """Rows (q, orders, ...), numbers of points of first triangles, and where these begin."""
         first = self._first
         path = Path(first.steps, u, v)
         child, corner = path.begin(face)
         kinds, starts = first.kinds_of(corner)
         path.walk(kinds)
-        rows = path.back(orders, wanted, child)
+        rows, counts = path.back(orders, wanted, child), np.empty(len(kinds), dtype=np.int64)
         for kind in np.unique(kinds).tolist():
             here, n = np.flatnonzero(kinds == kind), first.steps.kinds.known[kind].n_points
+            counts[here] = n
             if first.steps.kinds.expanded(kind).affine:
                 plain = rows[here, :, : n - 1] @ first.steps.differences(kind)
                 rows[here, :, : n - 1] = plain
-        return rows, kinds, starts
+        return rows, counts, starts
 
 
 def _times(rows: Array, points: Array) -> Array:
