@@ -129,14 +129,15 @@ def _search() -> None:
 
 
 def _step() -> None:
-    """Evaluation by halvings, of a surface that needs no kernels otherwise."""
+    """Evaluation by steps, of surfaces that need no kernels otherwise."""
     mesh = _samples(SCHEMES.with_pieces["loop"])[0]
     mesh = Mesh(mesh.points, mesh.faces)
     with _kernels.chosen("reference"):
-        topology = topology_of(mesh, Rules.resolve(mesh, SCHEMES["butterfly"]), "compiled")
-        answers = Answers(topology, mesh, "compiled").reference
-        request = Request.of(0, 0.3, 0.3, exact=False, workers=1)
-        answers.derivatives(request, [(0, 0)])
+        for scheme in SCHEMES.values():
+            if not scheme.has_pieces:
+                topology = topology_of(mesh, Rules.resolve(mesh, scheme), "compiled")
+                request = Request.of(0, 0.3, 0.3, exact=False, workers=1)
+                Answers(topology, mesh, "compiled").reference.derivatives(request, [(0, 0)])
 
 
 def _samples(scheme: Scheme) -> list[Mesh]:

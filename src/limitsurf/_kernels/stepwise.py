@@ -42,6 +42,16 @@ class Steps(NamedTuple):
     values: Array  # (n,)
 
 
+class Maps(NamedTuple):
+    """What parts of triangles make of differences, see ``engine/ternary.py``."""
+
+    codes: Array  # (kinds, 9) int64: operations of one part, -1 where unknown
+    words: Array  # (9, 9) int64: of a part of a part amid regular vertices
+    shapes: Array  # as in `Steps`
+    factors: Array
+    values: Array
+
+
 @inlined
 def _halved(ref: int, x: float, y: float) -> tuple[int, int, float, float]:
     """The child where a place is, and the place there, by its distances from a corner."""
@@ -61,7 +71,7 @@ def _halved(ref: int, x: float, y: float) -> tuple[int, int, float, float]:
 
 
 @inlined
-def _taken_back(code: int, steps: Steps, axes: Array, rows: Array, made: Array) -> None:
+def _taken_back(code: int, steps: Any, axes: Array, rows: Array, made: Array) -> None:
     """Rows (n, axes) times the matrix of an operation, in their place; `made` is room."""
     m, n, at = steps.shapes[code]
     stride, count, values = (n + EIGHT - 1) // EIGHT * EIGHT, len(axes), steps.values
@@ -165,3 +175,37 @@ def weighted(
                     for i in range(2, n):
                         total += out[query, r, i] * steps.values[lattice + 2 * (i - 2) + j]
                     out[query, r, j] -= total
+
+
+@lean
+def ascended(
+    kinds: Array, parts: Array, maps: Maps, axes: Array, room: tuple[Array, Array], weights: Array
+) -> None:
+    """Take weights (axes, Q, ...) back through steps (levels, Q), of kind -1 where there is none.
+
+    Axes are -1 for positions; there are at most three.
+    """
+    (rows, made), count, n = room, len(axes), 0
+    for query in range(kinds.shape[1]):
+        level, begun = kinds.shape[0] - 1, False
+        while level >= 0:
+            kind, part = kinds[level, query], parts[level, query]
+            if kind < 0:
+                level -= 1
+                continue
+            code = maps.codes[kind, part]
+            if kind == 0 and level > 0 and kinds[level - 1, query] == 0:
+                level -= 1
+                code = maps.words[parts[level, query], part]
+            if not begun:
+                begun = True
+                for r in range(count):
+                    for j in range(maps.shapes[code, 0]):
+                        rows[count * j + r] = weights[r, query, j]
+            _taken_back(code, maps, axes, rows, made)
+            n = maps.shapes[code, 1]
+            level -= 1
+        if begun:
+            for r in range(count):
+                for j in range(weights.shape[2]):
+                    weights[r, query, j] = rows[count * j + r] if j < n else 0.0

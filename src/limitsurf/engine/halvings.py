@@ -1,6 +1,7 @@
-"""Rows of weights under schemes that keep vertices, by kernels: tables of steps, as they are met.
+"""Tables of steps for kernels, as they are met: under schemes that are evaluated by steps.
 
-What is in them is what `Operations` and `LocalSteps` say, packed into flat arrays.
+What is in them is what `Operations` and `LocalSteps` say, or the kinds of ``ternary.py``, packed
+into flat arrays.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from limitsurf.refine.neighbourhoods import FRAMES
 if TYPE_CHECKING:
     from limitsurf._kernels.stepwise import Steps
     from limitsurf.engine.interpolating import FirstStep, Operations
+    from limitsurf.engine.ternary import Descent, Kinds
 
 Array = NDArray[Any]
 
@@ -32,6 +34,44 @@ def kernels_for(choice: str, queries: int) -> bool:
     return _kernels.answer(_kernels.STEPWISE, _CALL + queries * _QUERY)
 
 
+class Store:
+    """Matrices one behind the other, each below a row, filled up to what kernels take at once."""
+
+    def __init__(self, each: int) -> None:
+        self._each, self._parts, self.length = each, list[Array](), 0
+        self._shapes: list[tuple[int, ...]] = []
+        self._factors: list[tuple[float, float]] = []
+
+    def __len__(self) -> int:
+        return len(self._shapes)
+
+    def put(self, values: Array) -> int:
+        """Append values; where they begin."""
+        self._parts.append(np.ravel(values).astype(float))
+        self.length += values.size
+        return self.length - values.size
+
+    def add(self, row: Array, matrix: Array, scale: float = 1.0, sign: float = 1.0) -> int:
+        """Append an operation; its number."""
+        both = np.concatenate([row[None], matrix])
+        begin = self.put(np.pad(both, ((0, 0), (0, -both.shape[1] % self._each))))
+        self._shapes.append((*matrix.shape, begin))
+        self._factors.append((float(scale), float(sign)))
+        return len(self._shapes) - 1
+
+    def arrays(self) -> tuple[Array, Array, Array]:
+        """Shapes, factors and values, which stay as they are."""
+        self._parts = [np.concatenate([*self._parts, np.zeros(0)])]
+        shapes = np.array(self._shapes, dtype=np.int64).reshape(-1, 3)
+        return shapes, np.array(self._factors).reshape(-1, 2), self._parts[0]
+
+    @property
+    def width(self) -> int:
+        """Room for the largest row."""
+        most = max((max(shape[:2]) for shape in self._shapes), default=0)
+        return -(-most // self._each) * self._each
+
+
 class Halvings:
     """Steps of a scheme as kernels want them; they only ever become more."""
 
@@ -40,10 +80,7 @@ class Halvings:
             self._kernels = _kernels.searching("stepwise")
         self._operations, self._local = operations, operations.steps
         self._lock = self._local.kinds.lock
-        self._parts: list[Array] = []
-        self._length = self._packed = 0
-        self._shapes: list[tuple[int, int, int]] = []
-        self._factors: list[tuple[float, float]] = []
+        self._store = Store(self._kernels.EIGHT)
         none = np.full
         self._tables = [
             none((0, 4), -1), none((0, 4), -1), none((0, 3, self._kernels.LONGEST), -1),
@@ -100,16 +137,8 @@ class Halvings:
                 elif what == k.END:
                     rows = getattr(local.corner(kind, corner), type_)
                     self._grown()
-                    self._tables[3][ROWS.index(type_), kind, corner] = self._put(rows)
+                    self._tables[3][ROWS.index(type_), kind, corner] = self._store.put(rows)
             self._known, self._width = self._snapshot()
-
-    def _put(self, *values: Array) -> int:
-        """Append values; where they begin."""
-        begin = self._length
-        for each in values:
-            self._parts.append(np.ravel(each).astype(float))
-            self._length += each.size
-        return begin
 
     def _grown(self) -> None:
         """Make room for all kinds that there are, and say how large they are."""
@@ -129,16 +158,11 @@ class Halvings:
         for kind in np.flatnonzero((self._tables[5] < 0) & (self._tables[0][:, 0] >= 0)).tolist():
             one = kinds.known[kind]
             if one.affine and one.places is not None:
-                self._tables[5][kind] = self._put(one.places[3:])
-        for g, C, scale, sign in self._operations.known[len(self._shapes) :]:
-            rows = np.concatenate([g[None], C])
-            more = -rows.shape[1] % self._kernels.EIGHT
-            self._shapes.append((*C.shape, self._put(np.pad(rows, ((0, 0), (0, more))))))
-            self._factors.append((float(scale), float(sign)))
-        self._parts = [np.concatenate(self._parts)]
+                self._tables[5][kind] = self._store.put(one.places[3:])
+        for operation in self._operations.known[len(self._store) :]:
+            self._store.add(*operation)
         tables = [table.copy() for table in self._tables]
-        shapes, factors = np.array(self._shapes), np.array(self._factors)
-        steps = self._kernels.Steps(*tables, shapes, factors, self._parts[0])
+        steps = self._kernels.Steps(*tables, *self._store.arrays())
         each = self._kernels.EIGHT
         return steps, -(-int(tables[4].max(initial=0)) // each) * each
 
@@ -150,3 +174,54 @@ def halvings_of(operations: Operations) -> Halvings:
             operations.packed = Halvings(operations)
         found: Halvings = operations.packed
         return found
+
+
+class Ascents:
+    """Maps of parts of triangles under schemes that cut these into nine, as kernels want them."""
+
+    def __init__(self, kinds: Kinds) -> None:
+        with _kernels.preparing:
+            self._kernels = _kernels.searching("stepwise")
+        self._kinds, self._store = kinds, Store(self._kernels.EIGHT)
+        self._codes = np.full((0, 9), -1)
+        self._words = np.array(
+            [[self._store.add(*kinds.word(9 * a + b)[::-1]) for b in range(9)] for a in range(9)]
+        )
+        self._maps: Any = None
+
+    def ascend(self, descent: Descent, weights: Array, constant: Array) -> Array:
+        """As `Kinds.ascend`."""
+        if not descent.kinds:
+            return weights
+        kinds, parts = np.stack(descent.kinds), np.stack(descent.parts)
+        self._look_at(kinds, parts)
+        axes = np.where(constant == 1, -1, 0)
+        width = max(self._store.width, weights.shape[2])
+        room = np.empty(width * len(axes)), np.empty((1, len(axes), width))
+        found = np.ascontiguousarray(weights)
+        self._kernels.ascended(kinds, parts, self._maps, axes, room, found)
+        return found
+
+    def _look_at(self, kinds: Array, parts: Array) -> None:
+        """Have the maps of all steps."""
+        if len(self._codes) < len(self._kinds.known):
+            more = len(self._kinds.known) - len(self._codes)
+            self._codes = np.concatenate([self._codes, np.full((more, 9), -1)])
+            self._maps = None
+        unknown = (kinds >= 0) & (self._codes[kinds, parts] < 0)
+        if unknown.any():
+            for code in np.unique(9 * kinds[unknown] + parts[unknown]).tolist():
+                own, shift = self._kinds.map(*divmod(code, 9))
+                self._codes[divmod(code, 9)] = self._store.add(shift, own)
+            self._maps = None
+        if self._maps is None:
+            maps = self._codes.copy(), self._words, *self._store.arrays()
+            self._maps = self._kernels.Maps(*maps)
+
+
+def ascents_of(kinds: Kinds) -> Ascents:
+    """The maps for some kinds, made once."""
+    if kinds.packed is None:
+        kinds.packed = Ascents(kinds)
+    found: Ascents = kinds.packed
+    return found

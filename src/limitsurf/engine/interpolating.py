@@ -236,7 +236,8 @@ class Interpolating:
 
 def _times(rows: Array, points: Array) -> Array:
     """Rows (q, r, n) times points (q, n, d)."""
-    return np.asarray(rows @ points)
+    # row by row: products of several round as their number has it
+    return np.asarray((rows[:, :, None] @ points[:, None])[:, :, 0])
 
 
 def _summed(one: Any, other: Any) -> Any:
