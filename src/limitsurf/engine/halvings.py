@@ -6,7 +6,7 @@ into flat arrays.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from limitsurf.refine.neighbourhoods import FRAMES
 
 if TYPE_CHECKING:
     from limitsurf._kernels.stepwise import Steps
-    from limitsurf.engine.interpolating import FirstStep, Operations
+    from limitsurf.engine.operations import Operations
     from limitsurf.engine.ternary import Descent, Kinds
 
 Array = NDArray[Any]
@@ -32,6 +32,16 @@ def kernels_for(choice: str, queries: int) -> bool:
     if choice == "compiled":
         return _kernels.load()
     return _kernels.answer(_kernels.STEPWISE, _CALL + queries * _QUERY)
+
+
+class Children(Protocol):
+    """The triangles after a step; `triangles` (n, 2) has kinds, -1 where they are not known yet."""
+
+    triangles: Array
+
+    def kinds_of(self, corner: Array) -> tuple[Array, Array]:
+        """Find out kinds, and where points begin, of triangles by a corner each."""
+        ...
 
 
 class Store:
@@ -90,7 +100,7 @@ class Halvings:
             self._known, self._width = self._snapshot()
 
     def rows(
-        self, first: FirstStep, face: Array, u: Array, v: Array, axes: Array, type_: str
+        self, first: Children, face: Array, u: Array, v: Array, axes: Array, type_: str
     ) -> tuple[Array, Array, Array]:
         """Rows (Q, axes, n), and kinds and beginnings of the first triangles (Q,)."""
         Q, which = len(face), np.arange(len(face))
@@ -116,7 +126,7 @@ class Halvings:
         found: Array = self._known.sizes[kinds] + 1
         return found
 
-    def _add(self, first: FirstStep, missing: Array, type_: str) -> None:
+    def _add(self, first: Children, missing: Array, type_: str) -> None:
         """Find out what kernels have asked for."""
         k, local = self._kernels, self._local
         corners = missing[missing[:, 0] == k.FIRST, 1]
