@@ -10,7 +10,7 @@ import numpy as np
 
 from limitsurf import _kernels, disk_cache
 from limitsurf.cage.mesh import Mesh
-from limitsurf.engine.choice import Answers
+from limitsurf.engine.choice import Answers, topology_of
 from limitsurf.engine.protocol import JET, Request
 from limitsurf.engine.topology import Topology
 from limitsurf.options import Rules
@@ -73,6 +73,8 @@ def compile_kinds(kinds: tuple[str, ...]) -> None:
     for kind in kinds:
         if kind == _kernels.SEARCHES:
             _search()
+        if kind == _kernels.STEPWISE:
+            _step()
         for scheme in SCHEMES.with_pieces.values():
             shape = _kernels.shape(scheme.spline.directions)
             if kind == _kernels.MESHES and not scheme.lattice.dual:  # they need no others
@@ -124,6 +126,18 @@ def _search() -> None:
         origin, way, bounds = np.full((1, 3), -1.0), np.ones((1, 3)), np.array([[0.0], [np.inf]])
         followed(kernels, Rays.of(cells.power, origin, way, *bounds), "first")
         approached(kernels, origin, np.ones(1), False)
+
+
+def _step() -> None:
+    """Evaluation by steps, of surfaces that need no kernels otherwise."""
+    mesh = _samples(SCHEMES.with_pieces["loop"])[0]
+    mesh = Mesh(mesh.points, mesh.faces)
+    with _kernels.chosen("reference"):
+        for scheme in SCHEMES.values():
+            if not scheme.has_pieces:
+                topology = topology_of(mesh, Rules.resolve(mesh, scheme), "compiled")
+                request = Request.of(0, 0.3, 0.3, exact=False, workers=1)
+                Answers(topology, mesh, "compiled").reference.derivatives(request, [(0, 0)])
 
 
 def _samples(scheme: Scheme) -> list[Mesh]:

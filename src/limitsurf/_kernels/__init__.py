@@ -26,12 +26,14 @@ from limitsurf._kernels.locks import preparing as preparing
 VARIABLE = "LIMITSURF_ENGINE"
 CHOICES = ("auto", "reference", "compiled")
 # what kernels are for, in the order in which they are compiled: meshes, and by the shape of faces
-# derivatives and normals, weights, and tangents and curvature; last searches of surfaces
+# derivatives and normals, weights, and tangents and curvature; last searches of surfaces, and
+# schemes that are evaluated by steps
 MESHES, WEIGHTS, CURVATURE, SEARCHES = "meshes", "-weights", "-curvature", "searches"
+STEPWISE = "stepwise"
 KINDS = (
     *("quads", MESHES, f"quads{WEIGHTS}", f"quads{CURVATURE}"),
     *("triangles", f"triangles{WEIGHTS}", f"triangles{CURVATURE}"),
-    SEARCHES,
+    *(SEARCHES, STEPWISE),
 )
 # kinds whose kernels answer whatever is asked; reading it is cheap enough for every query
 available: set[str] = set()
@@ -133,8 +135,13 @@ def evaluating(shape: str) -> Any:
 
 
 def searching(name: str) -> Any:
-    """The kernels that search surfaces, a module for each question; ask while `preparing`."""
+    """The kernels that search surfaces, or take steps, by module; ask while `preparing`."""
     return import_module(f"{__name__}.{name}")
+
+
+def compiles() -> bool:
+    """Whether there may be kernels at all: not where Numba is told not to compile."""
+    return not _disabled()
 
 
 def _pays(kind: str, seconds: float) -> bool:

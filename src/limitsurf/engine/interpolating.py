@@ -10,8 +10,8 @@ Derived in ``derivations/butterfly.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,20 +20,27 @@ from limitsurf import numbers
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.cage.mesh import Mesh
+from limitsurf.engine.halvings import halvings_of, kernels_for
+from limitsurf.engine.operations import MIDDLE as _MIDDLE
+from limitsurf.engine.operations import operations_of
+from limitsurf.engine.packing import over_chunks
 from limitsurf.engine.protocol import Order, Request
 from limitsurf.engine.stepwise import StepwiseTopology
 from limitsurf.numbers import NumberType
 from limitsurf.refine import interpolating, on_one_pattern, sparse_operator
-from limitsurf.refine.local_steps import CornerRows, LocalSteps, local_steps
+from limitsurf.refine.local_steps import LocalSteps, local_steps
 from limitsurf.refine.neighbourhoods import FRAMES, REGULAR
 from limitsurf.topology import child_mesh
 
 Array = NDArray[Any]
+# of `CornerRows`
+Wanted: TypeAlias = Literal["derivatives", "tangents", "normal"]
+_T = TypeVar("_T")
 
 _CHUNK = 1 << 13  # queries in memory at once
 _RUN = 8  # least number of halvings towards a corner that are taken at once
 _SIDES = (0, 0), (1, 0), (0, 1)  # orders of what rows are of
-_MIDDLE = 3  # the child that is turned by half a turn
+_AXES = {(0, 0): -1, (1, 0): 0, (0, 1): 1}
 
 
 class Interpolating:
@@ -67,7 +74,8 @@ class Interpolating:
         for result in results:
             result.fill(np.nan)
         known = [nu for nu in orders if nu in _SIDES]
-        for where, ids, rows in self._rows(request, known, _derivatives) if known else ():
+
+        def use(where: Array, ids: Array, rows: Array) -> None:
             near = points[base[ids]] - points[base[ids[:, :1]]]
             near += offset[ids] - offset[ids[:, :1]]
             found = _times(rows, near[:, 1:])
@@ -78,24 +86,33 @@ class Interpolating:
                 for result, order in zip(results, orders, strict=True):
                     if order == nu:
                         result[where] = value
+
+        if known:
+            self._each(request, known, "derivatives", use)
         return results
 
     def normals(self, request: Request, out: Array | None = None) -> Array:
         """See `Engine`."""
         result = np.empty((request.face.size, 3)) if out is None else out
         result.fill(np.nan)
-        for where, a, b, noise in self._vectors(request, _normals):
-            result[where] = kernels.unit_normals(a, b, noise)
+
+        def use(where: Array, a: Array, b: Array, noise: Array) -> None:
+            result[where] = kernels.unit_normals(a, b, (noise[0], noise[1]))
+
+        self._vectors(request, "normal", use)
         return result
 
     def tangents(self, request: Request, width: int) -> tuple[Array, Array]:
         """See `Engine`."""
         d = self._control[1].shape[1]
         along, across = np.full((2, request.face.size, d), np.nan)
-        for where, a, b, noise in self._vectors(request, _tangents):
+
+        def use(where: Array, a: Array, b: Array, noise: Array) -> None:
             for result, x, bound in ((along, a, noise[0]), (across, b, noise[1])):
                 shape = len(x), d // max(width, 1), width
                 result[where] = kernels.unit(x.reshape(shape), bound[:, None]).reshape(x.shape)
+
+        self._vectors(request, "tangents", use)
         return along, across
 
     def curvatures(self, request: Request) -> Array:
@@ -107,14 +124,16 @@ class Interpolating:
         """See `Engine`; rows beyond first derivatives are NaN."""
         first, number, Q = self._first, self._number, request.face.size
         known = [nu for nu in orders if nu in _SIDES] or [(0, 0)]
-        parts: list[tuple[Array, Array, Array]] = []
         defined = np.zeros(Q, dtype=bool)
-        for where, ids, rows in self._rows(request, known, _derivatives):
+
+        def use(where: Array, ids: Array, rows: Array) -> tuple[Array, Array, Array]:
             defined[where] = True
             own = -rows.sum(axis=2)
             own[:, [k for k, nu in enumerate(known) if nu == (0, 0)]] += number.one
             values = np.concatenate([own[:, :, None], rows], axis=2)
-            parts.append((np.repeat(where, ids.shape[1]), ids.ravel(), values))
+            return np.repeat(where, ids.shape[1]), ids.ravel(), values
+
+        parts = self._each(request, known, "derivatives", use)
         matrices = []
         for nu in orders:
             entries = [
@@ -133,22 +152,29 @@ class Interpolating:
         return on_one_pattern(matrices)
 
     def _vectors(
-        self, request: Request, wanted: Callable[[CornerRows], Array]
-    ) -> Iterator[tuple[Array, Array, Array, tuple[Array, Array]]]:
-        """Some queries, two vectors of each, and their noise."""
+        self, request: Request, wanted: Wanted, use: Callable[[Array, Array, Array, Array], None]
+    ) -> None:
+        """What is done with some queries, two vectors of each, and their noise (2, q, 1)."""
         base, offset = self._control
         points = self._mesh.points.reshape(self._mesh.n_vertices, -1)
-        for where, ids, rows in self._rows(request, [(1, 0), (0, 1)], wanted):
+
+        def each(where: Array, ids: Array, rows: Array) -> None:
             near = points[base[ids]] - points[base[ids[:, :1]]]
             near += offset[ids] - offset[ids[:, :1]]
             found = _times(rows, near[:, 1:])
-            size = kernels.NOISE * np.einsum("qrn,qn->qr", np.abs(rows), np.abs(near).max(2)[:, 1:])
-            yield where, found[:, 0], found[:, 1], (size[:, :1], size[:, 1:])
+            size = kernels.NOISE * np.einsum("qrn,qn->rq", np.abs(rows), np.abs(near).max(2)[:, 1:])
+            use(where, found[:, 0], found[:, 1], size[:, :, None])
 
-    def _rows(
-        self, request: Request, orders: Sequence[Order], wanted: Callable[[CornerRows], Array]
-    ) -> Iterator[tuple[Array, Array, Array]]:
-        """Some queries (q,), points after a step (q, n + 1), and rows (q, orders, n).
+        self._each(request, [(1, 0), (0, 1)], wanted, each)
+
+    def _each(
+        self,
+        request: Request,
+        orders: Sequence[Order],
+        wanted: Wanted,
+        use: Callable[[Array, Array, Array], _T],
+    ) -> list[_T]:
+        """What is made of queries (q,), points after a step (q, n + 1), and rows (q, orders, n).
 
         The rows are over differences of the points from the first of them.
         """
@@ -160,28 +186,59 @@ class Interpolating:
         every = np.flatnonzero(known)
         if number.exact:
             _check_dyadic(u[every], v[every], self._topology.rules.scheme.name)
-        for start in range(0, len(every), _CHUNK):
-            where = every[start : start + _CHUNK]
-            path = Path(first.steps, u[where], v[where])
-            child, corner = path.begin(face[where])
-            kinds, starts = first.kinds_of(corner)
-            path.walk(kinds)
-            rows = path.back(orders, wanted, child)
-            sizes = np.array([first.steps.kinds.known[k].n_points for k in range(kinds.max() + 1)])
-            for n in np.unique(sizes[kinds]).tolist():
-                some = np.flatnonzero(sizes[kinds] == n)
-                ids = first.points[starts[some][:, None] + np.arange(n)]
-                plain = rows[some][:, :, : n - 1].copy()
-                for kind in np.unique(kinds[some]).tolist():
-                    here = kinds[some] == kind
-                    if first.steps.kinds.expanded(kind).affine:
-                        plain[here] = plain[here] @ first.steps.differences(kind)
-                yield where[some], ids, plain
+        kernels_ = not number.exact and kernels_for(self._topology.choice, len(every))
+        rows_of = self._compiled_rows if kernels_ else self._rows_of
+
+        def work(part: slice) -> list[_T]:
+            where = every[part]
+            some = face[where], u[where].astype(u.dtype), v[where].astype(v.dtype)
+            rows, counts, starts = rows_of(*some, orders, wanted)
+            alike = bool((counts == counts[0]).all())
+            found = []
+            for n in [int(counts[0])] if alike else np.unique(counts).tolist():
+                which = slice(None) if alike else np.flatnonzero(counts == n)
+                ids = first.points[starts[which][:, None] + np.arange(n)]
+                found.append(use(where[which], ids, rows[which, :, : n - 1]))
+            return found
+
+        workers = request.workers if kernels_ else 1
+        return [x for part in over_chunks(len(every), workers, work, _CHUNK) for x in part]
+
+    def _compiled_rows(
+        self, face: Array, u: Array, v: Array, orders: Sequence[Order], wanted: Wanted
+    ) -> tuple[Array, Array, Array]:
+        """As `_rows_of`, by kernels."""
+        packed = halvings_of(operations_of(self._first.steps))
+        known = tuple(dict.fromkeys(orders))
+        axes = np.array([_AXES[nu] for nu in known])
+        rows, kinds, starts = packed.rows(self._first, face, u, v, axes, wanted)
+        if len(known) < len(orders):
+            rows = rows[:, [known.index(nu) for nu in orders]]
+        return rows, packed.counts(kinds), starts
+
+    def _rows_of(
+        self, face: Array, u: Array, v: Array, orders: Sequence[Order], wanted: Wanted
+    ) -> tuple[Array, Array, Array]:
+        """Rows (q, orders, ...), numbers of points of first triangles, and where these begin."""
+        first = self._first
+        path = Path(first.steps, u, v)
+        child, corner = path.begin(face)
+        kinds, starts = first.kinds_of(corner)
+        path.walk(kinds)
+        rows, counts = path.back(orders, wanted, child), np.empty(len(kinds), dtype=np.int64)
+        for kind in np.unique(kinds).tolist():
+            here, n = np.flatnonzero(kinds == kind), first.steps.kinds.known[kind].n_points
+            counts[here] = n
+            if first.steps.kinds.expanded(kind).affine:
+                plain = rows[here, :, : n - 1] @ first.steps.differences(kind)
+                rows[here, :, : n - 1] = plain
+        return rows, counts, starts
 
 
 def _times(rows: Array, points: Array) -> Array:
     """Rows (q, r, n) times points (q, n, d)."""
-    return np.asarray(rows @ points)
+    # row by row: products of several round as their number has it
+    return np.asarray((rows[:, :, None] @ points[:, None])[:, :, 0])
 
 
 def _summed(one: Any, other: Any) -> Any:
@@ -193,18 +250,6 @@ def _summed(one: Any, other: Any) -> Any:
     arrays = (np.concatenate([getattr(x, name) for x in (one, other)])
               for name in ("rows", "columns", "values"))  # fmt: skip
     return type(one)(*arrays, one.shape)
-
-
-def _derivatives(rows: CornerRows) -> Array:
-    return rows.derivatives
-
-
-def _tangents(rows: CornerRows) -> Array:
-    return rows.tangents
-
-
-def _normals(rows: CornerRows) -> Array:
-    return rows.normal
 
 
 def _check_dyadic(u: Array, v: Array, scheme: str) -> None:
@@ -229,8 +274,9 @@ class FirstStep:
         E = mesh.n_edges
         self.bases = np.concatenate([np.arange(mesh.n_vertices), mesh.edges[:, 0]])
         self.mesh = child_mesh(mesh, np.zeros((mesh.n_vertices + E, 0)), topology.lattice)
-        self._kind = np.full(self.mesh.n_faces, -1)
-        self._start = np.zeros(self.mesh.n_faces, dtype=np.int64)
+        # of each triangle its kind, -1 while unknown, and where its points begin
+        self.triangles = np.zeros((self.mesh.n_faces, 2), dtype=np.int64)
+        self.triangles[:, 0] = -1
         self.points = np.zeros(0, dtype=np.int64)
         self.rules = rules
 
@@ -255,15 +301,16 @@ class FirstStep:
     def kinds_of(self, corner: Array) -> tuple[Array, Array]:
         """Kinds of triangles, by a corner of the refined mesh, and where their points begin."""
         face = corner // 3
-        if (self._kind[face] < 0).any():
+        if (self.triangles[face, 0] < 0).any():
             with self.steps.kinds.lock:
-                unknown, first = np.unique(face[self._kind[face] < 0], return_index=True)
-                corners = corner[self._kind[face] < 0][first]
-                kinds, starts, points = self.steps.kinds.of(self.mesh, corners)
-                self._start[unknown] = len(self.points) + starts[:-1]
-                self.points = np.concatenate([self.points, points])
-                self._kind[unknown] = kinds
-        return self._kind[face], self._start[face]
+                lost = self.triangles[face, 0] < 0
+                unknown, first = np.unique(face[lost], return_index=True)
+                if len(unknown):
+                    kinds, starts, points = self.steps.kinds.of(self.mesh, corner[lost][first])
+                    self.triangles[unknown, 1] = len(self.points) + starts[:-1]
+                    self.points = np.concatenate([self.points, points])
+                    self.triangles[unknown, 0] = kinds  # last: others may look meanwhile
+        return self.triangles[face, 0], self.triangles[face, 1]
 
 
 class Path:
@@ -352,9 +399,7 @@ class Path:
         n = -e - 1
         return np.where(n >= _RUN, np.frexp(np.maximum(n, 1))[1] - 1, -1)
 
-    def back(
-        self, orders: Sequence[Order], wanted: Callable[[CornerRows], Array], child: Array
-    ) -> Array:
+    def back(self, orders: Sequence[Order], wanted: Wanted, child: Array) -> Array:
         """Rows (q, orders, n) over the differences around the first triangles."""
         steps, number, Q = self._steps, self._steps.number, len(self._ref)
         table, one = operations_of(steps), number.one
@@ -368,7 +413,7 @@ class Path:
                 rows[here[:, None], np.flatnonzero(position), k - 1] = one
             given = [(i, nu.index(1)) for i, nu in enumerate(orders) if nu != (0, 0)]
             if given:
-                found = wanted(steps.corner(kind, k))
+                found = getattr(steps.corner(kind, k), wanted)
                 for i, axis in given:
                     rows[here, i, : found.shape[1]] = found[axis]
         for operation in reversed(self._operations):
@@ -387,75 +432,6 @@ class Path:
                 rows[here, :, : C.shape[1]] = found
         rows[:, ~position] *= np.where(child == _MIDDLE, -2 * one, 2 * one)[:, None, None]
         return rows
-
-
-class Operations:
-    """Several steps at once, by number: row, matrix, and factors of positions and derivatives."""
-
-    def __init__(self, steps: LocalSteps) -> None:
-        self._steps = steps
-        self.known: list[tuple[Array, Array, Any, int]] = []
-        self._numbers: dict[tuple[int, ...], int] = {}
-        if not steps.number.exact:
-            one = [self._single(REGULAR, c) for c in range(4)]
-            two = [_product(a, b) for a in one for b in one]
-            self.known += [_product(a, b) for a in two for b in one]
-
-    def width(self, operation: Array) -> int:
-        """The most columns of those that are met."""
-        codes = np.unique(operation[operation >= 0]).tolist()
-        return max((self.known[code][1].shape[1] for code in codes), default=0)
-
-    def regular(self, first: Array, second: Array, third: Array) -> Array:
-        """Three steps to these children amid regular vertices."""
-        found: Array = 16 * first + 4 * second + third
-        return found
-
-    def _single(self, kind: int, c: int) -> tuple[Array, Array, Any, int]:
-        g, C = self._steps.step(kind, c)
-        return g, C, self._steps.number.one / 2, -1 if c == _MIDDLE else 1
-
-    def single(self, kind: int, c: int) -> int:
-        """One step."""
-        return self._named((kind, c), lambda: self._single(kind, c))
-
-    def run(self, kind: int, k: int, j: int) -> int:
-        """2^j steps towards a corner, whose children are of the same kind."""
-        return self._named((kind, k, j), lambda: self._powers(kind, k, j))
-
-    def _powers(self, kind: int, k: int, j: int) -> tuple[Array, Array, Any, int]:
-        # rounding errors grow with the number of steps: with some more digits, where there are any
-        g, C, scale, sign = self._single(kind, k)
-        found = g.astype(np.longdouble), C.astype(np.longdouble), np.longdouble(scale), sign
-        for _ in range(j):
-            found = _product(found, found)
-        return found[0].astype(float), found[1].astype(float), float(found[2]), sign
-
-    def _named(self, key: tuple[int, ...], make: Callable[[], Any]) -> int:
-        if key not in self._numbers:
-            with self._steps.kinds.lock:
-                if key not in self._numbers:
-                    self.known.append(make())
-                    self._numbers[key] = len(self.known) - 1
-        return self._numbers[key]
-
-
-def _product(
-    first: tuple[Array, Array, Any, int], then: tuple[Array, Array, Any, int]
-) -> tuple[Array, Array, Any, int]:
-    """Some steps, and then others."""
-    (g, C, scale, sign), (h, D, factor, other) = first, then
-    return g + scale * (h @ C), D @ C, scale * factor, sign * other
-
-
-def operations_of(steps: LocalSteps) -> Operations:
-    """The operations of some steps, made once."""
-    if steps.operations is None:
-        with steps.kinds.lock:
-            if steps.operations is None:
-                steps.operations = Operations(steps)
-    found: Operations = steps.operations
-    return found
 
 
 def _pairs(*columns: Array) -> list[tuple[int, ...]]:

@@ -59,7 +59,7 @@ class StepwiseTopology(Topology):
 
     @property
     def shape(self) -> str | None:
-        """There are no compiled kernels."""
+        """There are no compiled kernels of pieces; steps have some, which the engines choose."""
         return None
 
 

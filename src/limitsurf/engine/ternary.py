@@ -91,6 +91,7 @@ class Kinds:
         self._rows: dict[int, Any] = {}
         self._words: dict[int, tuple[Array, Array]] = {}
         self._corners: dict[int, Corner] = {}
+        self.packed: Any = None  # maps for kernels
         self.number(_regular())
 
     def number(self, neighbourhood: Neighbourhood) -> int:
@@ -169,7 +170,7 @@ class Kinds:
                 # where both are regular, two steps at a time
                 two = (descent.kinds[level - 1] == 0) & (kinds == 0)
                 words = np.where(two, 9 * descent.parts[level - 1] + parts, -1)
-                self._apply(words, self._word, weights, constant)
+                self._apply(words, self.word, weights, constant)
                 self._apply(np.where(two, -1, codes), self._coded, weights, constant)
                 level -= 1
                 kinds, parts = descent.kinds[level], descent.parts[level]
@@ -181,7 +182,7 @@ class Kinds:
     def _coded(self, code: int) -> tuple[Array, Array]:
         return self.map(*divmod(code, 9))
 
-    def _word(self, code: int) -> tuple[Array, Array]:
+    def word(self, code: int) -> tuple[Array, Array]:
         """What two parts make of differences amid regular vertices: of one, then of that."""
         if code not in self._words:
             first, second = divmod(code, 9)
@@ -353,7 +354,8 @@ def _raised(powers: list[Array], weights: Array, n: Array) -> Array:
         while len(powers) <= bit:
             powers.append(powers[-1] @ powers[-1])
         which = np.flatnonzero(n >> bit & 1)
-        weights[:, which] = weights[:, which] @ powers[bit]
+        # one by one: products of many round as their number has it
+        weights[:, which] = (weights[:, which, None] @ powers[bit])[:, :, 0]
         bit += 1
     return weights
 

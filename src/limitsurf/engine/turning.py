@@ -12,9 +12,10 @@ from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.ground import Ground
+from limitsurf.engine.halvings import ascents_of, kernels_for
 from limitsurf.engine.protocol import Order, Request
 from limitsurf.engine.stepwise import StepwiseTopology
-from limitsurf.engine.ternary import STEPS, Corner, Descent, Kinds
+from limitsurf.engine.ternary import STEPS, Corner, Descent
 from limitsurf.refine import on_one_pattern, sparse_operator
 
 Array = NDArray[Any]
@@ -185,15 +186,23 @@ class Turning:
         request.check(len(topology.limit_faces), topology.lattice)
         face = request.face.ravel().astype(np.int64, copy=False)
         u, v = request.u.ravel(), request.v.ravel()
+        compiled = kernels_for(topology.choice, len(face))
         for start in range(0, len(face), CHUNK):
             part = slice(start, start + CHUNK)
             which = start + np.flatnonzero(np.isfinite(u[part]) & np.isfinite(v[part]))
             which = which[topology.with_limit[face[which]]]
             if len(which):
-                yield Found(which, *self._weights(face[which], u[which], v[which], orders))
+                yield Found(
+                    which, *self._weights(face[which], u[which], v[which], orders, compiled)
+                )
 
     def _weights(
-        self, face: Array, u: Array, v: Array, orders: Sequence[Order] | None
+        self,
+        face: Array,
+        u: Array,
+        v: Array,
+        orders: Sequence[Order] | None,
+        compiled: bool,
     ) -> tuple[Array, Array]:
         """Vertices and weights of places."""
         w = np.maximum((1 - np.maximum(u, v)) - np.minimum(u, v), 0)
@@ -203,7 +212,7 @@ class Turning:
         s, t = sides[(turn + 1) % 3, every], sides[(turn + 2) % 3, every]
         ground, directions = self._ground, _TURNED[turn].transpose(1, 0, 2)
         kind, vertices, s, t, scale = ground.begin(face, turn, s, t)
-        found = _Place(ground.kinds, kind, s, t, directions, vertices.shape[1] - 1)
+        found = _Place(ground, kind, s, t, directions, vertices.shape[1] - 1, compiled)
         if orders is None or not len(orders):
             return vertices, found.planes(scale, tangents=orders is not None)
         return vertices, found.derivatives(scale, orders)
@@ -213,9 +222,11 @@ class _Place:
     """Weights of places where a descent begins."""
 
     def __init__(
-        self, kinds: Kinds, kind: Array, s: Array, t: Array, directions: Array, width: int
-    ) -> None:
-        self._kinds, self._kind, self._width = kinds, kind, width
+        self, ground: Ground, kind: Array, s: Array, t: Array, directions: Array, width: int,
+        compiled: bool,
+    ) -> None:  # fmt: skip
+        kinds = ground.kinds
+        self._kinds, self._kind, self._width, self._compiled = kinds, kind, width, compiled
         self._directions = directions
         special = kinds.repeats(kind)
         with np.errstate(divide="ignore"):
@@ -235,7 +246,8 @@ class _Place:
         descent = kinds.descend(self._kind, self._s, self._t, steps)
         width, first = max(self._width, 26), which != _FIRST
         weights = kinds.ends(descent, self._directions, width, flat, first)[which]
-        return descent, kinds.ascend(descent, weights, np.array([1.0, 0, 0])[which])
+        ascend = ascents_of(kinds).ascend if self._compiled else kinds.ascend
+        return descent, ascend(descent, weights, np.array([1.0, 0, 0])[which])
 
     def derivatives(self, scale: Array, orders: Sequence[Order]) -> Array:
         """Weights of derivatives, (n, Q, width)."""
