@@ -132,7 +132,7 @@ class Cells:
             return
         if topology not in _orders:
             with np.errstate(invalid="ignore"):
-                _orders[topology] = _morton(self.lower, self.upper)
+                _orders[topology] = _near_ones(self.lower, self.upper)
         self.order = _orders[topology]
 
     @classmethod
@@ -203,16 +203,18 @@ def checked_surface(surface: Any, channel: str | None = None) -> LimitSurface:
     return found
 
 
-def _morton(lower: Array, upper: Array) -> Array:
-    """An order of boxes (n, 3) in which neighbours are near each other."""
+def _near_ones(lower: Array, upper: Array) -> Array:
+    """An order of boxes (n, 3) in which those of each run of a power of two are near each other.
+
+    Runs are halved where their middles are spread most, as hierarchies of boxes are cut.
+    """
     middle = np.nan_to_num((lower + upper) / 2, posinf=0, neginf=0)
-    low = middle.min(axis=0, initial=np.inf)
-    span = (middle.max(axis=0, initial=-np.inf) - low).max(initial=0)
-    if not len(middle) or not span > 0:
-        return np.arange(len(middle))
-    code = np.zeros(len(middle), dtype=np.int64)
-    steps = np.clip((middle - low) / span * (1 << 20), 0, (1 << 20) - 1).astype(np.int64)
-    for bit in range(20):
-        for axis in range(3):
-            code |= (steps[:, axis] >> bit & 1) << (3 * bit + axis)
-    return np.argsort(code, kind="stable")
+    order, place = np.arange(len(middle)), np.arange(len(middle))
+    for bit in range(max(len(middle) - 1, 0).bit_length(), 0, -1):
+        run = place >> bit
+        first = np.arange(0, len(middle), 1 << bit)
+        here = middle[order]
+        span = np.maximum.reduceat(here, first) - np.minimum.reduceat(here, first)
+        along = here[place, span.argmax(axis=1)[run]]
+        order = order[np.lexsort([along, run])]
+    return order
