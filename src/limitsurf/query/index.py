@@ -21,7 +21,7 @@ from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
 
-RINGS = 4  # of cells around special corners; those beyond are made when they are asked for
+RINGS = 6  # of cells around special corners; those beyond are made when they are asked for
 _WIDTH = 4  # children of a box
 _MARGIN = 2.0**-49  # by which boxes are larger, of the largest coordinate: rounding of coefficients
 
