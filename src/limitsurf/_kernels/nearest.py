@@ -20,7 +20,7 @@ from limitsurf._kernels.traversal import Hierarchy, Shape
 Array = NDArray[Any]
 
 _WIDTH = 4  # children of a box
-_SETTLED = 1e-7  # steps after which the next one is none, of Newton's method
+_SETTLED = 1e-7  # steps of Newton's method after which the next may be none: it is looked at
 _STEPS = 24  # of Newton's method, at most
 _HALVINGS = 44  # of a cell, one after the other, at most
 _BUDGET = 400  # cells of a point, and as many more as cells whose boxes are near
@@ -213,12 +213,14 @@ def _off(own: Array) -> float:
 
 @outlined
 def _newton(
-    x: Array, base: Array, squares: Squares, side: int, sloped: bool, own: Array
+    x: Array, base: Array, squares: Squares, side: int, sloped: bool, settled: float, own: Array
 ) -> bool:  # fmt: skip
     """The least place of a convex D in the closed domain, or on a side of it, if that settles.
 
     ``own[18:20]`` are s and t, ``own[20:23]`` is from the point to there, and ``own[3:9]`` has
     derivatives. Where D rises inwards from a side that the search is on, it goes along it.
+    A step below ``settled`` is the last one where the next would be nothing if they went on to
+    fall as squares do: of that callers make sure.
     """
     s = t = 1 / 3 if sloped else 0.5
     last, done = np.inf, False
@@ -232,7 +234,7 @@ def _newton(
         w0, w1, w2 = base[0] + own[0], base[1] + own[1], base[2] + own[2]
         own[20], own[21], own[22], own[18], own[19] = w0, w1, w2, s, t
         if done:
-            return last <= _SETTLED
+            return last <= max(settled, 1e-9)
         g1, g2 = w0 * own[3] + w1 * own[4] + w2 * own[5], w0 * own[6] + w1 * own[7] + w2 * own[8]
         h11 = own[3] * own[3] + own[4] * own[4] + own[5] * own[5]
         h11 += w0 * own[9] + w1 * own[10] + w2 * own[11]
@@ -273,7 +275,7 @@ def _newton(
         moved = max(abs(s - p), abs(t - g))
         done = moved <= 2.0**-50 or (moved <= 1e-10 and moved >= 0.5 * last)
         # (each step is a multiple of the square of that before)
-        done = done or (moved <= _SETTLED and moved * moved * moved <= 2.0**-52 * last * last)
+        done = done or (moved <= settled and moved * moved * moved <= 2.0**-52 * last * last)
         last = moved
         if not moved <= 1:
             return False
@@ -486,7 +488,7 @@ def _cells(
         else:
             side = _falls(d, squares, lost, sloped) if far else -1
             convex = _bent(d, squares, side, lost) if side >= 0 else _convex(d, squares, lost)
-            if not (convex and _newton(x, base, squares, side, sloped, own)):
+            if not (convex and _newton(x, base, squares, side, sloped, 0.0, own)):
                 if room.depth[cells] >= _HALVINGS or cells + 2 > _STACK:
                     return False
                 _halve(room, shape, cells)
@@ -537,7 +539,7 @@ def _alone(
     x, base, own = room.cells[0], room.bases[0], room.own
     if not _near(x, base, squares.corners, room, False, limits):
         return True
-    if not _newton(x, base, squares, -1, sloped, own):
+    if not _newton(x, base, squares, -1, sloped, _SETTLED, own):
         return False
     w = np.sqrt(own[20] * own[20] + own[21] * own[21] + own[22] * own[22])
     room.state[0] = min(room.state[0], w)
