@@ -37,7 +37,7 @@ class SurfaceIndex:
     has the same hierarchy: only its cells and boxes are computed anew.
 
     Every box holds its part of the surface: a hull of control points, rounding included. Cells are
-    the limit surface exactly. Around special corners there are 4 rings of them; more are made as
+    the limit surface exactly. Around special corners there are 6 rings of them; more are made as
     deep as a query needs them.
 
     Parameters
@@ -60,8 +60,8 @@ class SurfaceIndex:
 
     Notes
     -----
-    A regular face takes about 0.6 kB where faces are quads; a special corner 6 kB for each face,
-    and as much again once kernels search for closest points.
+    A regular face takes about 0.6 kB where faces are quads; a special corner 9 to 13 kB for each
+    face, and 6 kB more once kernels search for closest points.
 
     Examples
     --------
@@ -101,7 +101,7 @@ class Cells:
     beyond : Beyond
     lower, upper : (C + R, 3)
     order : (C + R,) int
-        Leaves of the hierarchy, if there are 4 rings of cells, as searches want them.
+        Leaves of the hierarchy, if there are 6 rings of cells, as searches want them.
     """
 
     def __init__(self, surface: LimitSurface, workers: int, rings: int = RINGS) -> None:
