@@ -26,7 +26,8 @@ Run this file: it says nothing unless an assertion fails.
 # 1. its Bernstein coefficients, and that the least of them bounds it from below;
 # 2. when a cell has its foot on a side, or one foot at all;
 # 3. on which side of a closed surface a point is, by its foot;
-# 4. what compiled kernels decide, and 5. why feet in slivers are moved once more.
+# 4. what compiled kernels decide, 5. why feet in slivers are moved once more, and 6. when a foot
+#    says by itself that nothing in its cell is nearer.
 #
 # - G. Farin, "Curves and Surfaces for CAGD", 5th edition, 2002: Bernstein polynomials, hulls.
 # - J. A. Baerentzen, H. Aanaes, "Signed distance computation using the angle weighted
@@ -202,3 +203,43 @@ for _ in range(4):
         step = -(gap @ way) / (way @ way)
         s_, t_ = (max(s_ + step, 0.0), t_) if axis == 0 else (s_, max(t_ + step, 0.0))
 assert np.linalg.norm(s_ * a + t_ * (a + epsilon * b) - point) < 1e-18
+
+# %% [markdown]
+# ## 6. One foot and how a cell bends
+#
+# Take parameters $y = R (s, t)$ where the mean derivative is $Q R$, and columns of $Q$ orthonormal.
+# If derivatives to $y$ are within $\delta < 1$ of their mean, a chord between two places that are
+# $\Delta$ apart is at least $(1 - \delta) \lvert \Delta \rvert$ long, since it is a mean of
+# derivatives times $\Delta$; and it is within $K \lvert \Delta \rvert^2 / 2$ of the derivative
+# at its start times $\Delta$ if second derivatives along unit vectors are at most $K$. Let $w$ be
+# from $q$ to a place from which half of $D$ falls by at most $g$ for a unit of $y$. From
+# $D = \lvert w + c \rvert^2$ with the chord $c$,
+#
+# $$D - \lvert w \rvert^2 = 2 w \cdot c + \lvert c \rvert^2
+#   \ge \bigl((1 - \delta)^2 - K \lvert w \rvert\bigr) \lvert \Delta \rvert^2
+#   - 2 g \lvert \Delta \rvert,$$
+#
+# which is nowhere less than $- g^2$ divided by the bracket. So if that is not small, and $g$ is
+# rounding, nothing in the cell is nearer: whatever else it holds, and without coefficients of $D$.
+
+# %%
+rng = np.random.default_rng(3)
+form = Form.of(QUADS, 3)
+flat = np.column_stack([form.exponents / 3, np.zeros(form.size)])
+for _ in range(20):
+    x = flat + 0.03 * rng.normal(size=flat.shape)
+    every = form.derivatives[1:] @ x  # (5, n, 3)
+    mean = every[:2].mean(axis=1)
+    inverse = np.linalg.inv(np.linalg.qr(mean.T)[1])
+    first = np.einsum("ikd,ia->akd", every[:2], inverse)
+    delta = np.sqrt(((first - first.mean(axis=1)[:, None]) ** 2).sum(axis=2).max(axis=1).sum())
+    second = np.array([[every[2], every[3]], [every[3], every[4]]])
+    second = np.einsum("ia,ijkd,jb->abkd", inverse, second, inverse)
+    bend = np.sqrt((second**2).sum(axis=3).max(axis=2).sum())
+    assert delta < 1
+    at = form.values(np.array([0.4]), np.array([0.6]))[0] @ x
+    normal = np.cross(at[1], at[2])
+    w = 0.99 * (1 - delta) ** 2 / bend * normal / np.linalg.norm(normal)
+    u, v = (y.ravel() for y in np.meshgrid(*2 * [np.linspace(0, 1, 41)]))
+    near = form.values(u, v, 0)[:, 0] @ x
+    assert np.linalg.norm(near - (at[0] - w), axis=1).min() >= np.linalg.norm(w) * (1 - 1e-12)

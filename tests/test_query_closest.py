@@ -12,7 +12,7 @@ import zoo_triangles
 from test_every_scheme import KINDS
 
 import limitsurf as ls
-from limitsurf.query import closest, nearest, sides
+from limitsurf.query import closest, nearby, nearest, sides
 from limitsurf.query.index import Cells
 from limitsurf.query.traversal import kernels_for
 
@@ -641,3 +641,35 @@ def test_cells_that_are_thin_have_the_feet_that_they_have():
     on = surface.evaluate(rng.integers(0, 9, 200), rng.random(200), u)
     found = ls.closest_point(surface, on)
     assert found.distance.max() <= 1e-13 * np.abs(surface.points).max()
+
+
+@pytest.mark.parametrize("scheme", ["catmull-clark", "loop"])
+def test_bounds_of_how_cells_bend_hold(scheme):
+    """Chords and second differences of samples, in parameters of cells, by differences alone."""
+    surface = made(
+        zoo.ZOO["cube"]() if scheme != "loop" else zoo.ZOO["bipyramid_9"](), scheme=scheme
+    )
+    cells = Cells.of(surface)
+    found, form = nearby.bends(cells), cells.form
+    which = np.flatnonzero(np.isfinite(found[:, 0]))
+    assert len(which) >= len(found) / 2
+    rng, h = np.random.default_rng(0), 1e-3
+    for k in rng.choice(which, 20):
+        s, t = 0.05 + 0.4 * rng.random((2, 30))
+        x = form.values(s, t, 0)[:, 0] @ cells.points[k]
+        mean = (form.derivatives[1:3] @ cells.points[k]).mean(axis=1)
+        turn = np.linalg.cholesky(mean @ mean.T).T
+        place = turn @ np.stack([s, t])
+        apart = ((place[:, :, None] - place[:, None]) ** 2).sum(axis=0)
+        chord = ((x[:, None] - x) ** 2).sum(axis=2)
+        assert (chord >= found[k, 1] * apart * (1 - 1e-9) - 1e-30).all()
+        way = rng.normal(size=2)
+        way *= h / np.abs(way).max()
+        three = [
+            form.values(s + m * way[0], t + m * way[1], 0)[:, 0] @ cells.points[k]
+            for m in (-1, 0, 1)
+        ]
+        second = np.linalg.norm(three[0] - 2 * three[1] + three[2], axis=1)
+        length = ((turn @ way) ** 2).sum()
+        assert (second <= found[k, 0] * length * (1 + 1e-6) + 1e-15).all()
+        assert np.linalg.norm(way) <= found[k, 2] * np.sqrt(length)

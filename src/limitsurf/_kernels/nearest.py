@@ -20,12 +20,15 @@ from limitsurf._kernels.traversal import Hierarchy, Shape
 Array = NDArray[Any]
 
 _WIDTH = 4  # children of a box
+_SETTLED = 1e-7  # steps of Newton's method after which the next may be none: it is looked at
 _STEPS = 24  # of Newton's method, at most
 _HALVINGS = 44  # of a cell, one after the other, at most
 _BUDGET = 400  # cells of a point, and as many more as cells whose boxes are near
 _MORE = 12
 _SORTED = 64  # boxes that wait: if there are more, what came last is looked at first
 _STACK = 128  # boxes that wait: no more than 3 for each level, and cells
+_SPARE = 0.125  # by which squares of chords are more than what D falls by as the surface bends
+_LEVEL = 2.0**-50  # slopes of D that are none: rounding
 KNOWN, DOUBT, FULL = 0, 1, 2  # of a point: answered, left to who calls, or to be asked again
 
 
@@ -82,7 +85,7 @@ class Room(NamedTuple):
     depth: Array  # (_STACK,) int64
     work: Array  # (n, 3)
     squares: Array  # (m,)
-    own: Array  # (128,): of Newton's method
+    own: Array  # (136,): of Newton's method
     state: Array  # (4,): best distance, rest of the budget, the least and what is lost
     total: Array  # (1,) int64: feet
 
@@ -93,7 +96,7 @@ class Room(NamedTuple):
         return cls(
             np.empty((_STACK, 2), dtype=whole), np.empty(_STACK), np.empty((_STACK, size, 3)),
             np.empty((_STACK, 3)), np.empty((_STACK, 3, 2)), np.empty(_STACK, dtype=whole),
-            np.empty((size, 3)), np.empty(squares), np.zeros(128), np.zeros(4),
+            np.empty((size, 3)), np.empty(squares), np.zeros(136), np.zeros(4),
             np.zeros(1, dtype=whole),
         )  # fmt: skip
 
@@ -123,11 +126,38 @@ def _add(
     room.total[0] = k + 1
 
 
+@inlined
+def _product_jet(x: Array, squares: Squares, degree: int, own: Array) -> None:
+    """As `_jet`, of products of polynomials of s and of t, from powers: line by line."""
+    step = 1 if squares.exponents[1, 0] == 1 else degree + 1
+    across = degree + 2 - step
+    for i in range(degree + 1):
+        k, c = degree - i, squares.times[i * step]
+        for a, g, to in ((34 + i, 66 + k, 98 + i), (50 + i, 82 + k, 116 + i)):
+            own[to] = c * own[a] * own[g]
+            own[to + 6] = c * (i * own[a - 1] * own[g] - k * own[a] * own[g - 1])
+            second = i * (i - 1) * own[a - 2] * own[g] - 2 * i * k * own[a - 1] * own[g - 1]
+            own[to + 12] = c * (second + k * (k - 1) * own[a] * own[g - 2])
+    for axis in range(3):
+        f0 = f1 = f2 = f3 = f4 = f5 = 0.0
+        for j in range(degree + 1):
+            a0 = a1 = a2 = 0.0
+            for i in range(degree + 1):
+                y = x[j * across + i * step, axis]
+                a0, a1, a2 = a0 + own[98 + i] * y, a1 + own[104 + i] * y, a2 + own[110 + i] * y
+            v0, v1, v2 = own[116 + j], own[122 + j], own[128 + j]
+            f0, f1, f2 = f0 + v0 * a0, f1 + v0 * a1, f2 + v1 * a0
+            f3, f4, f5 = f3 + v0 * a2, f4 + v1 * a1, f5 + v2 * a0
+        own[axis], own[3 + axis], own[6 + axis] = f0, f1, f2
+        own[9 + axis], own[12 + axis], own[15 + axis] = f3, f4, f5
+
+
 @outlined
 def _jet(x: Array, squares: Squares, s: float, t: float, sloped: bool, own: Array) -> None:
     """Value, d/ds, d/dt, d2/ds2, d2/dsdt and d2/dt2 of a cell, three coordinates each.
 
-    They go to ``own[0:18]``; powers, of which those of negative exponents are 0, to ``own[32:]``.
+    They go to ``own[0:18]``; powers, of which those of negative exponents are 0, to ``own[32:]``,
+    and of quads the polynomials of s and of t, with two derivatives each, to ``own[98:]``.
     """
     degree = squares.rims.shape[1] // 2
     r, q = (1 - s - t, 1.0) if sloped else (1 - s, 1 - t)
@@ -137,34 +167,24 @@ def _jet(x: Array, squares: Squares, s: float, t: float, sloped: bool, own: Arra
     for k in range(35, 35 + degree):
         own[k], own[16 + k] = own[k - 1] * s, own[15 + k] * t
         own[32 + k], own[48 + k] = own[31 + k] * r, own[47 + k] * q
+    if not sloped:
+        _product_jet(x, squares, degree, own)
+        return
     for k in range(18):
         own[k] = 0.0
     for m in range(len(squares.times)):
         i, j, c = squares.exponents[m, 0], squares.exponents[m, 1], squares.times[m]
-        a, b, g, h = 34 + i, 50 + j, 66 + degree - i, 82 + degree - j
-        if sloped:
-            k = degree - i - j
-            g = 66 + k
-            s0, t0, r0 = own[a], own[b], own[g]
-            s1, t1, r1 = i * own[a - 1], j * own[b - 1], k * own[g - 1]
-            s2, t2 = i * (i - 1) * own[a - 2], j * (j - 1) * own[b - 2]
-            r2 = k * (k - 1) * own[g - 2]
-            w0 = c * s0 * t0 * r0
-            w1, w2 = c * t0 * (s1 * r0 - s0 * r1), c * s0 * (t1 * r0 - t0 * r1)
-            w3 = c * t0 * (s2 * r0 - 2 * s1 * r1 + s0 * r2)
-            w4 = c * (s1 * t1 * r0 - s1 * t0 * r1 - s0 * t1 * r1 + s0 * t0 * r2)
-            w5 = c * s0 * (t2 * r0 - 2 * t1 * r1 + t0 * r2)
-        else:
-            k, n = degree - i, degree - j
-            u0, v0 = own[a] * own[g], own[b] * own[h]
-            u1 = i * own[a - 1] * own[g] - k * own[a] * own[g - 1]
-            v1 = j * own[b - 1] * own[h] - n * own[b] * own[h - 1]
-            u2 = i * (i - 1) * own[a - 2] * own[g] - 2 * i * k * own[a - 1] * own[g - 1]
-            u2 += k * (k - 1) * own[a] * own[g - 2]
-            v2 = j * (j - 1) * own[b - 2] * own[h] - 2 * j * n * own[b - 1] * own[h - 1]
-            v2 += n * (n - 1) * own[b] * own[h - 2]
-            w0, w1, w2 = c * u0 * v0, c * u1 * v0, c * u0 * v1
-            w3, w4, w5 = c * u2 * v0, c * u1 * v1, c * u0 * v2
+        k = degree - i - j
+        a, b, g = 34 + i, 50 + j, 66 + k
+        s0, t0, r0 = own[a], own[b], own[g]
+        s1, t1, r1 = i * own[a - 1], j * own[b - 1], k * own[g - 1]
+        s2, t2 = i * (i - 1) * own[a - 2], j * (j - 1) * own[b - 2]
+        r2 = k * (k - 1) * own[g - 2]
+        w0 = c * s0 * t0 * r0
+        w1, w2 = c * t0 * (s1 * r0 - s0 * r1), c * s0 * (t1 * r0 - t0 * r1)
+        w3 = c * t0 * (s2 * r0 - 2 * s1 * r1 + s0 * r2)
+        w4 = c * (s1 * t1 * r0 - s1 * t0 * r1 - s0 * t1 * r1 + s0 * t0 * r2)
+        w5 = c * s0 * (t2 * r0 - 2 * t1 * r1 + t0 * r2)
         for axis in range(3):
             y = x[m, axis]
             own[axis] += w0 * y
@@ -193,12 +213,14 @@ def _off(own: Array) -> float:
 
 @outlined
 def _newton(
-    x: Array, base: Array, squares: Squares, side: int, sloped: bool, own: Array
+    x: Array, base: Array, squares: Squares, side: int, sloped: bool, settled: float, own: Array
 ) -> bool:  # fmt: skip
     """The least place of a convex D in the closed domain, or on a side of it, if that settles.
 
     ``own[18:20]`` are s and t, ``own[20:23]`` is from the point to there, and ``own[3:9]`` has
     derivatives. Where D rises inwards from a side that the search is on, it goes along it.
+    A step below ``settled`` is the last one where the next would be nothing if they went on to
+    fall as squares do: of that callers make sure.
     """
     s = t = 1 / 3 if sloped else 0.5
     last, done = np.inf, False
@@ -212,7 +234,7 @@ def _newton(
         w0, w1, w2 = base[0] + own[0], base[1] + own[1], base[2] + own[2]
         own[20], own[21], own[22], own[18], own[19] = w0, w1, w2, s, t
         if done:
-            return last <= 1e-9
+            return last <= max(settled, 1e-9)
         g1, g2 = w0 * own[3] + w1 * own[4] + w2 * own[5], w0 * own[6] + w1 * own[7] + w2 * own[8]
         h11 = own[3] * own[3] + own[4] * own[4] + own[5] * own[5]
         h11 += w0 * own[9] + w1 * own[10] + w2 * own[11]
@@ -252,6 +274,8 @@ def _newton(
         s, t = min(max(s, 0.0), 1.0), min(max(t, 0.0), 1.0)
         moved = max(abs(s - p), abs(t - g))
         done = moved <= 2.0**-50 or (moved <= 1e-10 and moved >= 0.5 * last)
+        # (each step is a multiple of the square of that before)
+        done = done or (moved <= settled and moved * moved * moved <= 2.0**-52 * last * last)
         last = moved
         if not moved <= 1:
             return False
@@ -464,7 +488,7 @@ def _cells(
         else:
             side = _falls(d, squares, lost, sloped) if far else -1
             convex = _bent(d, squares, side, lost) if side >= 0 else _convex(d, squares, lost)
-            if not (convex and _newton(x, base, squares, side, sloped, own)):
+            if not (convex and _newton(x, base, squares, side, sloped, 0.0, own)):
                 if room.depth[cells] >= _HALVINGS or cells + 2 > _STACK:
                     return False
                 _halve(room, shape, cells)
@@ -474,6 +498,56 @@ def _cells(
         own[18] = place[0, 0] + s * place[1, 0] + t * place[2, 0]
         own[19] = place[0, 1] + s * place[1, 1] + t * place[2, 1]
         _add(room, out, q, leaf, own[18:20], own[20:23], off, every, limits.same)
+    return True
+
+
+@outlined
+def _rises(squares: Squares, own: Array) -> float:
+    """By how much half of D may fall along a unit of parameters from a place in the domain."""
+    w0, w1, w2, s, t = own[20], own[21], own[22], own[18], own[19]
+    g1, g2 = w0 * own[3] + w1 * own[4] + w2 * own[5], w0 * own[6] + w1 * own[7] + w2 * own[8]
+    one, other = -1, -1
+    for k in range(len(squares.sides)):
+        if squares.sides[k, 0] + squares.sides[k, 1] * s + squares.sides[k, 2] * t <= 0:
+            one, other = k, one
+    steep = np.sqrt(g1 * g1 + g2 * g2)
+    if one < 0:
+        return float(steep)
+    a, b = squares.sides[one, 1], squares.sides[one, 2]
+    if other < 0:
+        size = np.sqrt(a * a + b * b)
+        along, inward = (a * g2 - b * g1) / size, min((a * g1 + b * g2) / size, 0.0)
+        return float(np.sqrt(along * along + inward * inward))
+    c, e = squares.sides[other, 1], squares.sides[other, 2]
+    turn = 1.0 if c * b - e * a > 0 else -1.0
+    if turn * (b * g1 - a * g2) >= 0 and turn * (c * g2 - e * g1) >= 0:
+        return 0.0
+    return float(steep)
+
+
+@outlined
+def _alone(
+    room: Room, squares: Squares, limits: Limits, sloped: bool, q: int, leaf: int, bend: Array,
+    out: Array,
+) -> bool:  # fmt: skip
+    """Whether the first cell that waits is settled at once, its least place being kept if near.
+
+    ``bend`` (3,) has bounds of a cell in parameters of which the mean derivatives are of length 1,
+    and at right angles: of its second derivatives, of the least square of chords to these
+    parameters, and of these parameters to its own.
+    """
+    x, base, own = room.cells[0], room.bases[0], room.own
+    if not _near(x, base, squares.corners, room, False, limits):
+        return True
+    if not _newton(x, base, squares, -1, sloped, _SETTLED, own):
+        return False
+    w = np.sqrt(own[20] * own[20] + own[21] * own[21] + own[22] * own[22])
+    room.state[0] = min(room.state[0], w)
+    if not w * bend[0] <= bend[1] - _SPARE:
+        return False
+    if not _rises(squares, own) * bend[2] <= _LEVEL:
+        return False
+    _add(room, out, q, leaf, own[18:20], own[20:23], _off(own), False, limits.same)
     return True
 
 
@@ -552,8 +626,9 @@ def _corner(
 
 @lean
 def approach(
-    tree: Hierarchy, shape: Shape, squares: Squares, corners: Corners, limits: Limits,
-    points: Array, within: Array, sloped: bool, every: bool, room: Room, out: Array, left: Array,
+    tree: Hierarchy, shape: Shape, squares: Squares, corners: Corners, bends: Array,
+    limits: Limits, points: Array, within: Array, sloped: bool, every: bool, room: Room, out: Array,
+    left: Array,
 ) -> int:  # fmt: skip
     """Write down what may be nearest to points (Q, 3), at most `within` (Q,) away; how many.
 
@@ -591,6 +666,14 @@ def approach(
             leaf = tree.order[node - tree.starts[level]]
             if leaf < size:
                 _begin(room, tree.points[leaf], -p0, -p1, -p2)
+                if not every:
+                    most = (bends[leaf, 1] - _SPARE) / bends[leaf, 0]
+                    if (
+                        most > 0
+                        and room.keys[waits] <= most * most
+                        and _alone(room, squares, limits, sloped, q, leaf, bends[leaf], out)
+                    ):
+                        continue
                 known = _cells(room, shape, squares, limits, sloped, every, q, leaf, out)
                 continue
             r = leaf - size

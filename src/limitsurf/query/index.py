@@ -21,7 +21,7 @@ from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
 
-RINGS = 4  # of cells around special corners; those beyond are made when they are asked for
+RINGS = 6  # of cells around special corners; those beyond are made when they are asked for
 _WIDTH = 4  # children of a box
 _MARGIN = 2.0**-49  # by which boxes are larger, of the largest coordinate: rounding of coefficients
 
@@ -37,7 +37,7 @@ class SurfaceIndex:
     has the same hierarchy: only its cells and boxes are computed anew.
 
     Every box holds its part of the surface: a hull of control points, rounding included. Cells are
-    the limit surface exactly. Around special corners there are 4 rings of them; more are made as
+    the limit surface exactly. Around special corners there are 6 rings of them; more are made as
     deep as a query needs them.
 
     Parameters
@@ -60,8 +60,8 @@ class SurfaceIndex:
 
     Notes
     -----
-    A regular face takes about 0.6 kB where faces are quads; a special corner 6 kB for each face,
-    and as much again once kernels search for closest points.
+    A regular face takes about 0.6 kB where faces are quads; a special corner 9 to 13 kB for each
+    face, and 6 kB more once kernels search for closest points.
 
     Examples
     --------
@@ -101,7 +101,7 @@ class Cells:
     beyond : Beyond
     lower, upper : (C + R, 3)
     order : (C + R,) int
-        Leaves of the hierarchy, if there are 4 rings of cells, as searches want them.
+        Leaves of the hierarchy, if there are 6 rings of cells, as searches want them.
     """
 
     def __init__(self, surface: LimitSurface, workers: int, rings: int = RINGS) -> None:
@@ -132,7 +132,7 @@ class Cells:
             return
         if topology not in _orders:
             with np.errstate(invalid="ignore"):
-                _orders[topology] = _morton(self.lower, self.upper)
+                _orders[topology] = _near_ones(self.lower, self.upper)
         self.order = _orders[topology]
 
     @classmethod
@@ -203,16 +203,18 @@ def checked_surface(surface: Any, channel: str | None = None) -> LimitSurface:
     return found
 
 
-def _morton(lower: Array, upper: Array) -> Array:
-    """An order of boxes (n, 3) in which neighbours are near each other."""
+def _near_ones(lower: Array, upper: Array) -> Array:
+    """An order of boxes (n, 3) in which those of each run of a power of two are near each other.
+
+    Runs are halved where their middles are spread most, as hierarchies of boxes are cut.
+    """
     middle = np.nan_to_num((lower + upper) / 2, posinf=0, neginf=0)
-    low = middle.min(axis=0, initial=np.inf)
-    span = (middle.max(axis=0, initial=-np.inf) - low).max(initial=0)
-    if not len(middle) or not span > 0:
-        return np.arange(len(middle))
-    code = np.zeros(len(middle), dtype=np.int64)
-    steps = np.clip((middle - low) / span * (1 << 20), 0, (1 << 20) - 1).astype(np.int64)
-    for bit in range(20):
-        for axis in range(3):
-            code |= (steps[:, axis] >> bit & 1) << (3 * bit + axis)
-    return np.argsort(code, kind="stable")
+    order, place = np.arange(len(middle)), np.arange(len(middle))
+    for bit in range(max(len(middle) - 1, 0).bit_length(), 0, -1):
+        run = place >> bit
+        first = np.arange(0, len(middle), 1 << bit)
+        here = middle[order]
+        span = np.maximum.reduceat(here, first) - np.minimum.reduceat(here, first)
+        along = here[place, span.argmax(axis=1)[run]]
+        order = order[np.lexsort([along, run])]
+    return order

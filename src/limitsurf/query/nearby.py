@@ -25,6 +25,10 @@ _FEET, _SPARE = (4, 12), 256  # of a point that there is room for, or of all wit
 _RINGS = 5  # of cells beyond those of an index: places that NumPy is left with are rare
 _SPANS = 8  # vectors that bound what remains at a special corner, but for short ones
 
+_CELLS = 1 << 10  # that are bounded at once
+_ALMOST = 1e-6  # by which bounds are wider, of what is about 1: rounding, of cells that are not
+_SLANTED = 2.0**24  # as thin, or as small, as this
+
 _ROUNDING, _CLOSE = 2.0**-50, 2.0**-20  # of places in limit faces; and what is beside a corner
 
 _corners: WeakKeyDictionary[Cells, Any] = WeakKeyDictionary()
@@ -59,7 +63,7 @@ def approached(kernels: Kernels, points: Array, within: Array, every: bool) -> t
     with _kernels.preparing:
         module = _kernels.searching("nearest")
     if cells not in _corners:
-        _corners[cells] = _beyond(module, cells)
+        _corners[cells] = _beyond(module, cells), bends(cells)
     squares = _squares(module, cells.lattice, cells.form.degree)
     room = module.Room.of(cells.form.size, len(squares.starts) - 1)
     limits = module.Limits(SAME, LOST, POINT, FAR)
@@ -68,7 +72,7 @@ def approached(kernels: Kernels, points: Array, within: Array, every: bool) -> t
     while len(asked):
         left = np.zeros(len(asked), dtype=np.int64)
         n = module.approach(
-            kernels.tree, kernels.shape, squares, _corners[cells], limits,
+            kernels.tree, kernels.shape, squares, *_corners[cells], limits,
             np.ascontiguousarray(points[asked]), within[asked], cells.lattice.sloped, every, room,
             out, left,
         )  # fmt: skip
@@ -103,6 +107,55 @@ def _beyond(module: Any, cells: Cells) -> nearest.Corners:
     frames = np.concatenate([found.origin, found.size], axis=2).reshape(n, count, 4)
     known: nearest.Corners = module.Corners(beyond.limits, spans, rest, points, frames)
     return known
+
+
+def bends(cells: Cells) -> Array:
+    """Bounds of cells (C, 3) in parameters of their own, in which mean derivatives are orthonormal.
+
+    Of second derivatives from above (inf where derivatives are not near their means), of chords,
+    squared, to these parameters from below, and of these parameters to s and t from above: of a
+    foot where the first times the distance is less than the second nothing in the cell is nearer.
+    """
+    found = np.full((len(cells.points), 3), np.inf)
+    found[:, 1] = 0
+    n = cells.form.size
+    every = cells.form.derivatives[1:].reshape(-1, n)
+    for start in range(0, len(found), _CELLS):
+        points = cells.points[start : start + _CELLS]
+        x = np.matmul(every, points).reshape(len(points), 5, -1, 3)
+        mean = x[:, :2].mean(axis=2)
+        with np.errstate(all="ignore"):
+            # the columns of the inverse of R, of mean = Q R
+            first = 1 / np.sqrt((mean[:, 0] ** 2).sum(axis=1))
+            unit = mean[:, 0] * first[:, None]
+            along = (unit * mean[:, 1]).sum(axis=1)
+            across = mean[:, 1] - along[:, None] * unit
+            second = 1 / np.sqrt((across**2).sum(axis=1))
+            slant = -along * first * second
+            p, g, r = (y[:, None, None] for y in (first, second, slant))
+            off = x[:, :2] - mean[:, :, None]
+            bent = _longest(off[:, 0] * p) + _longest(off[:, 0] * r + off[:, 1] * g)
+            ss, st, tt = x[:, 2], x[:, 3], x[:, 4]
+            bend = _longest(ss * p**2) + 2 * _longest(ss * p * r + st * p * g)
+            bend += _longest(ss * r**2 + 2 * st * r * g + tt * g**2)
+            least = 1 - np.sqrt(bent) - _ALMOST
+            here = least > 0
+            rows = np.stack(
+                [
+                    np.sqrt(bend) * (1 + _ALMOST),
+                    least**2,
+                    np.sqrt(first**2 + second**2 + slant**2) * (1 + _ALMOST),
+                ],
+                axis=1,
+            )
+            here &= np.isfinite(rows).all(axis=1) & (rows[:, 2] < _SLANTED)
+        found[start : start + _CELLS][here] = rows[here]
+    return found
+
+
+def _longest(vectors: Array) -> Array:
+    """The square of the longest of vectors (C, k, 3), (C,)."""
+    return np.asarray((vectors**2).sum(axis=2).max(axis=1))
 
 
 @lru_cache(maxsize=32)
