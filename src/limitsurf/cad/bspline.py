@@ -15,14 +15,12 @@ from limitsurf import html
 from limitsurf.caching import cached_property
 from limitsurf.cad import nets, splines
 from limitsurf.cad.caps import CapErrors, Caps, depths_within
-from limitsurf.cad.merging import merged_faces, regular_faces
-from limitsurf.cad.poles import Poles
+from limitsurf.cad.merging import merged_faces, whole_faces
+from limitsurf.cad.poles import Depths, Poles
 from limitsurf.cad.splines import Layout
 from limitsurf.cage.checks import checked_integer, users_level
-from limitsurf.engine.packing import one_by_one
-from limitsurf.engine.protocol import Request, threads
+from limitsurf.engine.protocol import Request
 from limitsurf.numbers import type_of
-from limitsurf.pieces import cells as cells_of
 from limitsurf.pieces.cells import BezierPatches
 from limitsurf.scheme.lattice import Lattice
 from limitsurf.surface import LimitSurface
@@ -410,15 +408,16 @@ def bspline_faces(
     deep = ends.at_depths(depths + smooth.there)
     parts: list[_Alike] = []
     if merge and channel is None and _is_merged(found):
-        regular = regular_faces(found)
-        parts.extend(_merged(found, np.flatnonzero(regular), workers))
-        faces = faces[~regular[faces]]
+        whole = whole_faces(found)
+        whole[ends.face[smooth.there]] = False
+        parts.extend(_merged(found, np.flatnonzero(whole), deep, workers))
+        faces = np.setdiff1d(faces, np.concatenate([faces[:0], *(x.cells.ravel() for x in parts)]))
     for depth_ in np.unique(deep.most[faces]).tolist():
         alike = faces[deep.most[faces] == depth_]
         for start in range(0, len(alike), _FACES):
             some = alike[start : start + _FACES]
-            pieces = _pieces(found, some, max(depth_, 0), workers)
-            parts.extend(_made(found, deep.shortened(pieces), some, smooth))
+            for pieces in deep.pieces(found, some, workers):
+                parts.extend(_made(found, pieces, some, smooth))
     each = np.zeros(deep.each.shape, dtype=bool)
     each[ends.face, ends.corner] = smooth.there
     return _joined(found, parts, deep.each - each, each)
@@ -455,14 +454,6 @@ def _smooth(poles: Poles, caps: Caps, depth: Array) -> _Smooth:
             stacklevel=users_level(),
         )
     return _Smooth(made.there, made.ring, made.inner, row)
-
-
-def _pieces(surface: LimitSurface, faces: Array, depth: int, workers: int) -> BezierPatches:
-    """As `bezier_patches`, without bounds of what remains."""
-    topology, rings = surface.topology, depth - (surface.limit_faces.corner[faces] >= 0)
-    divided, scheme = one_by_one(threads(workers)), topology.rules.scheme
-    known = topology.patches, scheme, surface.points, faces, rings
-    return cells_of.cut(*known, False, divided, hulls=False)
 
 
 def _is_merged(surface: LimitSurface) -> bool:
@@ -618,11 +609,13 @@ def _capped(
     return np.asarray(made.reshape(-1, m, d).swapaxes(0, 1))
 
 
-def _merged(surface: LimitSurface, regular: Array, workers: int) -> Iterator[_Alike]:
-    """Faces over rectangles of regular limit faces."""
-    for x in merged_faces(surface, regular, workers):
+def _merged(
+    surface: LimitSurface, faces: Array, depths: Depths, workers: int
+) -> Iterator[_Alike]:
+    """Faces over rectangles of limit faces."""
+    for x in merged_faces(surface, faces, depths, workers):
         face, none = x.cells[:, 0], np.zeros((len(x.cells), 2))
-        whole = np.ones(len(face), dtype=bool)
+        whole = np.full(len(face), x.exact)
         yield _Alike(
             face, 0 * face, x.knots, x.points, none, none + 1, whole, x.grid, x.cells, x.turns
         )

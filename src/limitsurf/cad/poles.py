@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.engine.packing import one_by_one
+from limitsurf.engine.protocol import threads
 from limitsurf.numbers import FLOAT64
 from limitsurf.patches import STRIP
+from limitsurf.pieces import cells as cells_of
 from limitsurf.pieces.cover import Cover
 from limitsurf.pieces.weights import LocalWeights
 from limitsurf.query.bezier import BezierPatches, BezierRest
@@ -112,6 +116,17 @@ class Depths:
     def most(self) -> Array:
         """The largest of each limit face, (n_limit_faces,)."""
         return np.asarray(self.each.max(axis=1))
+
+    def pieces(self, surface: LimitSurface, faces: Array, workers: int) -> Iterator[BezierPatches]:
+        """Pieces of some limit faces, of those of one depth at a time."""
+        topology, scheme = surface.topology, surface.topology.rules.scheme
+        most = self.most[faces]
+        for depth in np.unique(most).tolist():
+            some = faces[most == depth]
+            rings = max(depth, 0) - self.half[some]
+            known = topology.patches, scheme, surface.points, some, rings
+            divided = one_by_one(threads(workers))
+            yield self.shortened(cells_of.cut(*known, False, divided, hulls=False))
 
     def shortened(self, pieces: BezierPatches) -> BezierPatches:
         """Pieces that were cut to the largest depths, without those within cells of less."""
