@@ -28,7 +28,7 @@ from limitsurf.surface import LimitSurface
 Array = NDArray[Any]
 
 _DEPTH, _DEEPEST = 8, 40
-_FACES = 4096  # at once
+_FACES = 1024  # at once
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -609,9 +609,7 @@ def _capped(
     return np.asarray(made.reshape(-1, m, d).swapaxes(0, 1))
 
 
-def _merged(
-    surface: LimitSurface, faces: Array, depths: Depths, workers: int
-) -> Iterator[_Alike]:
+def _merged(surface: LimitSurface, faces: Array, depths: Depths, workers: int) -> Iterator[_Alike]:
     """Faces over rectangles of limit faces."""
     for x in merged_faces(surface, faces, depths, workers):
         face, none = x.cells[:, 0], np.zeros((len(x.cells), 2))
@@ -646,7 +644,6 @@ def _joined(
     for x, here in zip(parts, ranks, strict=True):
         for flat, first, values in zip(knots, firsts, x.knots, strict=False):
             flat[first[here, None] + np.arange(len(values))] = values
-        points[firsts[2][here, None] + np.arange(x.points.shape[1])] = x.points
     origin, size = (
         np.concatenate([np.zeros((0, 2)), *(getattr(x, name) for x in parts)])[order]
         for name in ("origin", "size")
@@ -660,6 +657,9 @@ def _joined(
     for x, here in zip(parts, ranks, strict=True):
         at = first[here, None] + np.arange(x.cells.shape[1])
         cells[at], turns[at] = x.cells, x.turns
+    for here in reversed(ranks):  # each is freed before the next, so that none is there twice
+        net = parts.pop().points
+        points[firsts[2][here, None] + np.arange(net.shape[1])] = net
     trims = np.array([(0, 0), (1, 0), (0, 1)]) if lattice.sloped else None
     return BSplineFaces(
         surface, (degree, degree), counts, knots[0], knots[1], points, grid, cells, turns, origin,

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf.cad import nets
+from limitsurf.cad.knot_lines import apart, within
 from limitsurf.cad.poles import Depths
 from limitsurf.cad.rectangles import Rectangles, rectangles
 from limitsurf.cad.splines import unturned
@@ -113,16 +114,19 @@ def _graded(
     n, d = len(pieces.exponents), surface.points.shape[1]
     points = pieces.points.reshape(-1, n, d)
     none = np.zeros(len(pieces.rest), dtype=bool)
-    for cut in nets.alike(pieces, np.arange(len(rows)), none):
-        m, c = cut.cells.shape
-        known = points[cut.cells].reshape(m, c * n, d)
-        known = np.concatenate([known, limits[cut.rest]], axis=1)
-        flat = known.swapaxes(0, 1).reshape(-1, m * d)
-        made = nets.net(cut, surface.topology.lattice, pieces.degree) @ flat
-        u, v = (nets.clamped(x, pieces.degree) for x in nets.breaks(cut))
-        net = made.reshape(-1, m, d).swapaxes(0, 1)
-        whole = len(cut.corner) == 0
-        yield Merged(cells[cut.faces], turns[cut.faces], grid, (u, v), net, whole)
+    for whole in nets.alike(pieces, np.arange(len(rows)), none):
+        for box in apart(whole, grid, pieces.degree):
+            cut, inside = within(whole, grid, box)
+            m, c = cut.cells.shape
+            known = points[cut.cells].reshape(m, c * n, d)
+            known = np.concatenate([known, limits[cut.rest]], axis=1)
+            flat = known.swapaxes(0, 1).reshape(-1, m * d)
+            made = nets.net(cut, surface.topology.lattice, pieces.degree) @ flat
+            u, v = (nets.clamped(x, pieces.degree) for x in nets.breaks(cut))
+            net = made.reshape(-1, m, d).swapaxes(0, 1)
+            own, ways = (x[cut.faces[:, None], inside] for x in (cells, turns))
+            shape = box[1] - box[0], box[3] - box[2]
+            yield Merged(own, ways, shape, (u, v), net, len(cut.corner) == 0)
 
 
 def _side_by_side(

@@ -62,9 +62,7 @@ class _Walls:
     Half-edges are corners of the mesh: that to the next corner of its face.
     """
 
-    def __init__(
-        self, surface: LimitSurface, faces: Array, sharp: Array, special: Array
-    ) -> None:
+    def __init__(self, surface: LimitSurface, faces: Array, sharp: Array, special: Array) -> None:
         mesh, known = surface.mesh, surface.limit_faces
         self.mesh, self.following, self.previous = mesh, mesh.next_corner, mesh.previous_corner
         own = np.zeros(mesh.n_faces, dtype=bool)
