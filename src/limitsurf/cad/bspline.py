@@ -401,11 +401,12 @@ def bspline_faces(
     if poles == "g1" and found.points.shape[1] != 3:
         raise ValueError('poles="g1" needs points in space, (n_vertices, 3)')
     ends = Poles.of(found)
-    caps = Caps(found, ends, poles == "g1")
+    asked = tolerance is not None or g1_angle is not None or poles == "g1"
+    caps = Caps(found, ends, poles == "g1") if asked else None
     faces = np.flatnonzero(found.patches.with_limit)
     depths = _chosen(found, ends, caps, tolerance, depth, g1_angle)
     smooth = _smooth(ends, caps, depths)
-    deep = ends.at_depths(depths + smooth.there)
+    deep = ends.at_depths(found, depths + smooth.there)
     parts: list[_Alike] = []
     if merge and channel is None and _is_merged(found):
         whole = whole_faces(found)
@@ -416,7 +417,7 @@ def bspline_faces(
         alike = faces[deep.most[faces] == depth_]
         for start in range(0, len(alike), _FACES):
             some = alike[start : start + _FACES]
-            for pieces in deep.pieces(found, some, workers):
+            for pieces in deep.pieces(some, workers):
                 parts.extend(_made(found, pieces, some, smooth))
     each = np.zeros(deep.each.shape, dtype=bool)
     each[ends.face, ends.corner] = smooth.there
@@ -436,11 +437,11 @@ class _Smooth:
     row: Array
 
 
-def _smooth(poles: Poles, caps: Caps, depth: Array) -> _Smooth:
+def _smooth(poles: Poles, caps: Caps | None, depth: Array) -> _Smooth:
     """Those of all special corners, (r,), with cells of some depths."""
     r, row = len(poles.face), np.full((len(poles.half), len(poles.corners)), -1)
     row[poles.face, poles.corner] = np.arange(r)
-    made = caps.smooth(np.arange(r), depth)
+    made = None if caps is None else caps.smooth(np.arange(r), depth)
     if made is None:
         none = np.zeros((r, 0))
         return _Smooth(np.zeros(r, dtype=bool), none, none, row)
@@ -463,7 +464,7 @@ def _is_merged(surface: LimitSurface) -> bool:
 
 
 def _chosen(
-    surface: LimitSurface, poles: Poles, caps: Caps, tolerance: Any, depth: Any, angle: Any
+    surface: LimitSurface, poles: Poles, caps: Caps | None, tolerance: Any, depth: Any, angle: Any
 ) -> Array:
     """Depths (r,) of special corners that are asked for, checked."""
     if depth is not None:
@@ -480,7 +481,7 @@ def _chosen(
                 f"far around special corners, got {depth}"
             )
         return np.full(len(poles.face), depth)
-    if tolerance is None and angle is None:
+    if caps is None or (tolerance is None and angle is None):
         return np.full(len(poles.face), max(_DEPTH, poles.least))
     size = float(np.abs(surface.points[surface.mesh.indices]).max(initial=0))
     least = 2.0**-44 * size
@@ -659,7 +660,12 @@ def _joined(
         cells[at], turns[at] = x.cells, x.turns
     for here in reversed(ranks):  # each is freed before the next, so that none is there twice
         net = parts.pop().points
-        points[firsts[2][here, None] + np.arange(net.shape[1])] = net
+        m, k = net.shape[:2]
+        if (np.diff(here) == 1).all():
+            start = firsts[2][here[0]]
+            points[start : start + m * k].reshape(m, k, d)[:] = net
+        else:
+            points[firsts[2][here, None] + np.arange(k)] = net
     trims = np.array([(0, 0), (1, 0), (0, 1)]) if lattice.sloped else None
     return BSplineFaces(
         surface, (degree, degree), counts, knots[0], knots[1], points, grid, cells, turns, origin,

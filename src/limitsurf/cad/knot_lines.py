@@ -84,7 +84,8 @@ class _Lines:
             def part(a: int, b: int, axis: int = axis) -> Box:
                 return (*box[:2], a, b) if axis else (a, b, *box[2:])
 
-            across, along = self._within(box, 1 - axis), self._within(box, axis).any(axis=0)
+            across = self._within(box, 1 - axis)
+            along = np.asarray(self._within(box, axis).any(axis=0))
             first = np.searchsorted(self.at[axis], low)
             place = self.at[axis][first : first + len(along)][along]
             inner = np.searchsorted(place, np.arange(low + 1, high))

@@ -21,7 +21,6 @@ from limitsurf.cad.rectangles import Rectangles, rectangles
 from limitsurf.cad.splines import unturned
 from limitsurf.patches import REGULAR, STRIP
 from limitsurf.pieces.cells import BezierPatches, BezierRest
-from limitsurf.query.bezier import bezier_patches
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -92,7 +91,7 @@ def merged_faces(
         some = alike[regular[alike]]
         for start in range(0, len(some), step):
             rows = first[some[start : start + step], None] + np.arange(a * b)
-            yield _one_size(surface, found, rows, (a, b), workers)
+            yield _one_size(depths, found, rows, (a, b), workers)
         some = alike[~regular[alike]] if a * b > 1 else alike[:0]
         step = max(1, _GRADED // (a * b))
         for start in range(0, len(some), step):
@@ -139,7 +138,7 @@ def _side_by_side(
 ) -> tuple[BezierPatches, Array]:
     """Pieces of limit faces (m, l) as of rectangles, in order, and the limits of what remains."""
     flat, turn = cells.ravel(), turns.ravel()
-    parts = list(depths.pieces(surface, flat, workers))
+    parts = list(depths.pieces(flat, workers))
     corner = np.array(surface.topology.lattice.corners)
     at = np.concatenate([x.rest.origin + x.rest.size * corner[x.rest.corner] for x in parts])
     face, other = (
@@ -169,12 +168,12 @@ def _side_by_side(
 
 
 def _one_size(
-    surface: LimitSurface, found: Rectangles, rows: Array, grid: tuple[int, int], workers: int
+    depths: Depths, found: Rectangles, rows: Array, grid: tuple[int, int], workers: int
 ) -> Merged:
     cells, turns = found.faces[rows], found.turns[rows]
     flat = cells.ravel()
-    pieces = bezier_patches(surface, face=flat, depth=0, workers=workers)
-    degree, d = pieces.degree, surface.points.shape[1]
+    (pieces,) = depths.pieces(flat, workers)
+    degree, d = pieces.degree, pieces.points.shape[-1]
     each = len(pieces) // len(flat)
     side = round(each**0.5)
     # by cell along u, coefficient there, and the same along v

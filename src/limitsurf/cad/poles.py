@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.caching import cached_property
 from limitsurf.engine.packing import one_by_one
 from limitsurf.engine.protocol import threads
 from limitsurf.numbers import FLOAT64
@@ -18,6 +19,7 @@ from limitsurf.pieces.cover import Cover
 from limitsurf.pieces.weights import LocalWeights
 from limitsurf.query.bezier import BezierPatches, BezierRest
 from limitsurf.surface import LimitSurface
+from limitsurf.values import Values
 
 Array = NDArray[Any]
 
@@ -89,11 +91,11 @@ class Poles:
         finest = int(level.max(initial=0))
         return cls(face, corner, pole, half, corners, least, finest)
 
-    def at_depths(self, depth: Array) -> Depths:
-        """Depths (r,) of theirs, or one for all."""
+    def at_depths(self, surface: LimitSurface, depth: Array) -> Depths:
+        """Depths (r,) of theirs, or one for all; of the same surface."""
         each = np.full((len(self.half), len(self.corners)), -1)
         each[self.face, self.corner] = depth
-        return Depths(each, self.half, self.corners)
+        return Depths(surface, each, self.half, self.corners)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,31 +104,40 @@ class Depths:
 
     Attributes
     ----------
+    surface : LimitSurface
     each : (n_limit_faces, corners) int
         -1 at corners that are not special.
     half : (n_limit_faces,) int
     corners : (corners, 2) int
     """
 
+    surface: LimitSurface
     each: Array
     half: Array
     corners: Array
+
+    @cached_property
+    def _values(self) -> Values:
+        """Of all faces, and therefore made once."""
+        return Values(self.surface.topology.patches, self.surface.points)
 
     @property
     def most(self) -> Array:
         """The largest of each limit face, (n_limit_faces,)."""
         return np.asarray(self.each.max(axis=1))
 
-    def pieces(self, surface: LimitSurface, faces: Array, workers: int) -> Iterator[BezierPatches]:
+    def pieces(self, faces: Array, workers: int) -> Iterator[BezierPatches]:
         """Pieces of some limit faces, of those of one depth at a time."""
-        topology, scheme = surface.topology, surface.topology.rules.scheme
+        surface, topology = self.surface, self.surface.topology
+        scheme = topology.rules.scheme
         most = self.most[faces]
         for depth in np.unique(most).tolist():
             some = faces[most == depth]
             rings = max(depth, 0) - self.half[some]
             known = topology.patches, scheme, surface.points, some, rings
             divided = one_by_one(threads(workers))
-            yield self.shortened(cells_of.cut(*known, False, divided, hulls=False))
+            found = cells_of.cut(*known, False, divided, hulls=False, values=self._values)
+            yield self.shortened(found)
 
     def shortened(self, pieces: BezierPatches) -> BezierPatches:
         """Pieces that were cut to the largest depths, without those within cells of less."""
