@@ -322,10 +322,13 @@ def bspline_faces(
         The cells at special corners measure 2^-depth of an edge of the cage; 8 by default, and
         more where faces are split further. Counted so, it is the same cell from all faces around.
     merge : bool
-        Whether rectangles of limit faces amid regular vertices become one face each. They are cut
-        along lines from all corners around three faces, those first that join two of them. A face
-        does not meet itself: tubes and tori are cut along seams. Not in schemes of triangles, of
-        degree 1, and of channels.
+        Whether rectangles of limit faces become one face each: of those that are faces of the cage,
+        across edges that are not infinitely sharp, with special corners at their own corners alone.
+        Lines are cut straight on from special corners and from all corners around three faces,
+        those first that join two of them, as many as cross none of each other. A face takes all
+        knots of its rows; where that is many more control points than two faces take, it is two.
+        None meets itself: tubes and tori are cut along seams. Not in schemes of triangles, of
+        degree 1, and of channels; with "g1" without faces that share tangent planes at poles.
     poles : {"g0", "g1"}
         With "g1" faces around a pole share tangent planes along all edges between them, and that of
         the limit at the pole. There cells have other pieces, with a line of knots in the middle;
