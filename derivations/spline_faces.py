@@ -76,7 +76,7 @@ for depth in range(3, 20):
     half = 0.5 ** np.arange(depth, -1, -1)
     graded = np.concatenate([[0], half, 2 - half[-2::-1], [2]])
     knots = clamped(graded, 3)
-    chosen, weights = line(graded, 3)
+    chosen, weights = line(graded, graded, 3)
     assert np.abs(weights.sum(axis=1) - 1).max() < 1e-12
     assert np.abs(weights).sum(axis=1).max() <= 9
     # they give back x^3, of which the blossom is the product of knots

@@ -193,3 +193,15 @@ def test_rows_along_semi_sharp_creases_are_one_face():
     face, (u, v) = rng.integers(0, len(quads), 3000), rng.random((2, 3000))
     step = found.evaluate(*found.of(face, u, v)) - surface.evaluate(face, u, v)
     assert np.abs(step).max() < 1e-14 * np.abs(points).max()
+
+
+def test_dual_rectangles_have_knots_between_sides_alone():
+    points, quads = zoo.torus(9, 6)
+    surface = ls.LimitSurface(ls.Mesh(points, quads), scheme="doo-sabin")
+    found = ls.bspline_faces(surface)
+    assert found.exact.all()
+    assert (found.counts == found.grid + 3).all()
+    rng = np.random.default_rng(4)
+    face, (u, v) = rng.integers(0, len(quads), 2000), rng.random((2, 2000))
+    step = found.evaluate(*found.of(face, u, v)) - surface.evaluate(face, u, v)
+    assert np.abs(step).max() < 1e-14 * np.abs(points).max()

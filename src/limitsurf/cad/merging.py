@@ -191,8 +191,10 @@ def _one_size(
     knots, lines = [], []
     for count in grid:
         line = np.arange(count * side + 1) / side
-        knots.append(nets.clamped(line, degree))
-        lines.append(nets.line(line, degree))
+        # in dual schemes polynomials end between the sides of faces, which are no knots within
+        kept = (line != np.floor(line)) | (line == 0) | (line == count) | (side == 1)
+        knots.append(nets.clamped(line[kept], degree))
+        lines.append(nets.line(line[kept], line, degree))
     (one, along), (other, across) = lines
     half = np.einsum("ip,nipjqd->nijqd", along, known[:, one])
     net = np.einsum("jq,nijqd->nijd", across, half[:, :, other])

@@ -207,14 +207,16 @@ def around(cut: Cut, lattice: Lattice, k: int) -> list[int]:
     return [int(np.abs(middles - place).sum(axis=1).argmin()) for place in places]
 
 
-def line(lines: Array, degree: int) -> tuple[Array, Array]:
+def line(breaks: Array, lines: Array, degree: int) -> tuple[Array, Array]:
     """For each control point of a curve with these breaks, the piece it follows from, and weights.
 
-    (n,) and (n, degree + 1).
+    (n,) and (n, degree + 1). Pieces end at all breaks, and may end at more `lines`.
     """
-    knots = clamped(lines, degree)
+    knots = clamped(breaks, degree)
     n = len(knots) - degree - 1
-    spans = np.clip(np.arange(n)[:, None] + np.arange(-degree, 1), 0, len(lines) - 2)
+    first = np.searchsorted(lines, knots[:n], side="right") - 1
+    last = np.searchsorted(lines, knots[degree + 1 :], side="left") - 1
+    spans = np.minimum(first[:, None] + np.arange((last - first).max() + 1), last[:, None])
     own = knots[np.arange(n)[:, None] + np.arange(1, degree + 1)]
     at = (own[:, None] - lines[spans][..., None]) / np.diff(lines)[spans][..., None]
     best = (np.abs(at) + np.abs(1 - at)).prod(axis=2).argmin(axis=1)
