@@ -169,8 +169,9 @@ def test_rectangles_with_poles_at_corners_are_the_limit(options):
     assert (far <= merged.deviation[merged.of(face, u, v)[0]] + 1e-14 * size).all()
     assert ls.deviation(surface, merged).gap.max() < 4e-15 * size
     for k in rng.choice(len(merged), 5):
-        face = merged[k]
-        oracle = NdBSpline((face.knots_u, face.knots_v), face.points, face.degree)
+        one_face = merged[k]
+        knots = one_face.knots_u, one_face.knots_v
+        oracle = NdBSpline(knots, one_face.points, one_face.degree)
         at = rng.random((60, 2)) * merged.grid[k]
         assert np.abs(oracle(at) - merged.evaluate(k, *at.T)).max() < 4e-15 * size
 

@@ -230,15 +230,15 @@ def cut(
         cells = g.cells
         places = cover.placed(patches.lattice, covered, g, g.origin, g.size)
         owners = np.broadcast_to(covered.owner[g.members, None], cells.shape)
-        for array, values in ((owner, owners), (origin, places[0]), (size, places[1])):
-            _write(array, cells, values)
+        for array, placed in ((owner, owners), (origin, places[0]), (size, places[1])):
+            _write(array, cells, placed)
     width = form.size * max(flat.shape[1], 1)
     jobs = [(g, part) for g in groups for part in _parts(g, _CHUNK // width, _PATCHES)]
 
     def work(some: slice) -> None:
         for g, part in jobs[some]:
-            values = _turned(form, source.coefficients(g, part), g.turn[part])
-            _write(found, g.cells[part], values)
+            made = _turned(form, source.coefficients(g, part), g.turn[part])
+            _write(found, g.cells[part], made)
 
     for _ in divided(len(jobs), work):
         pass
