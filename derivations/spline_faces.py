@@ -33,7 +33,7 @@ from itertools import combinations
 from math import comb
 
 import numpy as np
-from sympy import Rational, expand, linsolve, symbols
+from sympy import Rational, diff, expand, linsolve, symbols
 
 from limitsurf import LimitSurface, Mesh, bspline_faces
 from limitsurf.cad.nets import clamped, line, square_of_triangle
@@ -76,7 +76,7 @@ for depth in range(3, 20):
     half = 0.5 ** np.arange(depth, -1, -1)
     graded = np.concatenate([[0], half, 2 - half[-2::-1], [2]])
     knots = clamped(graded, 3)
-    chosen, weights = line(graded, 3)
+    chosen, weights = line(graded, graded, 3)
     assert np.abs(weights.sum(axis=1) - 1).max() < 1e-12
     assert np.abs(weights).sum(axis=1).max() <= 9
     # they give back x^3, of which the blossom is the product of knots
@@ -217,9 +217,36 @@ assert np.allclose(np.divide(angles[1:], angles[:-1]), 1 / 6 / rate, atol=2e-2)
 # rectangles of the region: it ends at a border or another line, with two more corners of
 # rectangles, or at another such corner, with none. So lines between two of them come first. Around
 # a disc $V = R + 4$.
+#
+# Each of $C$ lines that join two such corners, and cross none of each other, spares a rectangle.
+# The most such lines are an independent set of the graph of crossings. Lines of two directions
+# cross each other only, so that it is bipartite, and by König's theorem they are all lines but as
+# many as a largest matching has pairs: H. Imai, T. Asano, "Efficient algorithms for geometric graph
+# search problems", SIAM Journal on Computing 15 (1986). Around holes and poles lines of a mesh may
+# come around to cross one of their own kind: colouring finds such parts of the graph, and there the
+# shortest lines come first.
+#
+# Where a cut ends within the region, at a regular vertex straight on from a pole, four faces are
+# around. The line straight on adds no corner where it begins, and two where it ends, or none at
+# another such end: a line from pole to pole spares a rectangle as well.
 
 # %%
 reflex, chords = symbols("R C", integer=True)
 convex = reflex + 4
 ends = reflex - 2 * chords  # of lines, on sides
 assert expand((convex + reflex + 2 * ends) / 4 - (reflex + 1 - chords)) == 0
+
+# %% [markdown]
+# ## 6. Why triangles are not merged
+#
+# Across a line of its mesh Loop's box spline is $C^2$ and no more: on both sides of the diagonal
+# $u = v$ between two triangles quartics differ by $(u - v)^3$ times a linear polynomial. A tensor
+# product spline is one polynomial between neighbouring knots, wherever these are, and the diagonal
+# crosses such rectangles: it has no jump of $\partial^3 / \partial u^2 \partial v$ there, and
+# the box spline has one, unless control points are special.
+
+# %%
+u, v, c, d, e = symbols("u v c d e")
+step = (u - v) ** 3 * (c + d * u + e * v)
+jump = expand(diff(step, u, 2, v).subs(v, u))
+assert expand(jump + 6 * (c + (d + e) * u)) == 0

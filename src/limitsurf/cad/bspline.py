@@ -15,14 +15,12 @@ from limitsurf import html
 from limitsurf.caching import cached_property
 from limitsurf.cad import nets, splines
 from limitsurf.cad.caps import CapErrors, Caps, depths_within
-from limitsurf.cad.merging import merged_faces, regular_faces
-from limitsurf.cad.poles import Poles
+from limitsurf.cad.merging import merged_faces, whole_faces
+from limitsurf.cad.poles import Depths, Poles
 from limitsurf.cad.splines import Layout
 from limitsurf.cage.checks import checked_integer, users_level
-from limitsurf.engine.packing import one_by_one
-from limitsurf.engine.protocol import Request, threads
+from limitsurf.engine.protocol import Request
 from limitsurf.numbers import type_of
-from limitsurf.pieces import cells as cells_of
 from limitsurf.pieces.cells import BezierPatches
 from limitsurf.scheme.lattice import Lattice
 from limitsurf.surface import LimitSurface
@@ -30,7 +28,7 @@ from limitsurf.surface import LimitSurface
 Array = NDArray[Any]
 
 _DEPTH, _DEEPEST = 8, 40
-_FACES = 4096  # at once
+_FACES = 1024  # at once
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -324,10 +322,13 @@ def bspline_faces(
         The cells at special corners measure 2^-depth of an edge of the cage; 8 by default, and
         more where faces are split further. Counted so, it is the same cell from all faces around.
     merge : bool
-        Whether rectangles of limit faces amid regular vertices become one face each. They are cut
-        along lines from all corners around three faces, those first that join two of them. A face
-        does not meet itself: tubes and tori are cut along seams. Not in schemes of triangles, of
-        degree 1, and of channels.
+        Whether rectangles of limit faces become one face each: of those that are faces of the cage,
+        across edges that are not infinitely sharp, with special corners at their own corners alone.
+        Lines are cut straight on from special corners and from all corners around three faces,
+        those first that join two of them, as many as cross none of each other. A face takes all
+        knots of its rows; where that is many more control points than two faces take, it is two.
+        None meets itself: tubes and tori are cut along seams. Not in schemes of triangles, of
+        degree 1, and of channels; with "g1" without faces that share tangent planes at poles.
     poles : {"g0", "g1"}
         With "g1" faces around a pole share tangent planes along all edges between them, and that of
         the limit at the pole. There cells have other pieces, with a line of knots in the middle;
@@ -403,22 +404,24 @@ def bspline_faces(
     if poles == "g1" and found.points.shape[1] != 3:
         raise ValueError('poles="g1" needs points in space, (n_vertices, 3)')
     ends = Poles.of(found)
-    caps = Caps(found, ends, poles == "g1")
+    asked = tolerance is not None or g1_angle is not None or poles == "g1"
+    caps = Caps(found, ends, poles == "g1") if asked else None
     faces = np.flatnonzero(found.patches.with_limit)
     depths = _chosen(found, ends, caps, tolerance, depth, g1_angle)
     smooth = _smooth(ends, caps, depths)
-    deep = ends.at_depths(depths + smooth.there)
+    deep = ends.at_depths(found, depths + smooth.there)
     parts: list[_Alike] = []
     if merge and channel is None and _is_merged(found):
-        regular = regular_faces(found)
-        parts.extend(_merged(found, np.flatnonzero(regular), workers))
-        faces = faces[~regular[faces]]
+        whole = whole_faces(found)
+        whole[ends.face[smooth.there]] = False
+        parts.extend(_merged(found, np.flatnonzero(whole), deep, workers))
+        faces = np.setdiff1d(faces, np.concatenate([faces[:0], *(x.cells.ravel() for x in parts)]))
     for depth_ in np.unique(deep.most[faces]).tolist():
         alike = faces[deep.most[faces] == depth_]
         for start in range(0, len(alike), _FACES):
             some = alike[start : start + _FACES]
-            pieces = _pieces(found, some, max(depth_, 0), workers)
-            parts.extend(_made(found, deep.shortened(pieces), some, smooth))
+            for pieces in deep.pieces(some, workers):
+                parts.extend(_made(found, pieces, some, smooth))
     each = np.zeros(deep.each.shape, dtype=bool)
     each[ends.face, ends.corner] = smooth.there
     return _joined(found, parts, deep.each - each, each)
@@ -437,11 +440,11 @@ class _Smooth:
     row: Array
 
 
-def _smooth(poles: Poles, caps: Caps, depth: Array) -> _Smooth:
+def _smooth(poles: Poles, caps: Caps | None, depth: Array) -> _Smooth:
     """Those of all special corners, (r,), with cells of some depths."""
     r, row = len(poles.face), np.full((len(poles.half), len(poles.corners)), -1)
     row[poles.face, poles.corner] = np.arange(r)
-    made = caps.smooth(np.arange(r), depth)
+    made = None if caps is None else caps.smooth(np.arange(r), depth)
     if made is None:
         none = np.zeros((r, 0))
         return _Smooth(np.zeros(r, dtype=bool), none, none, row)
@@ -457,14 +460,6 @@ def _smooth(poles: Poles, caps: Caps, depth: Array) -> _Smooth:
     return _Smooth(made.there, made.ring, made.inner, row)
 
 
-def _pieces(surface: LimitSurface, faces: Array, depth: int, workers: int) -> BezierPatches:
-    """As `bezier_patches`, without bounds of what remains."""
-    topology, rings = surface.topology, depth - (surface.limit_faces.corner[faces] >= 0)
-    divided, scheme = one_by_one(threads(workers)), topology.rules.scheme
-    known = topology.patches, scheme, surface.points, faces, rings
-    return cells_of.cut(*known, False, divided, hulls=False)
-
-
 def _is_merged(surface: LimitSurface) -> bool:
     """Whether faces are smooth enough across edges to be one, and rectangles."""
     spline = surface.topology.rules.scheme.spline
@@ -472,7 +467,7 @@ def _is_merged(surface: LimitSurface) -> bool:
 
 
 def _chosen(
-    surface: LimitSurface, poles: Poles, caps: Caps, tolerance: Any, depth: Any, angle: Any
+    surface: LimitSurface, poles: Poles, caps: Caps | None, tolerance: Any, depth: Any, angle: Any
 ) -> Array:
     """Depths (r,) of special corners that are asked for, checked."""
     if depth is not None:
@@ -489,7 +484,7 @@ def _chosen(
                 f"far around special corners, got {depth}"
             )
         return np.full(len(poles.face), depth)
-    if tolerance is None and angle is None:
+    if caps is None or (tolerance is None and angle is None):
         return np.full(len(poles.face), max(_DEPTH, poles.least))
     size = float(np.abs(surface.points[surface.mesh.indices]).max(initial=0))
     least = 2.0**-44 * size
@@ -618,11 +613,11 @@ def _capped(
     return np.asarray(made.reshape(-1, m, d).swapaxes(0, 1))
 
 
-def _merged(surface: LimitSurface, regular: Array, workers: int) -> Iterator[_Alike]:
-    """Faces over rectangles of regular limit faces."""
-    for x in merged_faces(surface, regular, workers):
+def _merged(surface: LimitSurface, faces: Array, depths: Depths, workers: int) -> Iterator[_Alike]:
+    """Faces over rectangles of limit faces."""
+    for x in merged_faces(surface, faces, depths, workers):
         face, none = x.cells[:, 0], np.zeros((len(x.cells), 2))
-        whole = np.ones(len(face), dtype=bool)
+        whole = np.full(len(face), x.exact)
         yield _Alike(
             face, 0 * face, x.knots, x.points, none, none + 1, whole, x.grid, x.cells, x.turns
         )
@@ -653,7 +648,6 @@ def _joined(
     for x, here in zip(parts, ranks, strict=True):
         for flat, first, values in zip(knots, firsts, x.knots, strict=False):
             flat[first[here, None] + np.arange(len(values))] = values
-        points[firsts[2][here, None] + np.arange(x.points.shape[1])] = x.points
     origin, size = (
         np.concatenate([np.zeros((0, 2)), *(getattr(x, name) for x in parts)])[order]
         for name in ("origin", "size")
@@ -667,6 +661,14 @@ def _joined(
     for x, here in zip(parts, ranks, strict=True):
         at = first[here, None] + np.arange(x.cells.shape[1])
         cells[at], turns[at] = x.cells, x.turns
+    for here in reversed(ranks):  # each is freed before the next, so that none is there twice
+        net = parts.pop().points
+        m, k = net.shape[:2]
+        if (np.diff(here) == 1).all():
+            start = firsts[2][here[0]]
+            points[start : start + m * k].reshape(m, k, d)[:] = net
+        else:
+            points[firsts[2][here, None] + np.arange(k)] = net
     trims = np.array([(0, 0), (1, 0), (0, 1)]) if lattice.sloped else None
     return BSplineFaces(
         surface, (degree, degree), counts, knots[0], knots[1], points, grid, cells, turns, origin,

@@ -207,14 +207,16 @@ def around(cut: Cut, lattice: Lattice, k: int) -> list[int]:
     return [int(np.abs(middles - place).sum(axis=1).argmin()) for place in places]
 
 
-def line(lines: Array, degree: int) -> tuple[Array, Array]:
+def line(breaks: Array, lines: Array, degree: int) -> tuple[Array, Array]:
     """For each control point of a curve with these breaks, the piece it follows from, and weights.
 
-    (n,) and (n, degree + 1).
+    (n,) and (n, degree + 1). Pieces end at all breaks, and may end at more `lines`.
     """
-    knots = clamped(lines, degree)
+    knots = clamped(breaks, degree)
     n = len(knots) - degree - 1
-    spans = np.clip(np.arange(n)[:, None] + np.arange(-degree, 1), 0, len(lines) - 2)
+    first = np.searchsorted(lines, knots[:n], side="right") - 1
+    last = np.searchsorted(lines, knots[degree + 1 :], side="left") - 1
+    spans = np.minimum(first[:, None] + np.arange((last - first).max() + 1), last[:, None])
     own = knots[np.arange(n)[:, None] + np.arange(1, degree + 1)]
     at = (own[:, None] - lines[spans][..., None]) / np.diff(lines)[spans][..., None]
     best = (np.abs(at) + np.abs(1 - at)).prod(axis=2).argmin(axis=1)
@@ -230,9 +232,17 @@ def _owner(cut: Cut, lines: tuple[Array, Array]) -> Array:
     low, high = (
         [np.searchsorted(x, ends[:, k]) for k, x in enumerate(lines)] for ends in (origin, end)
     )
-    for k, (a, b, c, d) in enumerate(zip(low[0], high[0], low[1], high[1], strict=True)):
-        found[a:b, c:d] = k
+    wide, deep = high[0] - low[0], high[1] - low[1]
+    which, step = _counted(wide * deep)
+    i, j = np.divmod(step, deep[which])
+    found[low[0][which] + i, low[1][which] + j] = which
     return found
+
+
+def _counted(count: Array) -> tuple[Array, Array]:
+    """Each number so many times, and how often it was there before."""
+    which = np.repeat(np.arange(len(count)), count)
+    return which, np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
 
 
 def _blossom(at: Array) -> Array:
@@ -284,15 +294,17 @@ def caps(cut: Cut, lattice: Lattice, degree: int) -> csr_array[Any]:
 
     exponents = Form.of(lattice, degree).exponents
     n, r, c, sides = len(exponents), len(cut.corner), len(cut.origin), lattice.face_size
-    found = np.zeros((r, n, c * n + r))
+    rows, columns, values = [], [c * n + np.arange(r)], [np.ones(r)]
     corners = np.array(lattice.corners)
     middle = corners.mean(axis=0)
     middles = cut.origin + cut.size * middle
     for k in range(r):
+        at = int(cut.corner[k])
+        rows.append(k * n + np.flatnonzero(_away(lattice, exponents, at, 0)))
+    for k in range(r):
         origin, size, at = cut.rest_origin[k], cut.rest_size[k], int(cut.corner[k])
         here = origin + size * middle
         a, b, d = (origin + size * corners[(at + m) % sides] for m in (0, 1, -1))
-        found[k, _away(lattice, exponents, at, 0), c * n + k] = 1
         places = (b + d - a - a) / 3 * lattice.sloped + here, here + b - a, here + d - a
         for m, place in enumerate(places):
             which = _away(lattice, exponents, at, m + 1)
@@ -305,8 +317,12 @@ def caps(cut: Cut, lattice: Lattice, degree: int) -> csr_array[Any]:
             frame[0, 0] = (origin - cut.origin[one]) / cut.size[one]
             frame[0, [1, 2], [0, 1]] = size / cut.size[one]
             matrix = bernstein.blossoms(exponents, frame)[0]
-            found[k, which, one * n : (one + 1) * n] = matrix[which]
-    return csr_array(found.reshape(r * n, c * n + r))
+            i, j = np.nonzero(which[:, None] & (matrix != 0))
+            rows.append(k * n + i)
+            columns.append(one * n + j)
+            values.append(matrix[i, j])
+    known = np.concatenate(rows), np.concatenate(columns)
+    return csr_array((np.concatenate(values), known), shape=(r * n, c * n + r))
 
 
 def _away(lattice: Lattice, exponents: Array, corner: int, which: int) -> Array:

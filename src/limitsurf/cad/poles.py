@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.caching import cached_property
+from limitsurf.engine.packing import one_by_one
+from limitsurf.engine.protocol import threads
 from limitsurf.numbers import FLOAT64
 from limitsurf.patches import STRIP
+from limitsurf.pieces import cells as cells_of
 from limitsurf.pieces.cover import Cover
 from limitsurf.pieces.weights import LocalWeights
 from limitsurf.query.bezier import BezierPatches, BezierRest
 from limitsurf.surface import LimitSurface
+from limitsurf.values import Values
 
 Array = NDArray[Any]
 
@@ -85,11 +91,11 @@ class Poles:
         finest = int(level.max(initial=0))
         return cls(face, corner, pole, half, corners, least, finest)
 
-    def at_depths(self, depth: Array) -> Depths:
-        """Depths (r,) of theirs, or one for all."""
+    def at_depths(self, surface: LimitSurface, depth: Array) -> Depths:
+        """Depths (r,) of theirs, or one for all; of the same surface."""
         each = np.full((len(self.half), len(self.corners)), -1)
         each[self.face, self.corner] = depth
-        return Depths(each, self.half, self.corners)
+        return Depths(surface, each, self.half, self.corners)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,20 +104,40 @@ class Depths:
 
     Attributes
     ----------
+    surface : LimitSurface
     each : (n_limit_faces, corners) int
         -1 at corners that are not special.
     half : (n_limit_faces,) int
     corners : (corners, 2) int
     """
 
+    surface: LimitSurface
     each: Array
     half: Array
     corners: Array
+
+    @cached_property
+    def _values(self) -> Values:
+        """Of all faces, and therefore made once."""
+        return Values(self.surface.topology.patches, self.surface.points)
 
     @property
     def most(self) -> Array:
         """The largest of each limit face, (n_limit_faces,)."""
         return np.asarray(self.each.max(axis=1))
+
+    def pieces(self, faces: Array, workers: int) -> Iterator[BezierPatches]:
+        """Pieces of some limit faces, of those of one depth at a time."""
+        surface, topology = self.surface, self.surface.topology
+        scheme = topology.rules.scheme
+        most = self.most[faces]
+        for depth in np.unique(most).tolist():
+            some = faces[most == depth]
+            rings = max(depth, 0) - self.half[some]
+            known = topology.patches, scheme, surface.points, some, rings
+            divided = one_by_one(threads(workers))
+            found = cells_of.cut(*known, False, divided, hulls=False, values=self._values)
+            yield self.shortened(found)
 
     def shortened(self, pieces: BezierPatches) -> BezierPatches:
         """Pieces that were cut to the largest depths, without those within cells of less."""

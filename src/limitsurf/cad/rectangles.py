@@ -1,8 +1,9 @@
-"""Regular limit faces in rectangles, as few as corners ask for.
+"""Limit faces in rectangles, as few as corners ask for, with special corners at corners of them.
 
-Where the border of what is regular turns the other way, around three faces, a line is cut straight
-on: first those lines that end at another such corner, then the shorter of both ways. What is left
-has no such corners: rectangles, and tubes and tori, which are cut along a line.
+Sides that begin at a special corner are cut. Where the border of a region turns the other way,
+around three faces, or a cut ends, a line is cut straight on: first as many of the lines that end
+at another such place as cross none of each other, then the shorter of both ways. What is left has
+no such corners: rectangles, and tubes and tori, which are cut along a line.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.cad.chords import independent
 from limitsurf.surface import LimitSurface
 
 Array = NDArray[Any]
@@ -40,12 +42,13 @@ class Rectangles:
     turns: Array
 
 
-def rectangles(surface: LimitSurface, regular: Array, sharp: Array) -> Rectangles:
-    """Rectangles of the limit faces (n_limit_faces,) that are regular.
+def rectangles(surface: LimitSurface, own: Array, sharp: Array, special: Array) -> Rectangles:
+    """Rectangles of the limit faces that are one's `own` (n_limit_faces,).
 
-    They are faces of the mesh; `sharp` (n_edges,) are edges that none goes across.
+    They are faces of the mesh; `sharp` (n_edges,) are edges that none goes across, and `special`
+    (n_limit_faces, 4) corners that are only at corners of rectangles.
     """
-    walls = _Walls(surface, regular, sharp)
+    walls = _Walls(surface, own, sharp, special)
     walls.part()
     for _ in range(_SEAMS):
         if not walls.seams():
@@ -59,11 +62,11 @@ class _Walls:
     Half-edges are corners of the mesh: that to the next corner of its face.
     """
 
-    def __init__(self, surface: LimitSurface, regular: Array, sharp: Array) -> None:
+    def __init__(self, surface: LimitSurface, faces: Array, sharp: Array, special: Array) -> None:
         mesh, known = surface.mesh, surface.limit_faces
         self.mesh, self.following, self.previous = mesh, mesh.next_corner, mesh.previous_corner
         own = np.zeros(mesh.n_faces, dtype=bool)
-        own[known.face[regular]] = True
+        own[known.face[faces]] = True
         twin = mesh.twin
         inner = own[mesh.corner_face]
         here = inner & (twin >= 0) & ~sharp[mesh.corner_edge]
@@ -74,6 +77,9 @@ class _Walls:
         self.open, self.inner = here, inner
         self.limit_face = known.first[mesh.corner_face]
         self.corner = np.arange(mesh.n_corners) - np.repeat(mesh.offsets[:-1], mesh.sizes)
+        face, corner = np.nonzero(special & faces[:, None])
+        at = mesh.offsets[known.face[face]] + corner
+        self._cut(np.concatenate([at, self.previous[at]]))
 
     def _around(self) -> tuple[Array, Array]:
         """Corners (c,) at which sectors of faces begin, and how many faces these have, up to 5."""
@@ -131,13 +137,14 @@ class _Walls:
             at = at[np.sort(np.unique(end, return_index=True)[1])]
 
     def _chords(self) -> None:
-        """Cut lines from one such corner to another, those that cross none that is shorter."""
+        """Cut lines from one such corner to another: as many as cross none of each other."""
         begin, count = self._around()
-        corner = begin[count == 3]
-        if not len(corner):
-            return
+        corner, end = begin[count == 3], begin[count == 4]
         one = self.twin[self.previous[corner]]
-        start = np.concatenate([one, self.twin[self.previous[one]]])
+        straight = self.twin[self.previous[self.twin[self.previous[end]]]]
+        start = np.concatenate([one, self.twin[self.previous[one]], straight])
+        if not len(start):
+            return
         bends = np.zeros(self.mesh.n_corners, dtype=bool)
         bends[start] = True
         edges, owner = self._lines(start)
@@ -145,26 +152,14 @@ class _Walls:
         last[owner] = edges  # the last of each is written last
         back = self.twin[last]
         chord = bends[back] & (start < back)
-        size = np.bincount(owner, minlength=len(start))
-        rank = np.empty(len(start), dtype=np.int64)
-        rank[np.lexsort([start, size])] = np.arange(len(start))
         keep = chord[owner]
         edges, owner = edges[keep], owner[keep]
-        ends = np.concatenate([self.mesh.indices[edges], self.mesh.indices[self.following[edges]]])
-        lines = np.concatenate([owner, owner])
-        pending = chord
-        while pending.any():
-            here = pending[lines]
-            least = np.full(self.mesh.n_vertices, len(start))
-            np.minimum.at(least, ends[here], rank[lines[here]])
-            beaten = np.zeros(len(start), dtype=bool)
-            beaten[lines[here][least[ends[here]] != rank[lines[here]]]] = True
-            chosen = pending & ~beaten
-            used = np.zeros(self.mesh.n_vertices, dtype=bool)
-            used[ends[chosen[lines]]] = True
-            self._cut(edges[chosen[owner]])
-            pending = pending & ~chosen
-            pending[lines[used[ends]]] = False
+        first, second = self.mesh.indices[edges], self.mesh.indices[self.following[edges]]
+        # each vertex once: where its edge begins, and the end of the last
+        ends = np.concatenate([first, second[edges == last[owner]]])
+        lines = np.concatenate([owner, owner[edges == last[owner]]])
+        chosen = independent(ends, lines, chord)
+        self._cut(edges[chosen[owner]])
 
     def seams(self) -> bool:
         """Cut parts without corners along a line each; whether there were any."""

@@ -149,6 +149,16 @@ def located(faces: Layout, limit_face: Array, place: Array) -> tuple[Array, Arra
     return found, x[:, 0], x[:, 1]
 
 
+def unturned(origin: Array, size: Array, turn: Array) -> tuple[Array, Array]:
+    """Boxes (n, 2) of limit faces, as seen from their corners `turn` (n,)."""
+    base, along, across = _TURNS[turn].swapaxes(0, 1)
+    ends = []
+    for at in (origin, origin + size):
+        ends.append(np.stack([((at - base) * x).sum(axis=1) for x in (along, across)], axis=1))
+    low = np.minimum(*ends)
+    return low, np.maximum(*ends) - low
+
+
 def on_limit_faces(faces: Layout, face: Array, place: Array) -> tuple[Array, Array]:
     """Limit faces (Q,) and places there (Q, 2) of places (Q, 2) of faces (Q,)."""
     first = np.cumsum(faces.grid.prod(axis=1)) - faces.grid.prod(axis=1)

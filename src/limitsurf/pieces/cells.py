@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from limitsurf.scheme.scheme import Scheme
+    from limitsurf.values import Values
 
 Array = NDArray[Any]
 # does a work for each slice of so many jobs, and gives what comes of it in order
@@ -188,6 +189,8 @@ def cut(
     weights: bool,
     divided: Divided,
     hulls: bool = True,
+    *,
+    values: Values | None = None,
 ) -> BezierPatches:
     """Cells of limit faces.
 
@@ -207,6 +210,8 @@ def cut(
         Divides jobs among threads; what they are does not depend on it.
     hulls : bool
         Whether what remains is to have bounds; else they are NaN.
+    values : Values, optional
+        Of the patches and these points, if they are known from elsewhere: they are of all faces.
     """
     number = numbers.type_of(points)
     flat = points.reshape(len(points), -1)
@@ -217,7 +222,7 @@ def cut(
     n, groups = cover.grouped(patches, covered, around, *local.strips)
     each = 40 + form.size * flat.shape[1] * (8 + 100 * number.exact) + weights * 12 * form.size**2
     memory.refuse_beyond(n, each, "Bezier patches", "choose a smaller depth, or faces")
-    source: Any = ExactPoints(local, flat) if number.exact else FloatPoints(local, flat)
+    source: Any = ExactPoints(local, flat) if number.exact else FloatPoints(local, flat, values)
     owner = np.empty(n, dtype=np.int64)
     origin, size = np.empty((2, n, 2))
     found = np.empty((n, form.size, flat.shape[1]), dtype=points.dtype)
@@ -225,15 +230,15 @@ def cut(
         cells = g.cells
         places = cover.placed(patches.lattice, covered, g, g.origin, g.size)
         owners = np.broadcast_to(covered.owner[g.members, None], cells.shape)
-        for array, values in ((owner, owners), (origin, places[0]), (size, places[1])):
-            _write(array, cells, values)
+        for array, placed in ((owner, owners), (origin, places[0]), (size, places[1])):
+            _write(array, cells, placed)
     width = form.size * max(flat.shape[1], 1)
     jobs = [(g, part) for g in groups for part in _parts(g, _CHUNK // width, _PATCHES)]
 
     def work(some: slice) -> None:
         for g, part in jobs[some]:
-            values = _turned(form, source.coefficients(g, part), g.turn[part])
-            _write(found, g.cells[part], values)
+            made = _turned(form, source.coefficients(g, part), g.turn[part])
+            _write(found, g.cells[part], made)
 
     for _ in divided(len(jobs), work):
         pass

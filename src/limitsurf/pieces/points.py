@@ -28,9 +28,11 @@ class FloatPoints:
 
     dtype = np.dtype(float)
 
-    def __init__(self, local: weights.LocalWeights, points: Array) -> None:
+    def __init__(
+        self, local: weights.LocalWeights, points: Array, values: Values | None = None
+    ) -> None:
         self.local, self._patches, self._form = local, local.patches, local.bernstein
-        self.values = Values(self._patches, points)
+        self.values = Values(self._patches, points) if values is None else values
         self._high, self._low = self.values.control_points
 
     def coefficients(self, group: Group, part: slice) -> Array:
