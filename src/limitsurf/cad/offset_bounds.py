@@ -154,7 +154,8 @@ def _compared(true: Array, own: Array, d: float, form: Form, lattice: Any) -> tu
     slack = noise * (2 * abs(d) + 4 * noise)
     high, low = excess.max(axis=1) + slack, excess.min(axis=1) - slack
     along_u, along_v = (np.sqrt((x**2).sum(axis=2)).max(axis=1) for x in (du, dv))
-    normal, lost = cones.crossed(form, pairs, true)
+    product, crossing = cones.normal_form(lattice, form.degree)
+    normal, lost = cones.crossed(form, crossing, true)
     axis = normal.mean(axis=1)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         axis = axis / np.sqrt((axis**2).sum(axis=1))[:, None]
@@ -165,7 +166,7 @@ def _compared(true: Array, own: Array, d: float, form: Form, lattice: Any) -> tu
         ]
         off = np.where(area > 0, (tilt[0] * along_v + tilt[1] * along_u) / area, np.inf)
         far, nearest = np.sqrt(np.maximum(d * d + high, 0)), d * d + low - off**2
-        at = normal[:, cones.normal_form(lattice, form.degree)[0].corners]
+        at = normal[:, product.corners]
         at = at / np.sqrt((at**2).sum(axis=2))[:, :, None]
         height = (w[:, form.corners] * at).sum(axis=2)
         right = (nearest > 0) & (height[:, 0] * d > 0)
