@@ -445,6 +445,10 @@ def test_what_is_wrong_is_named():
         graded.finer(np.zeros(len(graded.surface.limit_faces), dtype=bool))
     with pytest.raises(ValueError, match="prolongation from graded spaces"):
         space.prolongation(graded)
+    with pytest.raises(MemoryError, match=r"faces of 40 levels take .* up to \d+ levels fit"):
+        ls.Space(surface, levels=40)
+    with pytest.raises(ValueError, match=r"got float64 of shape \(1, 2\), need integers"):
+        clamped([[0, 1.5]])
     corner = space.surface.evaluate(np.arange(len(space.surface.limit_faces)), 0.5, 0.5).max(
         axis=-1
     )

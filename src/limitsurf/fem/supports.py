@@ -221,7 +221,10 @@ def _edges(edges: ArrayLike | None, where: Where | None) -> tuple[Array | None, 
     except ValueError:  # rows of different lengths
         found = np.zeros(0)
     if found.ndim != 2 or found.shape[1] != 2 or found.dtype.kind not in "iu":
-        raise ValueError(f"edges: got shape {found.shape}, need pairs of vertices (k, 2)")
+        raise ValueError(
+            f"edges: got {found.dtype} of shape {found.shape}, need integers (k, 2), pairs of "
+            "vertices"
+        )
     return found, None
 
 
