@@ -12,7 +12,7 @@ from limitsurf.fem.ends import Rim, described, refusal, trimmed, with_ghosts
 from limitsurf.fem.phantoms import Phantoms
 from limitsurf.fem.sectors import Sectors
 from limitsurf.options import Rules
-from limitsurf.refine import refined
+from limitsurf.refine import refined, refuse_levels
 
 Ends: TypeAlias = Literal["free", "natural"]
 
@@ -26,6 +26,7 @@ class Levels:
     """
 
     def __init__(self, mesh: Mesh, levels: int, ends: Ends, parted: bool) -> None:
+        refuse_levels(mesh, levels)  # each by itself would tell of one level
         self.levels, self.ends = levels, ends
         self.parted = parted and ends == "free" and _has_parts(mesh)
         self.coarsest, self.begin = _begun(mesh, "natural" if self.parted else ends)

@@ -221,7 +221,10 @@ def _edges(edges: ArrayLike | None, where: Where | None) -> tuple[Array | None, 
     except ValueError:  # rows of different lengths
         found = np.zeros(0)
     if found.ndim != 2 or found.shape[1] != 2 or found.dtype.kind not in "iu":
-        raise ValueError(f"edges: got shape {found.shape}, need pairs of vertices (k, 2)")
+        raise ValueError(
+            f"edges: got {found.dtype} of shape {found.shape}, need integers (k, 2), pairs of "
+            "vertices"
+        )
     return found, None
 
 
@@ -269,10 +272,7 @@ def conditions(space: Space, supports: Sequence[Support]) -> Any:
         else:
             found.append(_along(value, np.broadcast_to(one.plane[1], (value.shape[0], 3))))
         if one.kind != "fixed":
-            # as many as a spline along these edges has coefficients: more would hold it still
-            found += [turning(space, corners, t)[0] for t in (0.0, 1.0)]
-            near = enumerate((0.25, 0.75))
-            found += [turning(space, corners[ends[:, k]], t)[0] for k, t in near]
+            found.append(turning(space, *_enough_turns(space, corners, ends, value))[0])
     return vstack(found, format="csr")
 
 
@@ -331,6 +331,16 @@ def turning(space: Space, corners: Array, t: ArrayLike) -> tuple[Any, Array]:
     By ``-n . du/dc``, where c is across (``derivations/thin_shells.py``, 5); rows of zeros where
     there is no normal. Also the derivatives (k, 3) of the surface along the sides by t.
     """
+    rows, shares, n, along = _across(space, corners, t)
+    return _along(rows[0], shares[0] * -n) + _along(rows[1], shares[1] * -n), along
+
+
+def _across(space: Space, corners: Array, t: ArrayLike) -> tuple[list[Any], Array, Array, Array]:
+    """Derivatives of functions across sides from corners of the mesh on, at t along each.
+
+    Rows of those by u and by v, and how much of each (2, k, 1) there is; normals (k, 3), and what
+    the surface has along the sides by t.
+    """
     surface = space.surface
     face, u, v = surface.limit_faces.along(corners, t)
     n = surface.normal(face, u, v)
@@ -339,14 +349,41 @@ def turning(space: Space, corners: Array, t: ArrayLike) -> tuple[Any, Array]:
         across = np.cross(n, along / np.linalg.norm(along, axis=1, keepdims=True))
         e, f, g = (np.einsum("ij,ij->i", a, b) for a, b in ((du, du), (du, dv), (dv, dv)))
         p, q = (np.einsum("ij,ij->i", across, a) for a in (du, dv))
-        shares = (np.stack([g * p - f * q, e * q - f * p]) / (e * g - f * f))[:, :, None] * -n
-        shares = shares / unit
-    shares[:, ~np.isfinite(shares).all(axis=(0, 2))] = 0
+        shares = (np.stack([g * p - f * q, e * q - f * p]) / (e * g - f * f))[:, :, None] / unit
+    known = np.isfinite(shares * n).all(axis=(0, 2))
+    shares, n = np.where(known[:, None], shares, 0), np.where(known[:, None], n, 0)
     rows = surface.weights(face, u, v, nu=[(1, 0), (0, 1)])
     for row in rows:  # of vertices without derivatives
         row.data[~np.isfinite(row.data)] = 0
     rows = [row @ space.extraction for row in rows] if space.grading is not None else rows
-    return _along(rows[0], shares[0]) + _along(rows[1], shares[1]), along * unit
+    return rows, shares, n, along * unit
+
+
+def _enough_turns(space: Space, corners: Array, ends: Array, value: Any) -> tuple[Array, Array]:
+    """At which places (k,), t along sides, turns are to be held so that they are all along.
+
+    As many as a spline along these edges has coefficients: more would hold it still. In graded
+    spaces, where levels meet, as many as there are derivatives across of functions that are 0 on
+    the edges, whose values have the rows `value`; which, QR with pivoting tells (Sommariva and
+    Vianello, "Computing approximate Fekete points by QR factorizations of Vandermonde matrices",
+    Comput. Math. Appl. 57, 2009).
+    """
+    from scipy.sparse import diags_array
+
+    first, last = corners[ends[:, 0]], corners[ends[:, 1]]
+    place = np.concatenate([corners, corners, first, last])
+    count = len(corners), len(corners), len(first), len(last)
+    t = np.repeat([0.0, 1.0, 0.25, 0.75], count)
+    grading = space.grading
+    if not isinstance(grading, Grading) or not np.ptp(
+        grading.level[space.surface.mesh.corner_face[corners]]
+    ):
+        return place, t
+    rows, shares, _, _ = _across(space, place, t)
+    found = sum(diags_array(x.ravel()) @ row for x, row in zip(shares, rows, strict=True))
+    # a copy: SciPy may sort entries of what it is given in place, which rows of components share
+    kept = _independent_rows((found @ null_space(value.copy())).tocsr())
+    return place[kept], t[kept]
 
 
 def _sides(space: Space, support: Support) -> tuple[Array, Array]:
@@ -380,12 +417,6 @@ def _sides(space: Space, support: Support) -> tuple[Array, Array]:
     if not len(corners):
         what = "no boundary edge" if support.edges is None else "no edge"
         raise ValueError(f"{support.kind}: {what} of the surface is meant")
-    several = isinstance(grading, Grading) and np.ptp(grading.level[mesh.corner_face[corners]])
-    if several and support.kind != "fixed":
-        raise ValueError(
-            f"{support.kind}: the edges that are meant are of several levels of a graded space, "
-            "along which it is not known how many conditions hold: refine all along there"
-        )
     ends = np.stack([mesh.indices[corners], mesh.indices[mesh.next_corner[corners]]], axis=1)
     n = mesh.n_vertices
     faces = np.bincount(mesh.indices[whole[mesh.corner_face]], minlength=n)
@@ -456,6 +487,27 @@ def null_space(rows: Any) -> Any:
     data = np.concatenate([value, np.ones(len(kept))])
     places = np.concatenate([row, kept]), np.concatenate([number[column], number[kept]])
     return coo_array((data, places), shape=(n, len(kept))).tocsr()
+
+
+def _independent_rows(rows: Any) -> Array:
+    """As many rows of a sparse matrix as are independent, those that tell most apart first."""
+    from scipy.linalg import qr
+    from scipy.sparse.csgraph import connected_components
+
+    size = np.sqrt(np.asarray((rows * rows).sum(axis=1)).ravel())
+    there = np.flatnonzero(size > _NOTHING * size.max(initial=0))
+    part = connected_components(abs(rows[there]) @ abs(rows[there]).T, directed=False)[1]
+    found = []
+    for one in np.split(there[np.argsort(part, kind="stable")], np.cumsum(np.bincount(part))[:-1]):
+        some = rows[one]
+        columns, inverse = np.unique(some.indices, return_inverse=True)
+        dense = np.zeros((len(columns), len(one)))
+        column = np.repeat(np.arange(len(one)), np.diff(some.indptr))
+        dense[inverse, column] = some.data / size[one][column]
+        r, pivot = qr(dense, mode="r", pivoting=True)
+        rank = np.count_nonzero(np.abs(np.diag(r)) > _DEPENDENT * abs(r[0, 0]))
+        found.append(one[pivot[:rank]])
+    return np.concatenate([np.zeros(0, dtype=np.int64), *found])
 
 
 def rigid_motions(space: Space) -> Any:
