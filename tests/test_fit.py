@@ -392,6 +392,23 @@ def test_too_few_points_are_told_and_fair():
         ls.fit(CUBE, points, smoothing=1e-4)
 
 
+def test_vertices_that_run_away_are_told_and_held():
+    """A closed cage folds onto a plane that is given alone, wherever its rim is."""
+    flat = np.random.default_rng(1).random((150, 3)) * [1, 1, 0] + [0, 0, 0.5]
+    with pytest.warns(UserWarning, match=r"ran away .* begin with a cage of their shape"):
+        found = ls.fit(CUBE, flat)
+    assert np.abs(found.mesh.points).max() < 4
+    assert found.rms < 1e-3
+    assert len(found.history) <= 51
+
+
+@pytest.mark.parametrize("onto", [[1, 0, 0], [1, 1e-14, 0], [1e200, 0, 0], [0, 0, 0]])
+def test_cages_on_a_line_are_refused(onto):
+    points = ls.sample(ls.LimitSurface(CUBE), 20, rng=1).point * max(1, onto[0])
+    with pytest.raises(ValueError, match="no extent: its vertices are all"):
+        ls.fit(CUBE.with_points(CORNERS * onto), points)
+
+
 def test_fairness_smooths():
     rng = np.random.default_rng(22)
     points = ls.sample(ls.LimitSurface(SHEET), 120, rng=23).point + 0.02 * rng.normal(size=(120, 3))

@@ -34,6 +34,7 @@ _GAIN = 0.8  # what a refinement must make of the error of a part to be followed
 _FAR = 20  # sizes, of the larger one, between the boxes of cage and points, that make no sense
 _SUPPORTED = 1e-12  # of the largest sum of squared weights: vertices with less are not seen
 _LARGEST = 1e300
+_THIN = 1e-12  # of its length, the width of a cage that is a line
 _SMOOTHING = 1e-6  # where points do not determine the cage
 
 
@@ -195,12 +196,14 @@ def fit(
         do not exist, unknown options, edges that the cage has not, a surface without limit faces,
         normals that all point to the other side;
         for points that are more than 20 sizes away from the cage, in which case units or axes
-        differ.
+        differ; for a cage whose vertices are all on one line.
 
     Warns
     -----
     UserWarning
-        Where the points do not determine the cage.
+        Where the points do not determine the cage: too few, none at some vertices, or such that
+        vertices run away, more than eight times as far from the middle of the points as these and
+        those of the given cage. Then the fit begins anew with a smoothing of 1e-6.
 
     Notes
     -----
@@ -371,9 +374,16 @@ def _run(surface: LimitSurface, target: Target, options: _Options) -> Fit:
     for level in range(_LEVELS + 1):
         problem = _problem(surface, target, options, frame, pinned)
         scaled = surface.with_points(frame.scaled(surface.points))
+        if not level:
+            _refuse_line(scaled)
         run = Steps(problem, scaled)
         _with_energy(run, surface, options)
+        if options.smoothing is not None:
+            run.reach = np.inf  # as was asked for
         rms, converged = run.to_end(options.steps, enough)
+        if run.ran_away:
+            run = _held(problem, scaled, options)
+            rms, converged = run.to_end(options.steps, enough)
         history += rms[level > 0 :]
         levels += [level] * (len(rms) - (level > 0))
         points = surface.points.copy()
@@ -463,6 +473,33 @@ def _with_energy(run: Steps, surface: LimitSurface, options: _Options) -> None:
             run.fading = _SMOOTHING * energy
         else:
             run.problem = replace(run.problem, energy=share * energy)
+
+
+def _held(problem: Problem, start: LimitSurface, options: _Options) -> Steps:
+    """The same from the start, with an energy that does not vanish."""
+    warnings.warn(
+        "vertices ran away to many times the size of points and cage: the points do not say where "
+        f"they are to be, as those of a plane do not of a closed cage; smoothing={_SMOOTHING:g} is "
+        "added; begin with a cage of their shape",
+        UserWarning,
+        stacklevel=users_level(),
+    )
+    share = _SMOOTHING / len(start.limit_faces)
+    run = Steps(replace(problem, energy=share * _energy(start, options.fairness)), start)
+    run.reach = np.inf
+    return run
+
+
+def _refuse_line(surface: LimitSurface) -> None:
+    """Refuse cages of which all vertices are on a line, or at one place."""
+    used = surface.points[surface.mesh.vertex_faces > 0]
+    sizes = np.linalg.svd(used - used.mean(axis=0), compute_uv=False)
+    if not sizes[1] > _THIN * sizes[0]:
+        where = "on one line" if sizes[0] else "at one place"
+        raise ValueError(
+            f"the surface of the cage has no extent: its vertices are all {where}, where no place "
+            "is nearer to a point than others; begin with a cage of about the shape of the points"
+        )
 
 
 def _energy(surface: LimitSurface, wanted: Energy | None) -> Any:
