@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from limitsurf import html
 from limitsurf.cad.fairness import Energy, checked_energy, refuse_rough
 from limitsurf.cad.fairness import fairness as energy_of
-from limitsurf.cad.feet import Feet
+from limitsurf.cad.feet import Feet, SharpEdges
 from limitsurf.cad.levenberg import LOSSES, Loss, Problem, Steps
 from limitsurf.cad.parts import Parts
-from limitsurf.cad.targets import Target
+from limitsurf.cad.targets import KINDS, Target
 from limitsurf.cage.checks import checked_integer, checked_number, users_level
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.protocol import threads
@@ -51,7 +51,7 @@ class Fit:
         Of this cage.
     history : (steps + 1,) float64
         Root of the mean square of the distances, as weights and loss count them, at the start and
-        after each step.
+        after each step; while creases go to sharp edges that were detected, with places on these.
     levels : (steps + 1,) int64
         How often the cage had been refined by then, at most.
     error : (n,) float64
@@ -143,7 +143,11 @@ def fit(
         to their like. "auto" knows them where `points` are a surface, and has none among points
         alone. "detect" takes points for boundary ones that have no neighbour in 160 degrees of the
         plane through their 24 nearest ones, which puts the boundary some quarter of the spacing of
-        the points too far inward. None has none. Without them boundaries follow points that lie
+        the points too far inward.
+        Sharp edges are found, too, where the cage has sharp creases: where normals of neighbours
+        are 30 degrees apart or more, or, if they are not given but estimated, 45, the planes of
+        both sides meet in one. Creases go there first, and from there on only the points count.
+        None has none. Without them boundaries follow points that lie
         beyond them, but do not shrink to points that end before; creases come to be where what
         lies on both sides of them meets.
     corners : mapping {vertex: (3,)}, optional
@@ -177,7 +181,8 @@ def fit(
         refined as a whole: a face split by itself would leave n-gons around it, each with a pole of
         its own, and another surface than before.
     max_iterations : int
-        Steps, at most, for each cage; where they were not enough, `converged` is False.
+        Steps, at most, for each cage, and as many before in which creases go to detected edges;
+        where they were not enough, `converged` is False.
     rng : None, int, Generator, ...
         Chance, for samples of a surface, as in `sample`.
     workers : int
@@ -371,11 +376,13 @@ def _run(surface: LimitSurface, target: Target, options: _Options) -> Fit:
     before = np.full(len(target.points), 1e300)
     enough = float(np.ldexp(options.tolerance, -frame.power))
     pinned = options.corners
+    _refuse_line(surface.with_points(frame.scaled(surface.points)))
+    if target.detect and len(SharpEdges(surface).of_kind(KINDS["crease"])):
+        surface, history = _drawn(surface, target, options, frame)
+        levels = [0] * len(history)
     for level in range(_LEVELS + 1):
         problem = _problem(surface, target, options, frame, pinned)
         scaled = surface.with_points(frame.scaled(surface.points))
-        if not level:
-            _refuse_line(scaled)
         run = Steps(problem, scaled)
         _with_energy(run, surface, options)
         if options.smoothing is not None:
@@ -460,11 +467,13 @@ def _problem(
     )  # fmt: skip
 
 
-def _with_energy(run: Steps, surface: LimitSurface, options: _Options) -> None:
+def _with_energy(
+    run: Steps, surface: LimitSurface, options: _Options, *, quiet: bool = False
+) -> None:
     """Add to what is minimized the energy that was asked for, or that it takes."""
     unseen, share = _unseen(run), options.smoothing
     fading = bool(unseen) and share is None
-    if unseen and not share:
+    if unseen and not share and not quiet:
         done = f"; smoothing={_SMOOTHING:g}, less as the error falls, is added" if fading else ""
         warnings.warn(f"{unseen}{done}", UserWarning, stacklevel=users_level())
     if share or fading:
@@ -473,6 +482,33 @@ def _with_energy(run: Steps, surface: LimitSurface, options: _Options) -> None:
             run.fading = _SMOOTHING * energy
         else:
             run.problem = replace(run.problem, energy=share * energy)
+
+
+def _drawn(
+    surface: LimitSurface, target: Target, options: _Options, frame: _Frame
+) -> tuple[LimitSurface, list[float]]:
+    """The cage with its creases near sharp edges of the points, and the course of that.
+
+    Places on these are known less well than points: from here on they do not count.
+    """
+    more = target.with_creases(frame.scaled(target.points))
+    if more is None:
+        return surface, []
+    unit = _Frame(np.zeros(3), 0)
+    problem = _problem(surface, more, options, unit, options.corners)
+    problem = replace(
+        problem,
+        scale=float(np.ldexp(options.scale, -frame.power)),
+        corners=(problem.corners[0], frame.scaled(options.corners[1])),
+    )
+    run = Steps(problem, surface.with_points(frame.scaled(surface.points)))
+    _with_energy(run, surface, options, quiet=True)
+    history, _ = run.to_end(options.steps, 0.0)
+    if run.ran_away:
+        return surface, []
+    points = surface.points.copy()
+    points[problem.free] = frame.back(run.state.surface.points[problem.free])
+    return surface.with_points(points), history[:-1]
 
 
 def _held(problem: Problem, start: LimitSurface, options: _Options) -> Steps:
