@@ -464,12 +464,12 @@ def test_too_few_points_are_told_and_fair():
 
 def test_vertices_that_run_away_are_told_and_held():
     """A closed cage folds onto a plane that is given alone, wherever its rim is."""
-    flat = np.random.default_rng(1).random((150, 3)) * [1, 1, 0] + [0, 0, 0.5]
+    flat = np.random.default_rng(1).random((60, 3)) * [1, 1, 0] + [0, 0, 0.5]
     with pytest.warns(UserWarning, match=r"ran away .* begin with a cage of their shape"):
-        found = ls.fit(CUBE, flat, max_iterations=12)
+        found = ls.fit(CUBE, flat, max_iterations=8)
     assert np.abs(found.mesh.points).max() < 4
     assert found.rms < 1e-3
-    assert len(found.history) <= 13
+    assert len(found.history) <= 9
 
 
 @pytest.mark.parametrize("onto", [[1, 0, 0], [1, 1e-14, 0], [1e200, 0, 0], [0, 0, 0]])
@@ -477,6 +477,19 @@ def test_cages_on_a_line_are_refused(onto):
     points = ls.sample(ls.LimitSurface(CUBE), 20, rng=1).point * max(1, onto[0])
     with pytest.raises(ValueError, match="no extent: its vertices are all"):
         ls.fit(CUBE.with_points(CORNERS * onto), points)
+
+
+def test_a_third_of_outliers_does_not_count():
+    """By Cauchy's loss and a scale of its own the others are met to rounding."""
+    rng = np.random.default_rng(6)
+    points = ls.sample(ls.LimitSurface(CUBE), 600, rng=5).point
+    bad = np.arange(600) < 180
+    points[bad] = rng.uniform(-0.2, 1.2, (180, 3))
+    found = ls.fit(moved(CUBE, 0.02), points, loss="cauchy")
+    assert found.converged
+    assert found.error[~bad].max() < 1e-10
+    assert np.median(found.error[bad]) > 0.1
+    assert ls.fit(moved(CUBE, 0.02), points, loss="huber").error[~bad].max() < 5e-3
 
 
 def test_fairness_smooths():
