@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import limitsurf as ls
+from limitsurf.cad.features import crease_points
 from limitsurf.cad.feet import SharpEdges, followed, sought
 from limitsurf.cad.gauss_newton import PAIRS, sums
 from limitsurf.cad.targets import Target, detected
@@ -205,6 +206,75 @@ def test_creases_go_to_creases():
     assert np.abs(found.mesh.points - CORNERS).max() < 1e-8
 
 
+def half_cylinder(n, rng):
+    """Points and normals of one of radius 1 and length 2, on the plane z = 0."""
+    share = np.array([2 * np.pi, 4, np.pi / 2, np.pi / 2])
+    wall, floor, *ends = rng.multinomial(n, share / share.sum())
+    a = np.pi * rng.random(wall)
+    turn = np.stack([np.cos(a), 0 * a, np.sin(a)], axis=1)
+    parts = [(turn + 2 * rng.random((wall, 1)) * [0, 1, 0], turn)]
+    flat = rng.random((floor, 3)) * [2, 2, 0] - [1, 0, 0]
+    parts.append((flat, np.tile([0.0, 0, -1], (floor, 1))))
+    for y, count in zip((0, 2), ends, strict=True):
+        a, r = np.pi * rng.random(count), np.sqrt(rng.random(count))
+        disc = np.stack([r * np.cos(a), np.full(count, y), r * np.sin(a)], axis=1)
+        parts.append((disc, np.tile([0.0, y - 1, 0], (count, 1))))
+    return tuple(map(np.concatenate, zip(*parts, strict=True)))
+
+
+def from_its_edges(x):
+    """Distances from the four edges of that part."""
+    radius = np.hypot(x[:, 0], x[:, 2])
+    ends = [np.abs(x[:, 1] - y) for y in (0, 2)]
+    sides = [np.hypot(x[:, 0] - s, x[:, 2]) for s in (-1, 1)]
+    around = [np.hypot(end, radius - 1) for end in ends]
+    across = [np.hypot(end, x[:, 2]) for end in ends]
+    return np.min([*sides, *around, *across], axis=0)
+
+
+@pytest.mark.parametrize(("given", "usual", "most"), [(True, 2e-3, 1e-2), (False, 6e-3, 0.1)])
+def test_sharp_edges_of_a_part_are_found(given, usual, most):
+    points, normals = half_cylinder(5000, np.random.default_rng(1))  # 0.05 apart
+    signs = np.random.default_rng(2).choice([-3.0, 2.0], (5000, 1))
+    found = crease_points(points, signs * normals if given else None)
+    off = from_its_edges(found)
+    assert len(found) > 600
+    assert np.median(off) < usual
+    assert off.max() < most
+    # and all along
+    for place in ([1, 1, 0], [-1, 0.5, 0], [0, 0, 1], [0.2, 2, 0], [0, 0, 0]):
+        assert np.linalg.norm(found - place, axis=1).min() < 0.1
+
+
+def test_what_is_smooth_or_thin_has_no_sharp_edges():
+    sphere = np.random.default_rng(3).normal(size=(4000, 3))
+    sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
+    flat = np.random.default_rng(4).random((600, 3)) * [1, 1, 0]
+    wall = np.concatenate([flat, flat[::-1] + np.array([0, 0, 1e-3])])
+    sides = np.repeat([[0, 0, -1.0], [0, 0, 1.0]], 600, axis=0)
+    assert not len(crease_points(sphere, sphere))
+    assert not len(crease_points(sphere, None))
+    assert not len(crease_points(wall, sides))
+    assert not len(crease_points(sphere[:5], None))
+    assert not len(crease_points(np.zeros((40, 3)), np.zeros((40, 3))))
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_creases_go_to_sharp_edges_that_are_found(given):
+    sharp = ls.Mesh(CORNERS - 0.5, QUADS, creases={tuple(e): 10.0 for e in CUBE.edges.tolist()})
+    scan = ls.sample(ls.LimitSurface(sharp), 600, rng=3)
+    c, s = np.cos(np.deg2rad(25)), np.sin(np.deg2rad(25))
+    start = sharp.with_points(1.1 * sharp.points @ [[c, s, 0], [-s, c, 0], [0, 0, 1]] + 0.05)
+    normals = scan.normal if given else None
+    found = ls.fit(start, scan.point, normals=normals, edges="detect")
+    # (what was detected does not stay in the result, nor among its errors)
+    assert found.error.shape == (600,)
+    assert len(found.history) == len(found.levels)
+    assert found.converged
+    assert found.error.max() < 1e-10
+    assert np.abs(np.abs(found.mesh.points) - 0.5).max() < 1e-8
+
+
 def test_nearest_places_on_edges_are_those_of_brute_force():
     surface = ls.LimitSurface(SHEET)
     edges = SharpEdges(surface)
@@ -392,15 +462,34 @@ def test_too_few_points_are_told_and_fair():
         ls.fit(CUBE, points, smoothing=1e-4)
 
 
-def test_vertices_that_stray_are_told():
-    """A plane says of a cube that it is flat, and not how large."""
-    plane = np.c_[np.random.default_rng(0).random((400, 2)), np.full(400, 0.5)]
-    with pytest.warns(UserWarning, match=r"vertices are far from the points.*smoothing=1e-6"):
-        ls.fit(CUBE, plane)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        found = ls.fit(CUBE, plane, smoothing=1e-6)
-    assert np.abs(found.mesh.points).max() < 10
+def test_vertices_that_run_away_are_told_and_held():
+    """A closed cage folds onto a plane that is given alone, wherever its rim is."""
+    flat = np.random.default_rng(1).random((60, 3)) * [1, 1, 0] + [0, 0, 0.5]
+    with pytest.warns(UserWarning, match=r"ran away .* begin with a cage of their shape"):
+        found = ls.fit(CUBE, flat, max_iterations=8)
+    assert np.abs(found.mesh.points).max() < 4
+    assert found.rms < 1e-3
+    assert len(found.history) <= 9
+
+
+@pytest.mark.parametrize("onto", [[1, 0, 0], [1, 1e-14, 0], [1e200, 0, 0], [0, 0, 0]])
+def test_cages_on_a_line_are_refused(onto):
+    points = ls.sample(ls.LimitSurface(CUBE), 20, rng=1).point * max(1, onto[0])
+    with pytest.raises(ValueError, match="no extent: its vertices are all"):
+        ls.fit(CUBE.with_points(CORNERS * onto), points)
+
+
+def test_a_third_of_outliers_does_not_count():
+    """By Cauchy's loss and a scale of its own the others are met to rounding."""
+    rng = np.random.default_rng(6)
+    points = ls.sample(ls.LimitSurface(CUBE), 600, rng=5).point
+    bad = np.arange(600) < 180
+    points[bad] = rng.uniform(-0.2, 1.2, (180, 3))
+    found = ls.fit(moved(CUBE, 0.02), points, loss="cauchy")
+    assert found.converged
+    assert found.error[~bad].max() < 1e-10
+    assert np.median(found.error[bad]) > 0.1
+    assert ls.fit(moved(CUBE, 0.02), points, loss="huber").error[~bad].max() < 5e-3
 
 
 def test_fairness_smooths():

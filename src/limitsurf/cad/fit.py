@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from limitsurf import html
 from limitsurf.cad.fairness import Energy, checked_energy, refuse_rough
 from limitsurf.cad.fairness import fairness as energy_of
-from limitsurf.cad.feet import Feet
+from limitsurf.cad.feet import Feet, SharpEdges
 from limitsurf.cad.levenberg import LOSSES, Loss, Problem, Steps
 from limitsurf.cad.parts import Parts
-from limitsurf.cad.targets import Target
+from limitsurf.cad.targets import KINDS, Target
 from limitsurf.cage.checks import checked_integer, checked_number, users_level
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.protocol import threads
@@ -34,7 +34,7 @@ _GAIN = 0.8  # what a refinement must make of the error of a part to be followed
 _FAR = 20  # sizes, of the larger one, between the boxes of cage and points, that make no sense
 _SUPPORTED = 1e-12  # of the largest sum of squared weights: vertices with less are not seen
 _LARGEST = 1e300
-_STRAY = 10  # sizes of the points
+_THIN = 1e-12  # of its length, the width of a cage that is a line
 _SMOOTHING = 1e-6  # where points do not determine the cage
 
 
@@ -51,7 +51,7 @@ class Fit:
         Of this cage.
     history : (steps + 1,) float64
         Root of the mean square of the distances, as weights and loss count them, at the start and
-        after each step.
+        after each step; while creases go to sharp edges that were detected, with places on these.
     levels : (steps + 1,) int64
         How often the cage had been refined by then, at most.
     error : (n,) float64
@@ -143,7 +143,11 @@ def fit(
         to their like. "auto" knows them where `points` are a surface, and has none among points
         alone. "detect" takes points for boundary ones that have no neighbour in 160 degrees of the
         plane through their 24 nearest ones, which puts the boundary some quarter of the spacing of
-        the points too far inward. None has none. Without them boundaries follow points that lie
+        the points too far inward.
+        Sharp edges are found, too, where the cage has sharp creases: where normals of neighbours
+        are 30 degrees apart or more, or, if they are not given but estimated, 45, the planes of
+        both sides meet in one. Creases go there first, and from there on only the points count.
+        None has none. Without them boundaries follow points that lie
         beyond them, but do not shrink to points that end before; creases come to be where what
         lies on both sides of them meets.
     corners : mapping {vertex: (3,)}, optional
@@ -177,7 +181,8 @@ def fit(
         refined as a whole: a face split by itself would leave n-gons around it, each with a pole of
         its own, and another surface than before.
     max_iterations : int
-        Steps, at most, for each cage; where they were not enough, `converged` is False.
+        Steps, at most, for each cage, and as many before in which creases go to detected edges;
+        where they were not enough, `converged` is False.
     rng : None, int, Generator, ...
         Chance, for samples of a surface, as in `sample`.
     workers : int
@@ -196,12 +201,14 @@ def fit(
         do not exist, unknown options, edges that the cage has not, a surface without limit faces,
         normals that all point to the other side;
         for points that are more than 20 sizes away from the cage, in which case units or axes
-        differ.
+        differ; for a cage whose vertices are all on one line.
 
     Warns
     -----
     UserWarning
-        Where the points do not determine the cage, before, or, by vertices far off, afterwards.
+        Where the points do not determine the cage: too few, none at some vertices, or such that
+        vertices run away, more than eight times as far from the middle of the points as these and
+        those of the given cage. Then the fit begins anew with a smoothing of 1e-6.
 
     Notes
     -----
@@ -369,12 +376,21 @@ def _run(surface: LimitSurface, target: Target, options: _Options) -> Fit:
     before = np.full(len(target.points), 1e300)
     enough = float(np.ldexp(options.tolerance, -frame.power))
     pinned = options.corners
+    _refuse_line(surface.with_points(frame.scaled(surface.points)))
+    if target.detect and len(SharpEdges(surface).of_kind(KINDS["crease"])):
+        surface, history = _drawn(surface, target, options, frame)
+        levels = [0] * len(history)
     for level in range(_LEVELS + 1):
         problem = _problem(surface, target, options, frame, pinned)
         scaled = surface.with_points(frame.scaled(surface.points))
         run = Steps(problem, scaled)
         _with_energy(run, surface, options)
+        if options.smoothing is not None:
+            run.reach = np.inf  # as was asked for
         rms, converged = run.to_end(options.steps, enough)
+        if run.ran_away:
+            run = _held(problem, scaled, options)
+            rms, converged = run.to_end(options.steps, enough)
         history += rms[level > 0 :]
         levels += [level] * (len(rms) - (level > 0))
         points = surface.points.copy()
@@ -451,11 +467,13 @@ def _problem(
     )  # fmt: skip
 
 
-def _with_energy(run: Steps, surface: LimitSurface, options: _Options) -> None:
+def _with_energy(
+    run: Steps, surface: LimitSurface, options: _Options, *, quiet: bool = False
+) -> None:
     """Add to what is minimized the energy that was asked for, or that it takes."""
     unseen, share = _unseen(run), options.smoothing
     fading = bool(unseen) and share is None
-    if unseen and not share:
+    if unseen and not share and not quiet:
         done = f"; smoothing={_SMOOTHING:g}, less as the error falls, is added" if fading else ""
         warnings.warn(f"{unseen}{done}", UserWarning, stacklevel=users_level())
     if share or fading:
@@ -464,6 +482,60 @@ def _with_energy(run: Steps, surface: LimitSurface, options: _Options) -> None:
             run.fading = _SMOOTHING * energy
         else:
             run.problem = replace(run.problem, energy=share * energy)
+
+
+def _drawn(
+    surface: LimitSurface, target: Target, options: _Options, frame: _Frame
+) -> tuple[LimitSurface, list[float]]:
+    """The cage with its creases near sharp edges of the points, and the course of that.
+
+    Places on these are known less well than points: from here on they do not count.
+    """
+    more = target.with_creases(frame.scaled(target.points))
+    if more is None:
+        return surface, []
+    unit = _Frame(np.zeros(3), 0)
+    problem = _problem(surface, more, options, unit, options.corners)
+    problem = replace(
+        problem,
+        scale=float(np.ldexp(options.scale, -frame.power)),
+        corners=(problem.corners[0], frame.scaled(options.corners[1])),
+    )
+    run = Steps(problem, surface.with_points(frame.scaled(surface.points)))
+    _with_energy(run, surface, options, quiet=True)
+    history, _ = run.to_end(options.steps, 0.0)
+    if run.ran_away:
+        return surface, []
+    points = surface.points.copy()
+    points[problem.free] = frame.back(run.state.surface.points[problem.free])
+    return surface.with_points(points), history[:-1]
+
+
+def _held(problem: Problem, start: LimitSurface, options: _Options) -> Steps:
+    """The same from the start, with an energy that does not vanish."""
+    warnings.warn(
+        "vertices ran away to many times the size of points and cage: the points do not say where "
+        f"they are to be, as those of a plane do not of a closed cage; smoothing={_SMOOTHING:g} is "
+        "added; begin with a cage of their shape",
+        UserWarning,
+        stacklevel=users_level(),
+    )
+    share = _SMOOTHING / len(start.limit_faces)
+    run = Steps(replace(problem, energy=share * _energy(start, options.fairness)), start)
+    run.reach = np.inf
+    return run
+
+
+def _refuse_line(surface: LimitSurface) -> None:
+    """Refuse cages of which all vertices are on a line, or at one place."""
+    used = surface.points[surface.mesh.vertex_faces > 0]
+    sizes = np.linalg.svd(used - used.mean(axis=0), compute_uv=False)
+    if not sizes[1] > _THIN * sizes[0]:
+        where = "on one line" if sizes[0] else "at one place"
+        raise ValueError(
+            f"the surface of the cage has no extent: its vertices are all {where}, where no place "
+            "is nearer to a point than others; begin with a cage of about the shape of the points"
+        )
 
 
 def _energy(surface: LimitSurface, wanted: Energy | None) -> Any:
@@ -538,20 +610,6 @@ def _same_places(
     return np.flatnonzero(new.mesh.vertex_faces > 0)[near], pinned[1]
 
 
-def _tell_strays(surface: LimitSurface) -> None:
-    """Warn of vertices far beyond the points, whose extent is 1 or less."""
-    largest = np.abs(surface.points).max(axis=1) * (surface.mesh.vertex_faces > 0)
-    strays = np.flatnonzero(largest > _STRAY)
-    if len(strays):
-        worst = int(largest.argmax())
-        warnings.warn(
-            f"{len(strays)} of {surface.mesh.n_vertices} vertices are far from the points, vertex "
-            f"{worst} by {largest[worst]:.3g} times their size: the points do not say where they "
-            "are to be; give smoothing=1e-6, say, or a cage with fewer vertices",
-            UserWarning, stacklevel=users_level(),
-        )  # fmt: skip
-
-
 def _record(
     surface: LimitSurface,
     given: Array,
@@ -568,7 +626,6 @@ def _record(
     error[known] = np.ldexp(run.state.distance, frame.power)
     face[known], u[known], v[known] = feet.face, feet.u, feet.v
     mesh = surface.mesh
-    _tell_strays(run.state.surface)
     return Fit(
         mesh, surface, np.ldexp(np.array(history), frame.power), np.array(levels), error, face, u,
         v, given, converged,

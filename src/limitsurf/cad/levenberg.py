@@ -34,6 +34,7 @@ _TURN = 0.75  # of a step: a second one that is longer is none
 _FADING, _LITTLE = 1e-6, 1e-8  # mean squares up to which such energies fade, and what is left
 _GAINED = 1e-3  # of the sum of squares: less is nothing
 _MAD = 1.4826  # standard deviations of a normal distribution in a median of distances
+_AWAY = 8.0  # sizes of points and cage, from which on vertices have run away
 _ON, _BOUNDARY, _CREASE = 0, 1, 2
 
 
@@ -128,6 +129,7 @@ class Steps:
     def __init__(self, problem: Problem, surface: LimitSurface) -> None:
         self.problem = problem
         self.fading: Any = None  # an energy that is to vanish with the error
+        self.reach = _AWAY * max(1.0, float(np.abs(surface.points[problem.free]).max()))
         self.edges = SharpEdges(surface) if problem.kinds.any() else None
         self.state = self._at(surface, None)
         self.scale = self._scale()
@@ -210,6 +212,11 @@ class Steps:
     def rms(self) -> float:
         """Root of the mean square, as the loss counts it."""
         return float(np.sqrt(max(self.data(self.state) / max(self.counted.sum(), 1e-300), 0)))
+
+    @property
+    def ran_away(self) -> bool:
+        """Whether vertices are so far off that the points cannot be why."""
+        return bool(np.abs(self.state.surface.points[self.problem.free]).max() > self.reach)
 
     # ------------------------------------------------------------------ a step
 
@@ -295,6 +302,9 @@ class Steps:
     def to_end(self, steps: int, enough: float) -> tuple[list[float], bool]:
         """Steps until nothing is gained, the rms is below `enough`, or there were so many.
 
+        Or until vertices have run away, which costs time, too: nearest places are hard to find on
+        a surface that is folded onto itself.
+
         Returns the rms before and after each step, and whether it ended before it had to.
         """
         history, damping = [self.rms], _DAMPING
@@ -305,6 +315,8 @@ class Steps:
             if moved:
                 self.renew()
                 history.append(self.rms)
+                if self.ran_away:
+                    return history, False
             converged = self._done(enough)
             if not converged and (not moved or gained <= _GAINED * before):
                 # what feet say that were followed may not be all

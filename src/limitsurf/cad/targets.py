@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.cad.features import crease_points
 from limitsurf.cad.feet import SharpEdges
 from limitsurf.cage.mesh import Mesh
 from limitsurf.fem.checks import reals
@@ -35,6 +36,7 @@ class Target:
     kinds: Array
 
     told: bool  # whether somebody said on which edges points are
+    detect: bool = False  # whether sharp edges of the points are to be found
 
     @classmethod
     def of(cls, points: Any, normals: Any, weights: Any, edges: Any, rng: Any) -> Target:
@@ -79,6 +81,7 @@ class Target:
             normals,
             _kinds(found, finite, edges),
             not isinstance(edges, str),
+            isinstance(edges, str) and edges == "detect",
         )
 
     @classmethod
@@ -112,6 +115,24 @@ class Target:
             weights=None if self.weights is None else self.weights[which],
             normals=None if self.normals is None else self.normals[which],
             kinds=self.kinds[which],
+        )
+
+    def with_creases(self, scaled: Array) -> Target | None:
+        """With places on sharp edges of the points added; None if there are none.
+
+        `scaled` (n, 3) are the points at about unit size, which the places are in, too.
+        """
+        found = crease_points(scaled, self.normals)
+        m = len(found)
+        if not m:
+            return None
+        weights, normals = self.weights, self.normals
+        return replace(
+            self,
+            points=np.concatenate([scaled, found]),
+            weights=None if weights is None else np.append(weights, np.full(m, weights.mean())),
+            normals=None if normals is None else np.concatenate([normals, np.zeros((m, 3))]),
+            kinds=np.append(self.kinds, np.full(m, KINDS["crease"])),
         )
 
     def on_edges_of(self, surface: LimitSurface) -> Target:

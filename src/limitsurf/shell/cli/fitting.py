@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 @click.option("--scale", type=float, metavar="D", help="From which distance on a loss counts less.")
 @click.option("--fairness", type=click.Choice(ENERGIES), help="Which energy smooths; plates.")
 @click.option("--smoothing", type=click.FloatRange(0), metavar="W", help="How much; 0, if it can.")
-@click.option("--detect", is_flag=True, help="Keep the boundary of the cage to that of the points.")
+@click.option("--detect", is_flag=True, help="Keep boundary and creases to the points'.")
 @click.option(
     "--max-iterations", type=click.IntRange(0), default=50, show_default=True, help="Steps."
 )
