@@ -1593,6 +1593,9 @@ def test_scenes_become_one_mesh(tmp_path):
         volume = np.linalg.det(triangles).sum() / 6
         assert np.isclose(volume, 1 + 8)
         assert np.isclose(mesh.points.max(), 6)
+        assert np.array_equal(
+            mesh.face_data["object"] == "b", mesh.points[mesh.uniform][:, :, 0].min(axis=1) > 2
+        )
 
 
 def test_trimesh_of_a_tessellation():
