@@ -100,7 +100,7 @@ def check_form(text):
     ids=lambda page: str(page.relative_to(ROOT)),
 )
 def test_every_block_runs(page, tmp_path, monkeypatch, capsys):
-    for name in ("cage.obj", "box.msh"):
+    for name in ("cage.obj", "box.msh", "blender.usda", "blender.obj", "blender.glb"):
         shutil.copy(SITE / name, tmp_path)
     monkeypatch.chdir(tmp_path)
     parser, runner = doctest.DocTestParser(), doctest.DocTestRunner(optionflags=CHECKED)

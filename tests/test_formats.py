@@ -1593,6 +1593,44 @@ def test_scenes_become_one_mesh(tmp_path):
         volume = np.linalg.det(triangles).sum() / 6
         assert np.isclose(volume, 1 + 8)
         assert np.isclose(mesh.points.max(), 6)
+        assert np.array_equal(
+            mesh.face_data["object"] == "b", mesh.points[mesh.uniform][:, :, 0].min(axis=1) > 2
+        )
+
+
+BLENDER = Path(__file__).parents[1] / "notebooks" / "site"
+
+
+def test_blender_draws_the_limit_of_what_it_exports():
+    """Vertices that Blender 4.2 made of two cages, and their export to USD, as the page says."""
+    pytest.importorskip("pxr")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        cage = ls.read(BLENDER / "blender.usda")
+        made = ls.read(Path(__file__).parent / "blender.ply")
+    assert any("cornerSharpnesses: got 4, need 1" in str(x.message) for x in caught)
+    assert (cage.n_faces, made.n_faces, made.n_vertices) == (14, 240, 244)
+    edges, c = cage.creases
+    corner = int(np.flatnonzero((cage.points == -1).all(axis=1))[0])
+    sharpness = np.where(c < 10, 10 * c**2, c)
+    tags = {"corners": {corner: 10}, "boundary": "edge_only"}
+    meant = ls.Mesh(cage.points, cage.faces, creases=(edges, sharpness), **tags)
+    found = ls.closest_point(ls.LimitSurface(meant), made.points)
+    assert np.abs(found.distance).max() < 1e-6
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".obj", ".glb"])
+def test_exports_of_blender_keep_names(suffix):
+    pytest.importorskip({".usda": "pxr", ".glb": "trimesh"}.get(suffix, "numpy"))
+    with warnings.catch_warnings(action="ignore"):
+        cage = ls.read(BLENDER / f"blender{suffix}")
+    assert cage.is_closed
+    assert cage.n_vertices == 8 + 12
+    prism = ls.selected(cage, {"object": "Prism"})
+    assert prism.n_vertices == 12
+    top = ls.selected(prism, {"material": "Brass"})
+    upward = 1 if cage.up is None or cage.up == "y" else 2
+    assert np.allclose(top.points[:, upward], top.points[0, upward])
 
 
 def test_trimesh_of_a_tessellation():

@@ -61,7 +61,7 @@ def read(
     ``.msh``                    triangles, quadrilaterals, names of groups (Gmsh)      nothing
     ``.stl``                    triangles                                              ``[formats]``
     ``.vtp .vtu .vtk``          polygons, strips, "uv" (of points), data of cells      ``[plot]``
-    ``.glb .gltf``              triangles, "uv", transforms                            ``[formats]``
+    ``.glb .gltf``              triangles, "uv", transforms, names                     ``[formats]``
     ``.dae``                    polygons, "uv", transforms, names of objects           ``[formats]``
     ``.3mf``                    triangles, transforms                                  ``[formats]``
     ``.3dm``                    SubD objects with creases and corners, meshes          ``[rhino]``

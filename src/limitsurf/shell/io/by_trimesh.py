@@ -39,7 +39,8 @@ def from_trimesh(mesh: Any, *, merge: Merge = None, **tags: Any) -> Mesh:
     mesh : trimesh.Trimesh or trimesh.Scene
         The objects of a scene become one mesh, each where its transforms put it; their point
         clouds and curves are ignored. Texture coordinates are the channel "uv", NaN in objects
-        without.
+        without. Names of several objects, and of several materials, are data of faces, "object"
+        and "material".
     merge : bool or float, optional
         Whether points of equal coordinates, or no farther apart than a number, become one, as they
         should where they are repeated along seams; trimesh itself merges most of them unless it is
@@ -123,6 +124,7 @@ def _of_trimesh(mesh: Any, losses: Losses, *, merge: bool, **tags: Any) -> Mesh:
         placed = [(mesh, np.eye(4))]
     elif isinstance(mesh, trimesh.Scene):
         placed = _placed(mesh)
+        tags["face_data"] = _names_of_faces(mesh) | (tags.get("face_data") or {})
     else:
         raise TypeError(f"need a trimesh.Trimesh or Scene, got {type(mesh).__name__}")
     points, faces, textures, rows = _soup(placed, losses)
@@ -140,9 +142,36 @@ def _of_trimesh(mesh: Any, losses: Losses, *, merge: bool, **tags: Any) -> Mesh:
 
 def _placed(scene: Any) -> list[tuple[Any, NDArray[Any]]]:
     """The meshes of a scene, each with the matrix (4, 4) that puts it into its place."""
-    nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
-    placed = [(scene.geometry[name], np.asarray(matrix)) for matrix, name in nodes]
-    return [(part, matrix) for part, matrix in placed if isinstance(part, _trimesh().Trimesh)]
+    nodes = [scene.graph[node] for node in _nodes(scene)]
+    return [(scene.geometry[name], np.asarray(matrix)) for matrix, name in nodes]
+
+
+def _nodes(scene: Any) -> list[str]:
+    """The nodes of a scene that are meshes."""
+    kind = _trimesh().Trimesh
+    nodes = scene.graph.nodes_geometry
+    return [node for node in nodes if isinstance(scene.geometry[scene.graph[node][1]], kind)]
+
+
+def _names_of_faces(scene: Any) -> dict[str, NDArray[Any]]:
+    """The object and the material of each face, by name, where there are several of either."""
+    parents, nodes = scene.graph.transforms.parents, _nodes(scene)
+    parts = [scene.geometry[scene.graph[node][1]] for node in nodes]
+    objects = []
+    for node in map(str, nodes):
+        parent = str(parents.get(node, ""))
+        # a node of several materials has a child for each, named with six random digits
+        child = re.fullmatch(re.escape(parent) + "_[0-9a-f]{6}", node) if parent else None
+        objects.append(parent if child else node)
+    visuals = [getattr(part.visual, "material", None) for part in parts]
+    materials = [str(getattr(visual, "name", None) or "") for visual in visuals]
+    found = {"object": objects, "material": materials}
+    counts = [len(part.faces) for part in parts]
+    return {
+        name: np.repeat(np.array(names), counts)
+        for name, names in found.items()
+        if len(set(names)) > 1
+    }
 
 
 def _soup(
@@ -328,8 +357,6 @@ def _scene_others(scene: Any) -> list[str]:
         elif getattr(getattr(visual, "material", None), "name", None):
             said["materials"] = None
         said |= dict.fromkeys(getattr(part, "vertex_attributes", ()))
-    if len(scene.geometry) > 1:
-        said["names of objects"] = None
     return list(said)
 
 

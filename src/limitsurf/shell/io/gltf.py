@@ -272,7 +272,6 @@ def others(data: bytes) -> tuple[list[str], list[str]]:
         others += [name for name in ("animations", "skins", "cameras") if found.get(name)]
         plain = [{"pbrMetallicRoughness": {}}, {}, {"name": "material_0"}]
         others += ["materials"] if any(x not in plain for x in found.get("materials", ())) else []
-        others += ["names of objects"] if len(found["meshes"]) > 1 else []
         return others, list(_damage(found, primitives))
     except BROKEN:
         return [], []  # trimesh has read it all the same

@@ -372,9 +372,12 @@ def _resolved(
 
     And which of them are of nothing.
     """
-    counted = np.cumsum(file.kind == kind)  # (S,)
-    resolved = np.where(given < 0, counted[statement] + given, given - 1)
-    return resolved, (resolved < 0) | (resolved >= counted[-1])
+    resolved, count = given - 1, np.count_nonzero(file.kind == kind)
+    backwards = np.flatnonzero(given < 0)
+    if len(backwards):
+        counted = np.cumsum(file.kind == kind)  # (S,)
+        resolved[backwards] = counted[statement[backwards]] + given[backwards]
+    return resolved, (resolved < 0) | (resolved >= count)
 
 
 def _out_of_range(file: Statements, given: IntArray, statement: IntArray, kind: int, i: int) -> str:
@@ -393,6 +396,8 @@ def _texture(
     has_uv: NDArray[np.bool_],
 ) -> tuple[NDArray[np.float64], IntArray]:
     """Texture coordinates (k, 2), and of each corner (H,) the row, or -1 without one."""
+    if not (file.kind == TEXTURE).any() and not has_uv.any():
+        return np.zeros((0, 2)), np.full(len(given), -1)
     try:
         values = _coordinates(file, TEXTURE, 2, {})
     except MeshError as error:

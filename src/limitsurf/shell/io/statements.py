@@ -17,6 +17,7 @@ from limitsurf.shell.io.polygons import IntArray
 # kinds of statements, of OBJ files
 VERTEX, TEXTURE, FACE, TAG, OTHER = range(5)
 _PART = 1 << 18  # bytes
+_WORDS = 1 << 14  # words whose arrays stay in a cache of the processor
 
 
 class Statements:
@@ -39,9 +40,11 @@ class Statements:
         data = b"".join([b" " * digits.PADDING, data, b"\n" * digits.PADDING])
         self.text = np.frombuffer(data, dtype=np.uint8)
         words = _changes(self.text).reshape(-1, 2)
-        starts, self.end = words[:, 0].copy(), words[:, 1].copy()  # (W,) of each word
+        self.start = np.full(len(words) + 1, len(self.text))  # (W + 1,) first byte of each word
+        self.start[:-1] = words[:, 0]
+        self.end, starts = words[:, 1].copy(), self.start[:-1]  # (W,) of each word
+        del words
         first = np.flatnonzero(self._begins_line(starts))
-        self.start = np.append(starts, len(self.text))  # (W + 1,) first byte of each word
         self.first = np.append(first, len(starts))  # (S + 1,) first word of each statement
         self.n_words = np.diff(self.first)  # (S,)
         self.head = starts[first]  # (S,) first byte of each keyword
@@ -56,12 +59,16 @@ class Statements:
     def _begins_line(self, starts: IntArray) -> NDArray[np.bool_]:
         """Which words have the end of a line between them and the word before."""
         newline = np.uint8(ord("\n"))
-        found: NDArray[np.bool_] = self.text[starts - 1] == newline
-        found[1:] |= self.text[self.end[:-1]] == newline
-        found[:1] = True
+        found, apart = np.ones(len(starts), dtype=bool), []
+        for i in range(1, len(starts), _WORDS):  # of the first word it is known
+            start = starts[i : i + _WORDS]
+            end = self.end[i - 1 : i - 1 + len(start)]
+            begins = self.text.take(start - 1) == newline
+            begins |= self.text.take(end) == newline
+            found[i : i + _WORDS] = begins
+            apart.append(np.flatnonzero((start - end > 2) & ~begins) + i)
         # the end of a line may have white space on both sides
-        wide = np.flatnonzero(~found)
-        wide = wide[starts[wide] - self.end[wide - 1] > 2]
+        wide = np.concatenate(apart) if apart else np.zeros(0, np.int64)
         if len(wide):
             lines = np.flatnonzero(self.text == newline)
             before, after = (np.searchsorted(lines, x) for x in (self.end[wide - 1], starts[wide]))

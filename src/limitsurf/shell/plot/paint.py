@@ -233,7 +233,9 @@ def explained(image: Image, scene: Scene) -> Image:
     if scene.dots:
         legends.append(legend(scene.dots, image.shape[0], scene.look.ink))
     # the ground is dithered
-    busy = np.any(np.abs(image.astype(int) - image[:, :1]) > 4, axis=2) if legends else None
+    ground = image[:, :1]
+    apart = np.maximum(image, ground) - np.minimum(image, ground) if legends else None
+    busy = None if apart is None else np.any(apart > 4, axis=2)
     gap = round(GAP * image.shape[0])
     for shown in legends:
         assert busy is not None
