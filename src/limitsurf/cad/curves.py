@@ -434,6 +434,11 @@ def _curve(line: Array, closed: bool, tolerance: float | None, angle: float) -> 
         knots.append(np.full(_DEGREE, start))
     knots.append(np.full(1, start))
     deviation = max(one.deviation for one in parts)
+    if np.frexp(start)[1] + power > np.finfo(float).maxexp:
+        raise ValueError(
+            f"a curve is {start:.3g} times 2 ** {power} long, which float64 cannot hold: scale it "
+            "down"
+        )
     return _Spline(
         np.ldexp(np.concatenate(knots), power),
         np.ldexp(np.concatenate(points), power) + middle,
