@@ -333,6 +333,8 @@ PLACE = {"places": ([0], [0.5], [0.5])}
         ({"vertices": [0.5]}, ValueError, "vertices must be numbers"),
         ({"vertices": [True]}, ValueError, r"\(8,\) booleans"),
         ({"vertices": []}, ValueError, "there is no point"),
+        ({"vertices": [], "points": CUBE.points[:0]}, ValueError, "there is no point"),
+        ({"points": CUBE.points * 1.7e308}, ValueError, "too near the end of float64"),
         ({"points": CUBE.points[:2], "vertices": [3, 3]}, ValueError, "points 0 and 1 are both of"),
         (PLACE, ValueError, "places need points"),
         ({"points": [[0, 0, 0]], "vertices": [0], **PLACE}, ValueError, "not both"),
@@ -384,3 +386,18 @@ def test_sizes_and_places_in_space_do_not_matter():
             assert found.residual < rounding
             expected = scale * ls.interpolate(mesh, refine=refine).mesh.points + shift
             assert np.abs(found.mesh.points - expected).max() < 1e-6 * scale * size_of(mesh)
+
+
+@pytest.mark.parametrize("power", [-1000, -600, 600, 1000])
+def test_errors_and_angles_of_any_size(power):
+    mesh = ls.Mesh(*zoo.prism(5))
+    normals = np.full((10, 3), np.nan)
+    normals[3] = mesh.points[3] + [0, 0, -0.5]
+    given = mesh.with_points(mesh.points * 2.0**power)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = ls.interpolate(given, normals=normals, refine=True)
+    assert found.residual < 1e-14
+    assert found.normal_errors[3] < 1e-12
+    soft = [ls.interpolate(x, weights=1.0).errors for x in (mesh, given)]
+    assert np.abs(soft[1] * 2.0**-power - soft[0]).max() < 1e-10

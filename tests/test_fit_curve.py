@@ -160,6 +160,7 @@ def test_repeated_points_and_noise():
         (ValueError, r"shape \(n, d\)", [1.0, 2.0], {}),
         (ValueError, "one d", [CIRCLE, np.zeros((4, 3))], {}),
         (TypeError, "real numbers", CIRCLE * 1j, {}),
+        (ValueError, "float64 cannot hold", CIRCLE * 1e308, {"closed": True}),
         (ValueError, "tolerance must be", CIRCLE, {"tolerance": 0}),
         (ValueError, "corner_angle must be", CIRCLE, {"corner_angle": 180}),
         (ValueError, "closed must be one for each of 1", CIRCLE, {"closed": [True, False]}),

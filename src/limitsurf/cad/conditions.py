@@ -210,13 +210,22 @@ class Conditions:
     def errors(self, found: Array) -> tuple[Array, Array]:
         """Distances of limits from points, and angles to normals, (m,) each."""
         asked = self.asked
-        away = np.linalg.norm(self.limits @ found - (asked.points - self.centre), axis=1)
+        away = _lengths(self.limits @ found - (asked.points - self.centre))
         angles = np.full(len(away), np.nan)
         if self.coupled:
-            first, second = np.split(self.tangents @ found, 2)
+            tangents = self.tangents @ found
+            largest = np.abs(tangents).max(axis=1, keepdims=True)
+            first, second = np.split(tangents / np.where(largest > 0, largest, 1), 2)
             cross, normal = np.cross(first, second), asked.normals[self.turned]
             size = np.linalg.norm(cross, axis=1)
             across = np.linalg.norm(np.cross(cross, normal), axis=1)
             angle = np.arctan2(across, (cross * normal).sum(axis=1))
             angles[self.turned] = np.where(size > 0, angle, np.nan)
         return away, angles
+
+
+def _lengths(vectors: Array) -> Array:
+    """Lengths (m,) of vectors (m, d), of any size."""
+    largest = np.abs(vectors).max(axis=1, initial=0)
+    scaled = vectors / np.where(largest > 0, largest, 1)[:, None]
+    return np.asarray(largest * np.sqrt((scaled**2).sum(axis=1)))

@@ -434,6 +434,11 @@ def _curve(line: Array, closed: bool, tolerance: float | None, angle: float) -> 
         knots.append(np.full(_DEGREE, start))
     knots.append(np.full(1, start))
     deviation = max(one.deviation for one in parts)
+    if np.frexp(start)[1] + power > np.finfo(float).maxexp:
+        raise ValueError(
+            f"a curve is {start:.3g} times 2 ** {power} long, which float64 cannot hold: scale it "
+            "down"
+        )
     return _Spline(
         np.ldexp(np.concatenate(knots), power),
         np.ldexp(np.concatenate(points), power) + middle,
@@ -465,6 +470,10 @@ class _Piece:
 
     def within(self, most: float) -> _Spline:
         """A spline that is at most so far from each point."""
+        if len(self._points) == 2:  # noise is corners throughout: as many of these as points
+            knots = np.repeat([0.0, self._length], _DEGREE + 1)
+            share = np.linspace(0, 1, _DEGREE + 1)[:, None]
+            return _Spline(knots, (1 - share) * self._points[0] + share * self._points[1], 0.0)
         spans = _PERIODS if self._closed else 1
         if len(self._points) <= max(spans, _DEGREE):
             return self._through()

@@ -138,11 +138,22 @@ def wanted(
         flat[use],
         unit[use],
         pull[use],
-        float(np.ptp(np.concatenate([own, flat]), axis=0).max(initial=0)),
+        _extent(np.concatenate([own, flat])),
         kept,
         np.flatnonzero(use),
         m,
     )
+
+
+def _extent(points: Array) -> float:
+    """The longest edge of the box of points (n, d), whose coordinates are finite."""
+    half = float((points.max(axis=0) / 2 - points.min(axis=0) / 2).max(initial=0))
+    if half > np.finfo(float).max / 2**8:
+        raise ValueError(
+            f"points and cage are twice {half:.3g} across, too near the end of float64: scale them "
+            "down"
+        )
+    return 2 * half
 
 
 def _parts_with(surface: LimitSurface, face: Array) -> Array:
@@ -189,7 +200,7 @@ def _finite(name: str, given: ArrayLike, shape: tuple[int, ...]) -> Array:
         raise TypeError(f"{name} must be real numbers, float64, got an array of {found.dtype}")
     if found.shape != shape:
         raise ValueError(f"{name} must be of shape {shape}, one for each place, got {found.shape}")
-    flat = found.reshape(len(found), -1).astype(float)
+    flat = found.reshape(len(found), int(np.prod(shape[1:]))).astype(float)
     bad = np.flatnonzero(~np.isfinite(flat).all(axis=1))
     if len(bad):
         raise ValueError(f"{name}: number {bad[0]} (and {len(bad) - 1} more) is not finite")

@@ -35,8 +35,11 @@ def minimum(form: Any, load: Array, rows: Any, targets: Array) -> Array:
     from scipy.sparse import block_array, eye_array
 
     n, m = form.shape[0], rows.shape[0]
+    # multipliers are as large as these over d, which must not overflow
+    power = int(np.frexp(max(np.abs(x).max(initial=0) for x in (load, targets)))[1])
+    load, targets = np.ldexp(load, -power), np.ldexp(targets, -power)
     if not m:
-        return np.asarray(forms.factors(form).solve(load))
+        return np.asarray(np.ldexp(forms.factors(form).solve(load), power))
     relaxed = -_RELAXED * eye_array(m)
     factors = forms.factors(block_array([[form, rows.T], [rows, relaxed]], format="csc"))
     total, best, least = np.zeros((n + m, *load.shape[1:])), None, np.inf
@@ -53,7 +56,7 @@ def minimum(form: Any, load: Array, rows: Any, targets: Array) -> Array:
         best, least = x.copy(), size
         total = total + factors.solve(left)
     assert best is not None
-    return np.asarray(best)
+    return np.asarray(np.ldexp(best, power))
 
 
 def square(rows: Any) -> tuple[Callable[[Array], Array] | None, float]:
