@@ -390,6 +390,7 @@ REFUSED = {
     "endless": (at_five(lambda N: itertools.repeat(F(1))), r"must be 3 Fractions"),
     "too few": (at_five(lambda N: (F(1, 2), F(1, 10))), r"must be 3 Fractions"),
     "sum": (at_five(lambda N: (F(1, 2), F(1, 5), F(1, 5))), r"sums to 5/2, not to 1"),
+    "huge": (at_five(lambda N: (F(10**400), F(0), F(1 - 10**400, 5))), r".*larger than 1e100"),
     "changes": (at_five(changing()), r"is \(.*\), but was \(.*\) when it was asked before"),
 }  # fmt: skip
 
@@ -456,6 +457,7 @@ def test_dual_masks_that_are_none_are_refused():
         "sum": ((F(1), quarter, quarter), r".* of sum 1, got .* of sum 3/2"),
         "skew": ((F(1, 2), F(1, 2), F(0)), r"is not symmetric"),
         "nan": ((F(1), F(0), sympy.nan), r".*weight 2 is of type NaN"),
+        "huge": ((F(1 - 2 * 10**400), F(10**400), F(10**400)), r".*larger than 1e100"),
     }
     cube = ls.Mesh(
         [[x, y, z] for x in (0.0, 1) for y in (0, 1) for z in (0, 1)],

@@ -21,6 +21,8 @@ from limitsurf.scheme.spline import Spline
 Weight: TypeAlias = Any
 Weights: TypeAlias = tuple[Weight, ...]
 
+_LARGEST = 10**100  # a weight beyond has no limit, and products of such leave float64
+
 _SHOWN = 16  # most weights of a mask in an error
 
 _reserved: set[str] = set()
@@ -123,7 +125,8 @@ def shown(weights: Any) -> str:
     if not isinstance(weights, tuple):
         return f"{weights!r:.200}"
     more = f", ... {len(weights)} in all" if len(weights) > _SHOWN else ""
-    return f"({', '.join(map(str, weights[:_SHOWN]))}{more})"
+    texts = (text if len(text) < 100 else f"{text[:97]}..." for text in map(str, weights[:_SHOWN]))
+    return f"({', '.join(texts)}{more})"
 
 
 def advice_on(weight: Any, algebraic: bool) -> str:
@@ -135,7 +138,14 @@ def advice_on(weight: Any, algebraic: bool) -> str:
         near = Fraction(float(weight)).limit_denominator(1000)
         like = f"Fraction({near.numerator}, {near.denominator})"
         return f"the float {float(weight)!r}, need {need}, such as {like}"
+    if isinstance(weight, (Fraction, int)) and too_large(weight):
+        return "larger than 1e100; with such weights nothing converges"
     return f"of type {type(weight).__name__}, need {need}"
+
+
+def too_large(weight: Any) -> bool:
+    """Whether an exact number is one that no weight can be."""
+    return bool(abs(weight) > _LARGEST)
 
 
 def travels(function: Any) -> bool:

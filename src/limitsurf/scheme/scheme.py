@@ -42,6 +42,7 @@ from limitsurf.scheme.masks import (
     regular_masks,
     regular_shape,
     shown,
+    too_large,
     travels,
 )
 from limitsurf.scheme.sector import KINDS, Sector
@@ -109,8 +110,8 @@ class Scheme:
         is not symmetric, or changes from call to call; when the masks of a regular vertex are not
         those of the `spline`; and, as `UnsupportedSpectrum` where a smooth vertex or a dart of so
         many faces is first used, when refinement there does not converge (an eigenvalue other than
-        1 has modulus 1 or more) or, at a smooth vertex, what outweighs all else is complex or
-        negative. Errors name scheme, mask, valence, what was found and what is needed.
+        1 has modulus 1 or more) or, at a smooth vertex, the pair that outweighs all else is complex
+        or negative. Errors name scheme, mask, valence, what was found and what is needed.
 
     Warns
     -----
@@ -460,10 +461,10 @@ def _made_of_algebraic(number: Any) -> bool:
 
 
 def is_exact(weight: Any) -> bool:
-    """Whether it is a Fraction, an integer or a real algebraic number of sympy."""
+    """Whether it is a Fraction, an integer or a real algebraic number of sympy, not too large."""
     if isinstance(weight, (Fraction, int)):
-        return not isinstance(weight, bool)
-    return _is_algebraic(weight)
+        return not isinstance(weight, bool) and not too_large(weight)
+    return _is_algebraic(weight) and not too_large(weight)
 
 
 def _equal(one: Weight, other: Weight) -> bool:
