@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
+from numbers import Integral
 from typing import Any, TypeAlias
 
 from limitsurf.scheme.lattice import Lattice
@@ -94,11 +95,16 @@ class Still:
         return self.weights
 
 
-def as_mask(mask: Any, regular: int, own: Weights) -> Any:
+def as_mask(name: str, mask: Any, regular: int, own: Weights) -> Any:
     """A function, of a mapping; which knows what is regular, if nothing else is said of that."""
     if not isinstance(mask, Mapping):
         return mask
-    every: Mapping[int, Any] = {regular: own, **mask}
+    for n in mask:
+        if isinstance(n, bool) or not isinstance(n, Integral):
+            raise ValueError(
+                f"scheme {name!r}: keys of a mapping are valences, which are integers, got {n!r}"
+            )
+    every: Mapping[int, Any] = {regular: own, **{int(n): w for n, w in mask.items()}}
     return MaskValues(tuple(((n,), as_tuple(w)) for n, w in every.items()))
 
 
@@ -174,6 +180,14 @@ def regular_shape(
 ) -> tuple[Lattice, Spline]:
     """The lattice and the spline that are meant, of those that are known by name."""
     lattices = {found.name: found for found, _ in known.values()}
+    for what, value, kind, names in (
+        ("lattice", lattice, Lattice, lattices),
+        ("spline", spline, Spline, known),
+    ):
+        if value is not None and not isinstance(value, (str, kind)):
+            raise ValueError(
+                f"scheme {name!r}: {what} must be one of {', '.join(names)}, got {value!r}"
+            )
     if isinstance(spline, str):
         if spline not in known:
             raise ValueError(

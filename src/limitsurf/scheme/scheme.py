@@ -183,9 +183,9 @@ class Scheme:
             )
         masks = {
             "name": checked_name(name),
-            "face": as_mask(face, found.face_size, own_face),
+            "face": as_mask(name, face, found.face_size, own_face),
             "edge": own_edge if edge is None else edge,
-            "vertex": as_mask(vertex, found.valence, own_vertex),
+            "vertex": as_mask(name, vertex, found.valence, own_vertex),
             "boundary_edge": half if boundary_edge is None else boundary_edge,
             "boundary_vertex": curve if boundary_vertex is None else boundary_vertex,
             "paper": paper,
@@ -193,6 +193,10 @@ class Scheme:
             "lattice": found,
             "spline": piece,
         }
+        if smooth_triangle is not None and not isinstance(smooth_triangle, (Fraction, int)):
+            raise ValueError(
+                f"scheme {name!r}: smooth_triangle is {advice_on(smooth_triangle, False)}"
+            )
         self.__dict__.update(masks)
         self.__post_init__()
 
