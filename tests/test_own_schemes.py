@@ -532,6 +532,19 @@ def test_what_is_not_c1_is_said_once_and_has_no_normals(monkeypatch):
         ls.LimitSurface(mesh, scheme=scheme).normal(0, 0, 0)
 
 
+def test_refined_meshes_of_dual_masks_have_no_limits_that_surfaces_lack(monkeypatch):
+    monkeypatch.setattr(cache, "_warned", set())
+    mesh = ls.Mesh(np.eye(4)[:, :3], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    flat = ls.DualScheme("flat", corner={3: (F(1, 3),) * 3})
+    with pytest.warns(UserWarning, match=r"corner\(3\) decides \(see limitsurf.DualScheme\)"):
+        assert np.isnan(ls.refined(mesh, 0, scheme=flat).limit_normals).all()
+    assert np.isfinite(ls.refined(mesh, 0, scheme=flat).limit_points).all()
+    wild = ls.DualScheme("wild", corner={3: (F(2), F(-1, 2), F(-1, 2))})
+    for what in ("limit_points", "limit_normals"):
+        with pytest.raises(UnsupportedSpectrum, match=r"'wild': .* valence 3: .*, 2\.5; .*corner"):
+            getattr(ls.refined(mesh, 0, scheme=wild), what)
+
+
 # --- elsewhere ------------------------------------------------------------------------------------
 
 
