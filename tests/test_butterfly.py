@@ -425,6 +425,28 @@ def test_odd_cages_are_their_refinements(scheme, faces):
     assert np.abs(found - fine.points[used]).max() < 1e-14
 
 
+@pytest.mark.parametrize("N", range(2, 51))
+def test_masks_of_every_valence_are_those_of_the_papers(N):
+    mask = ls.schemes["modified-butterfly"].spoke_mask(N)
+    if N in (2, 6):  # edges there are like others
+        assert mask is None
+        return
+    needed = [0.75, *map(float, oracles_butterfly.ring_weights(N))]
+    assert np.abs(np.array(mask, dtype=float) - needed).max() < 1e-16
+
+
+@schemes
+def test_vertices_amid_two_faces_have_no_mask_of_their_own(scheme):
+    """Each edge of two triangles back to back: 1/2 - 1/8 of each end, 1/4 of the third corner."""
+    points = np.random.default_rng(7).random((3, 3))
+    fine = ls.refined(ls.Mesh(points, [[0, 1, 2], [2, 1, 0]]), 1, scheme=scheme)
+    needed = [3 / 8 * (p + q) + o / 4 for p, q, o in points[[[0, 1, 2], [1, 2, 0], [2, 0, 1]]]]
+    found = sorted(fine.points[3:].tolist())
+    assert np.abs(np.array(found) - np.array(sorted(x.tolist() for x in needed))).max() < 1e-15
+    surface = ls.LimitSurface(ls.Mesh(points, [[0, 1, 2], [2, 1, 0]]), scheme=scheme)
+    assert np.isnan(surface.normal(0, 0.0, 0.0)).all()
+
+
 @pytest.mark.parametrize(
     ("spokes", "text"),
     [

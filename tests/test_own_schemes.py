@@ -390,6 +390,7 @@ REFUSED = {
     "endless": (at_five(lambda N: itertools.repeat(F(1))), r"must be 3 Fractions"),
     "too few": (at_five(lambda N: (F(1, 2), F(1, 10))), r"must be 3 Fractions"),
     "sum": (at_five(lambda N: (F(1, 2), F(1, 5), F(1, 5))), r"sums to 5/2, not to 1"),
+    "huge": (at_five(lambda N: (F(10**400), F(0), F(1 - 10**400, 5))), r".*larger than 1e100"),
     "changes": (at_five(changing()), r"is \(.*\), but was \(.*\) when it was asked before"),
 }  # fmt: skip
 
@@ -437,6 +438,10 @@ def test_faces_have_no_first_corner():
         ({"vertex": None}, r"'own': vertex is missing: a function .*\(vertex, neighbour, face"),
         ({"lattice": "hexagons"}, "lattice must be one of quads, triangles, got 'hexagons'"),
         ({"spline": "sextic"}, "spline must be one of bicubic, .*, got 'sextic'"),
+        ({"lattice": 4}, "'own': lattice must be one of quads, triangles, got 4"),
+        ({"spline": 3}, "'own': spline must be one of bicubic, .*, got 3"),
+        ({"vertex": {"5": (F(1), F(0), F(0))}}, "'own': keys .* are integers, got '5'"),
+        ({"smooth_triangle": 0.3}, r"'own': smooth_triangle is the float 0\.3, need a Fraction"),
         ({"lattice": "triangles", "spline": "bicubic"}, "no bicubic B-spline of triangles"),
         ({"vertex": {4: (F(1, 3), F(1, 12), F(1, 12))}}, r"vertex\(4\) sums to 1, not|vertex\(4\)"),
         ({"edge": (F(1, 2), F(0))}, r"edge is \(1/2, 0\), but the bicubic B-spline needs"),
@@ -456,6 +461,7 @@ def test_dual_masks_that_are_none_are_refused():
         "sum": ((F(1), quarter, quarter), r".* of sum 1, got .* of sum 3/2"),
         "skew": ((F(1, 2), F(1, 2), F(0)), r"is not symmetric"),
         "nan": ((F(1), F(0), sympy.nan), r".*weight 2 is of type NaN"),
+        "huge": ((F(1 - 2 * 10**400), F(10**400), F(10**400)), r".*larger than 1e100"),
     }
     cube = ls.Mesh(
         [[x, y, z] for x in (0.0, 1) for y in (0, 1) for z in (0, 1)],
@@ -524,6 +530,19 @@ def test_what_is_not_c1_is_said_once_and_has_no_normals(monkeypatch):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         ls.LimitSurface(mesh, scheme=scheme).normal(0, 0, 0)
+
+
+def test_refined_meshes_of_dual_masks_have_no_limits_that_surfaces_lack(monkeypatch):
+    monkeypatch.setattr(cache, "_warned", set())
+    mesh = ls.Mesh(np.eye(4)[:, :3], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    flat = ls.DualScheme("flat", corner={3: (F(1, 3),) * 3})
+    with pytest.warns(UserWarning, match=r"corner\(3\) decides \(see limitsurf.DualScheme\)"):
+        assert np.isnan(ls.refined(mesh, 0, scheme=flat).limit_normals).all()
+    assert np.isfinite(ls.refined(mesh, 0, scheme=flat).limit_points).all()
+    wild = ls.DualScheme("wild", corner={3: (F(2), F(-1, 2), F(-1, 2))})
+    for what in ("limit_points", "limit_normals"):
+        with pytest.raises(UnsupportedSpectrum, match=r"'wild': .* valence 3: .*, 2\.5; .*corner"):
+            getattr(ls.refined(mesh, 0, scheme=wild), what)
 
 
 # --- elsewhere ------------------------------------------------------------------------------------

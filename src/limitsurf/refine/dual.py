@@ -18,7 +18,7 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import numbers
+from limitsurf import numbers, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
 from limitsurf.cage.checks import MeshError
@@ -306,6 +306,7 @@ def limits(mesh: Mesh, rules: Rules, points: Array) -> Array:
     fine = refined_points(step, rules, points)
     first = around[fans]
     counts = np.diff(np.append(fans, len(around)))
+    _smooth(rules, counts)
     steps = fine[around] - np.repeat(fine[first], counts, axis=0)
     number = numbers.type_of(points)
     mean = np.add.reduceat(steps, fans, axis=0) / number.array(counts)[:, None]
@@ -334,11 +335,27 @@ def limit_normals(mesh: Mesh, rules: Rules, points: Array, rounded: bool) -> Arr
         ]
         bound = kernels.NOISE * noise[:, None]
         found = kernels.unit_normals(waves[0], waves[1], (bound, bound))
-        found[counts < 3] = np.nan
+        found[(counts < 3) | ~_smooth(rules, counts)] = np.nan
         result[which] = found
     found = result[step.fans.fan]
     found[np.isin(mesh.corner_face, mesh.holes)] = np.nan
     return found
+
+
+def _smooth(rules: Rules, counts: Array) -> Array:
+    """Whether there are tangent planes amid so many points; masks without a limit are refused.
+
+    Masks that scale all but the slowest waves alike have both: of others their spectrum tells.
+    """
+    scheme: Any = rules.scheme
+    if scheme.waves is not None:
+        return np.ones(len(counts), dtype=bool)
+    several, where = np.unique(counts, return_inverse=True)
+    planes = [
+        n < 3 or tables.eigen_table(scheme, scheme.sector("interior", n)).normal.size
+        for n in several.tolist()
+    ]
+    return np.array(planes, dtype=bool)[where]
 
 
 def _around(step: Step) -> tuple[Array, Array, Array]:

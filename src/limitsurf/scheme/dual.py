@@ -140,7 +140,7 @@ class DualScheme(Scheme):
         found, piece = regular_shape(name, lattice, spline, _SPLINES)
         masks = {
             "name": checked_name(name),
-            "corner": as_mask(corner, 4, _regular_mask(found, piece)),
+            "corner": as_mask(name, corner, 4, _regular_mask(found, piece)),
             "paper": paper,
             "lattice": found,
             "spline": piece,

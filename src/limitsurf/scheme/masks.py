@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
+from numbers import Integral
 from typing import Any, TypeAlias
 
 from limitsurf.scheme.lattice import Lattice
@@ -20,6 +21,8 @@ from limitsurf.scheme.spline import Spline
 # a Fraction, or an algebraic number of sympy
 Weight: TypeAlias = Any
 Weights: TypeAlias = tuple[Weight, ...]
+
+_LARGEST = 10**100  # a weight beyond has no limit, and products of such leave float64
 
 _SHOWN = 16  # most weights of a mask in an error
 
@@ -92,11 +95,16 @@ class Still:
         return self.weights
 
 
-def as_mask(mask: Any, regular: int, own: Weights) -> Any:
+def as_mask(name: str, mask: Any, regular: int, own: Weights) -> Any:
     """A function, of a mapping; which knows what is regular, if nothing else is said of that."""
     if not isinstance(mask, Mapping):
         return mask
-    every: Mapping[int, Any] = {regular: own, **mask}
+    for n in mask:
+        if isinstance(n, bool) or not isinstance(n, Integral):
+            raise ValueError(
+                f"scheme {name!r}: keys of a mapping are valences, which are integers, got {n!r}"
+            )
+    every: Mapping[int, Any] = {regular: own, **{int(n): w for n, w in mask.items()}}
     return MaskValues(tuple(((n,), as_tuple(w)) for n, w in every.items()))
 
 
@@ -123,7 +131,8 @@ def shown(weights: Any) -> str:
     if not isinstance(weights, tuple):
         return f"{weights!r:.200}"
     more = f", ... {len(weights)} in all" if len(weights) > _SHOWN else ""
-    return f"({', '.join(map(str, weights[:_SHOWN]))}{more})"
+    texts = (text if len(text) < 100 else f"{text[:97]}..." for text in map(str, weights[:_SHOWN]))
+    return f"({', '.join(texts)}{more})"
 
 
 def advice_on(weight: Any, algebraic: bool) -> str:
@@ -135,7 +144,14 @@ def advice_on(weight: Any, algebraic: bool) -> str:
         near = Fraction(float(weight)).limit_denominator(1000)
         like = f"Fraction({near.numerator}, {near.denominator})"
         return f"the float {float(weight)!r}, need {need}, such as {like}"
+    if isinstance(weight, (Fraction, int)) and too_large(weight):
+        return "larger than 1e100; with such weights nothing converges"
     return f"of type {type(weight).__name__}, need {need}"
+
+
+def too_large(weight: Any) -> bool:
+    """Whether an exact number is one that no weight can be."""
+    return bool(abs(weight) > _LARGEST)
 
 
 def travels(function: Any) -> bool:
@@ -164,6 +180,14 @@ def regular_shape(
 ) -> tuple[Lattice, Spline]:
     """The lattice and the spline that are meant, of those that are known by name."""
     lattices = {found.name: found for found, _ in known.values()}
+    for what, value, kind, names in (
+        ("lattice", lattice, Lattice, lattices),
+        ("spline", spline, Spline, known),
+    ):
+        if value is not None and not isinstance(value, (str, kind)):
+            raise ValueError(
+                f"scheme {name!r}: {what} must be one of {', '.join(names)}, got {value!r}"
+            )
     if isinstance(spline, str):
         if spline not in known:
             raise ValueError(

@@ -42,6 +42,7 @@ from limitsurf.scheme.masks import (
     regular_masks,
     regular_shape,
     shown,
+    too_large,
     travels,
 )
 from limitsurf.scheme.sector import KINDS, Sector
@@ -109,8 +110,8 @@ class Scheme:
         is not symmetric, or changes from call to call; when the masks of a regular vertex are not
         those of the `spline`; and, as `UnsupportedSpectrum` where a smooth vertex or a dart of so
         many faces is first used, when refinement there does not converge (an eigenvalue other than
-        1 has modulus 1 or more) or, at a smooth vertex, what outweighs all else is complex or
-        negative. Errors name scheme, mask, valence, what was found and what is needed.
+        1 has modulus 1 or more) or, at a smooth vertex, the pair that outweighs all else is complex
+        or negative. Errors name scheme, mask, valence, what was found and what is needed.
 
     Warns
     -----
@@ -182,9 +183,9 @@ class Scheme:
             )
         masks = {
             "name": checked_name(name),
-            "face": as_mask(face, found.face_size, own_face),
+            "face": as_mask(name, face, found.face_size, own_face),
             "edge": own_edge if edge is None else edge,
-            "vertex": as_mask(vertex, found.valence, own_vertex),
+            "vertex": as_mask(name, vertex, found.valence, own_vertex),
             "boundary_edge": half if boundary_edge is None else boundary_edge,
             "boundary_vertex": curve if boundary_vertex is None else boundary_vertex,
             "paper": paper,
@@ -192,6 +193,10 @@ class Scheme:
             "lattice": found,
             "spline": piece,
         }
+        if smooth_triangle is not None and not isinstance(smooth_triangle, (Fraction, int)):
+            raise ValueError(
+                f"scheme {name!r}: smooth_triangle is {advice_on(smooth_triangle, False)}"
+            )
         self.__dict__.update(masks)
         self.__post_init__()
 
@@ -460,10 +465,10 @@ def _made_of_algebraic(number: Any) -> bool:
 
 
 def is_exact(weight: Any) -> bool:
-    """Whether it is a Fraction, an integer or a real algebraic number of sympy."""
+    """Whether it is a Fraction, an integer or a real algebraic number of sympy, not too large."""
     if isinstance(weight, (Fraction, int)):
-        return not isinstance(weight, bool)
-    return _is_algebraic(weight)
+        return not isinstance(weight, bool) and not too_large(weight)
+    return _is_algebraic(weight) and not too_large(weight)
 
 
 def _equal(one: Weight, other: Weight) -> bool:

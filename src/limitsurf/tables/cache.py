@@ -93,10 +93,11 @@ def warn_once(scheme: Scheme, sector: Sector) -> None:
     own = sector.takes_vertex_mask and scheme not in SCHEMES.values()
     if own and ring not in _warned:
         _warned.add(ring)
+        mask = "corner" if scheme.lattice.dual else "vertex"
         warnings.warn(
             f"scheme {scheme.name!r} converges at {sector.place}, but has no tangent plane there: "
             f"its surfaces are not C1, and normals at these vertices are NaN; "
-            f"vertex({sector.faces}) decides (see limitsurf.Scheme)",
+            f"{mask}({sector.faces}) decides (see limitsurf.{type(scheme).__name__})",
             UserWarning,
             stacklevel=users_level(),
         )
