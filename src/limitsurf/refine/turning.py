@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import numbers, tables
+from limitsurf import _kernels, numbers, tables
 from limitsurf._kernels import reference as kernels
-from limitsurf.cage.connectivity import Connectivity
+from limitsurf.cage.connectivity import Connectivity, read_only
 from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
 from limitsurf.options import Rules
@@ -191,6 +191,14 @@ def refined(
 ) -> tuple[Array, Any]:
     """Points (n, d) after so many steps, and their operator, if that so far is given."""
     number = numbers.type_of(points)
+    corners = steps[0].mesh.n_corners * sum(3**level for level in range(levels))
+    if total is None and not number.exact and _kernels.compiled(corners, 10):
+        points = read_only(points)
+        for level in range(levels):
+            step = steps[level // 2]
+            take = step.second_points if level % 2 else step.first_points
+            points = take(rules, points)
+        return points, None
     for level in range(levels):
         matrix = operator(steps[level // 2], bool(level % 2), rules, number)
         points = np.asarray(matrix @ points)
