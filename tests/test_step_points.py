@@ -72,3 +72,14 @@ def test_kernels_find_the_mesh_and_points_that_numpy_finds(scheme, name):
         for one, other in zip(*(x[:3] for x in found), strict=True):
             assert (one == other).all()
         assert np.abs(found[0][3] - found[1][3]).max() < 2e-15
+
+
+@pytest.mark.parametrize("scheme", ["butterfly", "modified-butterfly", "sqrt3"])
+def test_faces_with_a_vertex_twice_are_refined_alike(scheme):
+    faces, found = [[0, 1, 2], [0, 2, 2], [2, 1, 3]], []
+    for how in ("reference", "compiled"):
+        with _kernels.chosen(how):
+            mesh = ls.Mesh(np.arange(12.0).reshape(4, 3) ** 2, faces)
+            found.append(ls.refined(mesh, 2, scheme=scheme))
+    assert (found[0].indices == found[1].indices).all()
+    assert np.abs(found[0].points - found[1].points).max() < 1e-13
