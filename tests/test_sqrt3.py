@@ -6,6 +6,7 @@ import pickle
 from dataclasses import replace
 from fractions import Fraction as F
 from pathlib import Path
+from types import SimpleNamespace
 
 import mpmath
 import numpy as np
@@ -123,13 +124,87 @@ def test_vertices_are_where_their_parents_are(name, levels):
     assert (again.limit_points == fine.limit_points).all()
 
 
-def test_faces_keep_their_data_and_holes_and_names_of_channels_are_told():
+def with_islands(name, islands, mode):
+    """A cage with a channel that has seams around some faces, and what the channel is cut into."""
+    points, faces = CAGES[name]
+    corners, values = np.array(faces), [np.sin(3 * points[:, :2] + points[:, 1:])]
+    for k, island in enumerate(islands):
+        corners[island] += (k + 1) * len(points)
+        values.append(values[0] * (k + 2) + 0.5)
+    channels = {"uv": (np.concatenate(values), corners.ravel(), mode)}
+    kept, cut = np.unique(corners, return_inverse=True)
+    mesh = ls.Mesh(points, faces, channels=channels, scheme="sqrt3")
+    return mesh, np.concatenate(values)[kept], cut.reshape(-1, 3).tolist()
+
+
+@pytest.mark.parametrize("mode", ["none", "corners_only"])
+def test_channels_are_refined_like_meshes_cut_along_seams(mode):
+    """Islands of one face and of four, whose corners in a single face stay or not."""
+    mesh, values, faces = with_islands("open_5", [[0], [4, 8, 12, 16]], mode)
+    alone = np.flatnonzero(np.bincount(np.ravel(faces)) == 1).tolist()
+    assert len(alone) == 5
+    fixed = alone if mode == "corners_only" else ()
+    naive = oracle.refined(long_points(values), faces, 2, cosine, fixed)
+    found, corners, kept = ls.refined(mesh, 2).channels["uv"]
+    assert kept == mode
+    fine = SimpleNamespace(points=found, n_vertices=len(found), faces=corners.reshape(-1, 3))
+    assert_same_mesh(fine, *naive)
+    deep = ls.refined(mesh, 4).channels["uv"][0]
+    assert len(deep) == len(oracle.refined(long_points(values), faces, 4, cosine, fixed)[0])
+
+
+def test_channels_keep_to_the_faces_that_they_are_on():
+    """The limit of a refined mesh is that of the cage, at places inside of each of nine parts."""
+    mesh, _, _ = with_islands("open_5", [[0, 4, 8], [9], [18, 19]], "none")
+    thirds = [[(0, 0), (1, 0), (0, 1)], [(3, 0), (2, 1), (2, 0)], [(0, 3), (0, 2), (1, 2)]]
+    thirds += [[(1, 0), (2, 0), (1, 1)], [(2, 1), (1, 2), (1, 1)], [(0, 2), (0, 1), (1, 1)]]
+    thirds += [[(1, 0), (1, 1), (0, 1)], [(2, 1), (1, 1), (2, 0)], [(0, 2), (1, 1), (1, 2)]]
+    weights = np.array([0.5, 0.3, 0.2])
+    place = np.einsum("k,jkd->jd", weights, np.array(thirds)) / 3
+    fine = ls.refined(mesh, 2)
+    face = np.arange(9 * mesh.n_faces)
+    found = ls.LimitSurface(fine).evaluate(face, 0.3, 0.2, channel="uv")
+    at = face // 9, *place[face % 9].T
+    assert np.abs(found - ls.LimitSurface(mesh).evaluate(*at, channel="uv")).max() < 1e-13
+    again = ls.LimitSurface(pickle.loads(pickle.dumps(fine)))
+    assert (again.evaluate(face, 0.3, 0.2, channel="uv") == found).all()
+
+
+def test_channels_that_have_no_seams_are_refined_like_points():
+    points, faces = CAGES["sphere_9"]
+    split = np.ravel(faces) + len(points) * (np.arange(3 * len(faces)) < 3)
+    channels = {
+        "same": (points, np.ravel(faces), "none"),
+        "cut": (np.vstack([points, points]), split, "none"),
+        "other": (points, np.ravel(faces), "corners_plus1"),
+    }
+    mesh = ls.Mesh(points, faces, channels=channels, scheme="sqrt3")
+    for levels in range(1, 4):
+        with pytest.warns(UserWarning, match="channels are left out") as told:
+            fine = ls.refined(mesh, levels)
+        assert (fine.channels["same"][0] == fine.points).all()
+        assert ("cut" in fine.channels) == (levels % 2 == 0)
+        whats = sorted(str(one.message) for one in told)
+        assert "('other'): scheme 'sqrt3' has no rule for how they are interp" in whats[-1]
+        if levels % 2:
+            assert "('cut'): scheme 'sqrt3' makes faces across edges, on both sides" in whats[0]
+        assert len(told) == 1 + levels % 2
+        assert told[0].filename == __file__
+    assert list(ls.refined(mesh, 0).channels) == list(channels)
+    five = [[1, 2, 3], [1, 3, 4], [1, 4, 5], [1, 5, 6], [1, 6, 2]]
+    exact = {"x": ([[F(1)]] * 7, np.ravel(five), "none")}
+    mesh = ls.Mesh([[0.0]] * 7, five, channels=exact)
+    with pytest.raises(TypeError, match="channel 'x' has exact values, and a valence at which"):
+        ls.refined(mesh, scheme="sqrt3")
+
+
+def test_faces_keep_their_data_and_holes_and_channels():
     points, faces = OPEN
     uv = points[:, :2], np.ravel(faces), "corners_only"
     mesh = ls.Mesh(points, faces, holes=[3], face_data={"part": np.arange(20)}, channels={"uv": uv})
     for levels, each in ((1, 3), (2, 9), (3, 27)):
-        with pytest.warns(UserWarning, match="channels are left out .'uv'.: scheme 'sqrt3'"):
-            fine = ls.refined(mesh, levels, scheme="sqrt3")
+        fine = ls.refined(mesh, levels, scheme="sqrt3")
+        assert np.abs(fine.channels["uv"][0] - fine.points[:, :2]).max() < 1e-15
         assert (fine.face_data["part"] == np.repeat(np.arange(20), each)).all()
         assert fine.holes.tolist() == list(range(3 * each, 4 * each))
     surface = ls.LimitSurface(mesh, scheme="sqrt3")

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from limitsurf import numbers, tables
 from limitsurf._kernels.rationals import Digits, integers
 from limitsurf.caching import cached_property
+from limitsurf.cage.checks import INTERPOLATION
 from limitsurf.cage.connectivity import Connectivity, read_only
 from limitsurf.cage.mesh import Mesh, kept, valid_mesh
 from limitsurf.rules import CORNER, SMOOTH, Rationals, RuledMesh, Rules, Sharpness, numbered
@@ -64,10 +65,9 @@ class ChannelMesh(RuledMesh):
             listed = ", ".join(map(repr, mesh.channels)) or "none"
             raise ValueError(f"the mesh has no channel {name!r}; it has {listed}")
         rows, corner_rows, mode = mesh.channels[name]
-        # schemes without rules for sharp edges whose curves do not keep their points
         dual = rules.scheme.lattice.dual or rules.scheme.turns_edges
-        known = tuple(_DUAL_BOUNDARY) if dual else _KEPT
-        if (dual or not rules.scheme.has_pieces) and mode not in known:
+        if not knows_mode(rules, mode):
+            known = _known_modes(rules)
             raise ValueError(
                 f"scheme {rules.scheme.name!r} has no rule for channel {name!r}, which is "
                 f"interpolated as {mode!r}: it knows {', '.join(map(repr, known))}; "
@@ -111,6 +111,18 @@ class ChannelMesh(RuledMesh):
         result.holes = read_only(holes)
         result.base, result.rules, result.origin = self.base, self.rules, (sharpness, coarser)
         return result
+
+
+def knows_mode(rules: Rules, mode: str) -> bool:
+    """Whether a scheme has rules for channels that are interpolated like this."""
+    return mode in _known_modes(rules)
+
+
+def _known_modes(rules: Rules) -> tuple[str, ...]:
+    # schemes without rules for sharp edges whose curves do not keep their points
+    if rules.scheme.lattice.dual or rules.scheme.turns_edges:
+        return tuple(_DUAL_BOUNDARY)
+    return INTERPOLATION if rules.scheme.has_pieces else _KEPT
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,6 +75,8 @@ def compile_kinds(kinds: tuple[str, ...]) -> None:
             _search()
         if kind == _kernels.STEPWISE:
             _step()
+        if kind == _kernels.MESHES:
+            _use_steps()
         for scheme in SCHEMES.with_pieces.values():
             shape = _kernels.shape(scheme.spline.directions)
             if kind == _kernels.MESHES and not scheme.lattice.dual:  # they need no others
@@ -96,6 +98,16 @@ def _use_meshes(scheme: Scheme) -> None:
                 found.limit_points, found.limit_normals, found.edges  # noqa: B018
             refined(mesh.with_points(mesh.points[:, 0])).limit_points  # noqa: B018
             LimitSurface(mesh, scheme=scheme, engine="compiled").of_channel("uv")
+
+
+def _use_steps() -> None:
+    """What is done with meshes by schemes without polynomial pieces alone."""
+    mesh = _samples(SCHEMES.with_pieces["loop"])[0]
+    with _kernels.chosen("compiled"):
+        for scheme in SCHEMES.values():
+            if not scheme.has_pieces:
+                for points in (mesh.points, mesh.points[:, 0]):
+                    refined(Mesh(points, mesh.faces), 2, scheme=scheme)
 
 
 def _evaluate(scheme: Scheme, part: str) -> None:

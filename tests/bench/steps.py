@@ -49,6 +49,22 @@ def main():
     for scheme in ("butterfly", "modified-butterfly", "sqrt3"):
         surfaces = [ls.LimitSurface(mesh, scheme=scheme, engine=e) for e in ("auto", "reference")]
         measure(scheme, surfaces, *places(mesh.n_faces))
+    refine(mesh)
+
+
+def refine(mesh):
+    """What a new face costs by kernels, of each scheme in turn."""
+    levels = {"loop": 5, "butterfly": 5, "modified-butterfly": 5, "sqrt3": 6}
+    least = dict.fromkeys(levels, np.inf)
+    with _kernels.chosen("compiled"):
+        for _ in range(2 * ROUNDS):
+            for scheme, count in levels.items():
+                new = ls.Mesh(mesh.points, mesh.faces)  # nothing is known of it
+                faces = mesh.n_faces * (3 if scheme == "sqrt3" else 4) ** count
+                seconds = spent(partial(ls.refined, new, count, scheme=scheme))
+                least[scheme] = min(least[scheme], seconds / faces)
+    for scheme, seconds in least.items():
+        print(f"{scheme:20s}refined, a new face {seconds * 1e9:9.0f} ns")
 
 
 def measure(scheme, surfaces, face, u, v):

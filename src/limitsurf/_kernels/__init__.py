@@ -42,7 +42,10 @@ available: set[str] = set()
 _LOADING = 0.5
 _COMPILING = 20.0
 _AGAIN = 0.25  # between two looks at the cache
-_MODULES = ("coefficients", "connectivity", "evaluation", "grids", "refinement", "rows")
+_MODULES = (
+    *("coefficients", "connectivity", "evaluation", "grids", "refinement", "rows"),
+    "step_points",
+)
 # whose kernels evaluate patches that are the box spline of these directions
 _SHAPES = {
     "quads": ((1, 0),) * 4 + ((0, 1),) * 4,

@@ -64,10 +64,8 @@ class Ground:
         """Two cuts of the part."""
         part = self._part
         mesh = part.mesh
-        first = Thirds(
+        first = Thirds.among(
             mesh.connectivity,
-            mesh.twin,
-            mesh.fans,
             self._step.interior[part.vertices],
             self._step.smooth[part.vertices],
         )

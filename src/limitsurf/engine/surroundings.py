@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from limitsurf import numbers
 from limitsurf.caching import cached_property
-from limitsurf.cage.connectivity import Connectivity, Fans
+from limitsurf.cage.connectivity import Connectivity
 from limitsurf.options import Rules
 from limitsurf.refine.thirds import Thirds, edge_table
 
@@ -165,10 +165,10 @@ class Neighbourhood:
         known = {"twin": self.twin, "edge_table": edge_table(ends, self.twin)}
         sizes = np.full(len(self.faces), 3)
         cage = Connectivity(self.size, sizes, ends[0], repeats=False, parallel=True, **known)
-        fans = Fans.of(cage, cage.twin)
+        fans = cage.fans
         rim = np.zeros(self.size, dtype=bool)
         rim[fans.vertex[~fans.closed]] = True
-        step = Thirds(cage, cage.twin, fans, ~rim & ~self.fixed, rim & ~self.fixed)
+        step = Thirds.among(cage, ~rim & ~self.fixed, rim & ~self.fixed)
         number = numbers.FLOAT64
         matrix = step.second(rules, number) @ step.first(rules, number)
         finer = step.child

@@ -7,15 +7,17 @@ the mean of what the sides say.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limitsurf import tables
+from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.mesh import Mesh
-from limitsurf.numbers import NumberType
-from limitsurf.refine.operators import sparse_operator
+from limitsurf.numbers import FLOAT64, NumberType
+from limitsurf.refine.operators import channel_groups, sparse_operator
 from limitsurf.rules import Rules
 from limitsurf.topology import vertex_numbers
 
@@ -33,6 +35,40 @@ def stage(mesh: Mesh, rules: Rules, number: NumberType) -> Any:
         np.concatenate([number.full(V, number.one), values]),
         (V + E, V),
     )
+
+
+def refined_points(mesh: Mesh, rules: Rules, points: Array) -> Array:
+    """The points of one step, (n_vertices + n_edges, d), by a kernel; `points` are (V, d)."""
+    from limitsurf._kernels import step_points
+
+    result = np.empty((mesh.n_vertices + mesh.n_edges, points.shape[1]))
+    valences = mesh.connectivity.valences
+    closed = np.bincount(np.maximum(valences, 0))
+    if (valences[mesh.vertex_faces > 0] == 0).any():  # several fans
+        fans = mesh.fans
+        own = fans.sizes[fans.closed]
+        closed = np.bincount(own, minlength=len(closed))
+    known = (mesh.indices, mesh.twin, mesh.corner_edge, mesh.edge_corners, valences)
+    weights: Any = tuple(map(float, tables.interpolating_weights(rules.scheme, FLOAT64)))
+    spokes = _all_spokes(rules, len(closed), tuple((np.flatnonzero(closed[1:]) + 1).tolist()))
+    for first, channels in channel_groups(points.shape[1]):
+        sides = np.zeros(mesh.n_edges, dtype=np.int64)
+        step_points.interpolated_edges(
+            points, *known, weights, spokes, sides, first, channels, result
+        )
+    return result
+
+
+@lru_cache(maxsize=64)
+def _all_spokes(rules: Rules, size: int, valences: tuple[int, ...]) -> tuple[Array, Array]:
+    """Where the masks of edges at vertices of some valences begin, -1 for none, and these."""
+    start, masks, total = np.full(size, -1), [np.zeros(0)], 0
+    for N in valences:
+        if tables.has_spokes(rules.scheme, N):
+            start[N] = total
+            masks.append(tables.spoke_weights(rules.scheme, N, FLOAT64))
+            total += N + 1
+    return read_only((start, np.concatenate(masks)))
 
 
 def edge_rows(mesh: Mesh, rules: Rules, number: NumberType) -> _Entries:

@@ -18,8 +18,8 @@ from limitsurf._kernels import reference as kernels
 from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.mesh import Mesh, kept
 from limitsurf.refine.limits import limit_normals, limit_rows, sector_operator
-from limitsurf.refine.operators import on_one_pattern
-from limitsurf.refine.stages import channel_groups, smooth_valences
+from limitsurf.refine.operators import channel_groups, on_one_pattern
+from limitsurf.refine.stages import smooth_valences
 from limitsurf.rules import Rules, Sectors, Sharpness
 from limitsurf.topology import MeshPart
 

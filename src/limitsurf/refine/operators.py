@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from copy import copy
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple, overload
@@ -299,3 +299,12 @@ def entries(operator: Any) -> tuple[Array, Array, Array]:
         return operator.rows, operator.columns, operator.values
     found = operator.tocoo()
     return found.row, found.col, found.data
+
+
+def channel_groups(count: int) -> Iterator[tuple[int, tuple[int, ...]]]:
+    """The first of each three channels, and three numbers, then of each that is left, and one."""
+    first = 0
+    while first < count:
+        channels = (0, 0, 0) if count - first >= 3 else (0,)
+        yield first, channels
+        first += len(channels)

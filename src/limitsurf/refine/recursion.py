@@ -18,7 +18,7 @@ from limitsurf.cage.checks import checked_integer, users_level
 from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.faces import IntArray
 from limitsurf.cage.mesh import Boundary, Creasing, Mesh, Triangles, kept, valid_mesh
-from limitsurf.channels import ChannelMesh
+from limitsurf.channels import ChannelMesh, knows_mode
 from limitsurf.refine import dual, interpolating, local_steps, turning
 from limitsurf.refine.limits import face_normals, limit_normals, limit_points
 from limitsurf.refine.masks import all_limit_normals, all_limit_points
@@ -324,7 +324,9 @@ def refined(
         Children of holes are holes, under dual schemes the faces of faces alone, and so are those
         of boundary faces under boundary="none".
         Under the butterfly schemes vertex points are the vertices, which are their own limits.
-        Creases and corners carry their sharpness on, and channels are refined with their seams.
+        Creases and corners carry their sharpness on, and channels are refined with their seams;
+        under "sqrt3" those with seams after an even number of steps, else they are left out, with a
+        warning. Dual schemes leave all out.
         It also has `parent_face`, `parent_u`, `parent_v`, `limit_points` and `limit_normals`.
 
     Raises
@@ -488,50 +490,83 @@ def _turning_refined(
     number = numbers.type_of(mesh.points)
     points, balance = _balanced(mesh.points.reshape(mesh.n_vertices, -1))
     total = identity(mesh.n_vertices, number) if operator else None
-    if levels and mesh.channels:
-        names = ", ".join(map(repr, mesh.channels))
-        warnings.warn(
-            f"channels are left out ({names}): scheme {rules.scheme.name!r} makes faces across "
-            "edges, on both sides of seams",
-            UserWarning,
-            stacklevel=users_level(),
-        )
-    step, steps = Thirds.of(mesh, rules), list[Thirds]()
-    known, face = mesh.connectivity, np.arange(mesh.n_faces)
-    for level in range(levels):
-        if level % 2 == 0:
-            step = steps[-1].child if steps else step
-            steps.append(step)
-        matrix = turning.operator(step, bool(level % 2), rules, number)
-        points = np.asarray(matrix @ points)
-        total = None if total is None else multiplied(matrix, total, False)
-        if level % 2:
-            known, face = step.whole, np.repeat(face[::3] if level else face, 9)
-        else:
-            known, face = step.half, np.repeat(face, 3)
+    steps = turning.steps(mesh, rules, levels)
+    points, total = turning.refined(steps, levels, rules, points, total)
+    known = turning.faces_after(steps, levels)
     points = np.ldexp(points, -balance) if balance else points
     hole = np.zeros(mesh.n_faces, dtype=bool)
     hole[np.flatnonzero(rules.without_limit(mesh)) if levels else mesh.holes] = True
+    face = np.repeat(np.arange(mesh.n_faces), 3**levels)
+    holes = np.flatnonzero(hole[face])
+    channels = _turning_channels(mesh, levels, rules, holes) if levels else {}
     fine = valid_mesh(
         RefinedMesh,
         points.reshape(len(points), *mesh.points.shape[1:]),
         known,
         scheme=scheme if scheme is not None else mesh.scheme,
         boundary=mesh.boundary,
-        holes=np.flatnonzero(hole[face]),
+        holes=holes,
         channels=None if levels else mesh.channels,
         face_data={name: values[face] for name, values in mesh.face_data.items()},
         units=mesh.units,
         up=mesh.up,
     )
+    if levels:
+        own = {
+            name: (channel.points, channel.indices, mesh.channels[name][2])
+            for name, channel in channels.items()
+        }
+        vars(fine).update(read_only({"_channels": own}), channel_meshes=channels)
     vars(fine).update(
         rules=rules,
         _lineage=(without_points(mesh),),
-        _steps=tuple(steps or [step]),
+        _steps=tuple(steps),
         _levels=levels,
         rounded=levels > 0 or (isinstance(mesh, RefinedMesh) and mesh.rounded),
     )
     return (fine, total) if operator else fine
+
+
+def _turning_channels(
+    mesh: Mesh, levels: int, rules: Rules, holes: Array
+) -> dict[str, ChannelMesh]:
+    """Channels after so many turns, as meshes of their own; a warning names those left out."""
+    found, across, unknown = dict[str, ChannelMesh](), [], []
+    for name, (_, _, mode) in mesh.channels.items():
+        if not knows_mode(rules, mode):
+            unknown.append(name)
+            continue
+        channel = ChannelMesh.of(mesh, name, rules)
+        if levels % 2 and not np.array_equal(channel.twin, mesh.twin):
+            across.append(name)
+            continue
+        values, balance = _balanced(channel.points.reshape(channel.n_vertices, -1))
+        steps = turning.steps(channel, channel.rules, levels)
+        try:
+            values, _ = turning.refined(steps, levels, channel.rules, values)
+        except TypeError:
+            raise TypeError(
+                f"channel {name!r} has exact values, and a valence at which masks of scheme "
+                f"{rules.scheme.name!r} are irrational, on its boundaries or inside: there are no "
+                "exact ones; give the channel in float64"
+            ) from None
+        values = np.ldexp(values, -balance) if balance else values
+        values = values.reshape(len(values), *channel.points.shape[1:])
+        fine = valid_mesh(Mesh, values, turning.faces_after(steps, levels))
+        sharpness = Sharpness.of(without_points(fine), channel.rules, numbers.FLOAT64)
+        found[name] = channel.refined(fine, values, sharpness, False, holes)
+    what = f"scheme {rules.scheme.name!r} "
+    for names, why in (
+        (across, "makes faces across edges, on both sides of seams; take an even number of steps"),
+        (unknown, "has no rule for how they are interpolated; 'none' and 'corners_only' it knows"),
+    ):
+        if names:
+            warnings.warn(
+                f"channels are left out ({', '.join(map(repr, names))}): {what}{why}",
+                UserWarning,
+                stacklevel=users_level(),
+            )
+    return found
 
 
 def _later(mesh: Mesh, sharpness: Sharpness, finer: Mesh, lattice: Lattice) -> Sharpness:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
@@ -15,7 +14,7 @@ from limitsurf.cage.connectivity import read_only
 from limitsurf.cage.mesh import Mesh, kept
 from limitsurf.numbers import NumberType
 from limitsurf.refine import interpolating
-from limitsurf.refine.operators import SparseRows, csr, sparse_operator
+from limitsurf.refine.operators import SparseRows, channel_groups, csr, sparse_operator
 from limitsurf.rules import DART, Rules, Sharpness
 from limitsurf.topology import child_vertices, vertex_numbers
 
@@ -328,6 +327,8 @@ def refined_values(
 ) -> Array:
     """One level of refinement of values at the vertices, (n_vertices, d)."""
     if not rules.scheme.has_pieces:
+        if compiled:
+            return interpolating.refined_points(mesh, rules, read_only(values))
         return np.asarray(interpolating.stage(mesh, rules, numbers.type_of(values)) @ values)
     if not compiled or callable(rules.scheme.edge):
         faces, vertices = refinement_stages(mesh, rules, sharpness, numbers.type_of(values), False)
@@ -370,15 +371,6 @@ def _compiled_masks(
     edges = edge, end[inner], other[inner], middle, half
     masks = _smooth_masks(mesh, rules, sharpness.concerned[smooth == 0])
     return masks, (vertices, edges)
-
-
-def channel_groups(count: int) -> Iterator[tuple[int, tuple[int, ...]]]:
-    """The first of each three channels, and three numbers, then of each that is left, and one."""
-    first = 0
-    while first < count:
-        channels = (0, 0, 0) if count - first >= 3 else (0,)
-        yield first, channels
-        first += len(channels)
 
 
 def _smooth_masks(mesh: Mesh, rules: Rules, rough: Array) -> tuple[Array, Array, Array, Array]:

@@ -12,6 +12,7 @@ there are the first two of these.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -22,9 +23,9 @@ from limitsurf import tables
 from limitsurf.caching import cached_property
 from limitsurf.cage.connectivity import Connectivity, Fans
 from limitsurf.cage.mesh import Mesh
-from limitsurf.numbers import NumberType
+from limitsurf.numbers import FLOAT64, NumberType
 from limitsurf.options import Rules
-from limitsurf.refine.operators import sparse_operator
+from limitsurf.refine.operators import channel_groups, sparse_operator
 
 Array = NDArray[Any]
 
@@ -41,15 +42,18 @@ class Thirds:
     mesh : Connectivity
         That which is refined.
     twin : (n_corners,) int
-    fans : Fans
-        What surrounds its vertices.
+    valence : (n_vertices,) int
+        Numbers of faces at interior vertices.
+    doubled : bool
+        Whether edges join the same vertices, now or later.
     interior, smooth : (n_vertices,) bool
         Amid faces, and on a boundary that it follows; others stay where they are.
     """
 
     mesh: Connectivity
     twin: Array
-    fans: Fans
+    valence: Array
+    doubled: bool
     interior: Array
     smooth: Array
 
@@ -64,7 +68,19 @@ class Thirds:
         if rules.boundary == "edge_and_corner":
             follows &= fans.sizes > 1
         smooth[fans.vertex[follows]] = True
-        return cls(mesh.connectivity, mesh.twin, fans, interior & alone, smooth & alone)
+        return cls.among(mesh.connectivity, interior & alone, smooth & alone)
+
+    @classmethod
+    def among(cls, mesh: Connectivity, interior: Array, smooth: Array) -> Self:
+        """Those of faces where it is known which vertices are in the interior, and smooth."""
+        fans = mesh.fans
+        doubled = mesh.parallel or bool((fans.closed & (fans.sizes == 2)).any())
+        return cls(mesh, mesh.twin, mesh.vertex_faces, doubled, interior, smooth)
+
+    @property
+    def fans(self) -> Fans:
+        """What surrounds its vertices."""
+        return self.mesh.fans
 
     @property
     def n_whole(self) -> int:
@@ -90,11 +106,23 @@ class Thirds:
         return first + (tail > head), first + (tail < head)
 
     @cached_property
+    def _compiled(self) -> tuple[Array, Array]:
+        """`whole_faces` and `whole_twin`, by a kernel."""
+        from limitsurf._kernels import step_points
+
+        faces, twin = np.empty((2, 9 * len(self.twin)), dtype=np.int64)
+        known = self.mesh.indices, self.twin, self.mesh.corner_edge, self.mesh.n_vertices
+        step_points.third_faces(*known, faces, twin)
+        return faces.reshape(-1, 3), twin
+
+    @cached_property
     def whole_faces(self) -> Array:
         """Faces after both steps, (9 n_faces, 3), nine from each face.
 
         Three at its corners, three amid its edges, three between its middle and these.
         """
+        if self.mesh.compiled:
+            return self._compiled[0]
         corner, _, _ = self._corners
         tail, head = self.near
         back = self._before(head)
@@ -117,6 +145,8 @@ class Thirds:
     @cached_property
     def whole_twin(self) -> Array:
         """Half-edges that run along those of `whole_faces` in the other direction, -1 for none."""
+        if self.mesh.compiled:
+            return self._compiled[1]
         corner, inner = np.arange(len(self.twin)), self.twin >= 0
         face, k = np.divmod(corner, 3)
         after, last = 3 * face + (k + 1) % 3, 3 * face + (k + 2) % 3
@@ -156,7 +186,7 @@ class Thirds:
     def _connected(self, n: int, faces: Array, twin: Array) -> Connectivity:
         """A refined mesh; amid two faces two edges join the same vertices, which twins tell."""
         sizes = np.full(len(faces), 3)
-        if self.mesh.parallel or (self.fans.closed & (self.fans.sizes == 2)).any():
+        if self.doubled:
             ends = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
             table = edge_table(ends, twin)
             known: dict[str, Any] = {"twin": twin, "edge_table": table, "parallel": True}
@@ -170,12 +200,12 @@ class Thirds:
     @cached_property
     def rim(self) -> tuple[Array, Array, Array]:
         """Smooth boundary vertices, and both neighbours of each along the boundary."""
-        fans = self.fans
-        open_ = np.flatnonzero(~fans.closed & self.smooth[fans.vertex])
-        first = fans.corners[fans.offsets[open_]]
-        last = fans.corners[fans.offsets[open_ + 1] - 1]
-        _, after, before = self._corners
-        return fans.vertex[open_], after[first], before[last]
+        tail, head, _ = self._corners
+        one, other = np.full((2, self.mesh.n_vertices), -1)
+        sides = np.flatnonzero(self.twin < 0)
+        one[tail[sides]], other[head[sides]] = head[sides], tail[sides]
+        at = np.flatnonzero(self.smooth)
+        return at, one[at], other[at]
 
     # ---------------------------------------------------------------- masks
 
@@ -185,7 +215,7 @@ class Thirds:
         tail, head, _ = self._corners
         inner = np.flatnonzero(self.interior)
         stay = np.flatnonzero(~self.interior)
-        own, each = _masks(rules, self.mesh.vertex_faces, inner, number)
+        own, each = _masks(rules, self.valence, inner, number)
         spoke = np.flatnonzero(self.interior[tail])
         share = number.full(V, number.zero)
         share[inner] = each
@@ -212,20 +242,15 @@ class Thirds:
         """Entries of vertices: of interior ones neighbours are the middles around them."""
         V, (tail, _, _) = self.mesh.n_vertices, self._corners
         inner = np.flatnonzero(self.interior)
-        own, each = _masks(rules, self.mesh.vertex_faces, inner, number)
+        own, each = _masks(rules, self.valence, inner, number)
         share = number.full(V, number.zero)
         share[inner] = each
         spoke = np.flatnonzero(self.interior[tail])
-        at, one, other = self.rim
         stay = np.flatnonzero(~self.interior & ~self.smooth)
-        (vertex, beside), _ = tables.curve_weights(rules.scheme, number)
         return [
             (inner, inner, own),
             (tail[spoke], V + spoke // 3, share[tail[spoke]]),
             (stay, stay, number.full(len(stay), number.one)),
-            (at, at, number.full(len(at), vertex)),
-            (at, one, number.full(len(at), beside)),
-            (at, other, number.full(len(at), beside)),
         ]
 
     def _middles(self, rules: Rules, number: NumberType) -> list[Entries]:
@@ -247,39 +272,76 @@ class Thirds:
     def _edges(self, rules: Rules, number: NumberType) -> list[Entries]:
         """Entries of points on edges: inside the middles of small faces, else on the curve."""
         V = self.mesh.n_vertices
-        tail, head, _ = self._corners
-        near, far = self.near
+        tail, _, _ = self._corners
+        near, _ = self.near
         side = np.flatnonzero(self.twin >= 0)
         third = number.full(len(side), number.one) / 3
         parts = [(near[side], x, third) for x in (tail[side], V + side // 3)]
         parts.append((near[side], V + self.twin[side] // 3, third))
+        for rows, columns, weights in self._curves(rules, number):
+            parts += [
+                (rows, x, number.full(len(rows), w)) for x, w in zip(columns, weights, strict=True)
+            ]
+        return parts
+
+    def _curves(
+        self, rules: Rules, number: NumberType
+    ) -> Iterator[tuple[Array, tuple[Array, ...], tuple[Any, ...]]]:
+        """Points on boundaries: rows, and columns and weights of their entries."""
+        (vertex, beside), (own_weight, along, beyond) = tables.curve_weights(rules.scheme, number)
+        at, one, two = self.rim
+        yield at, (at, one, two), (vertex, beside, beside)
         # of an edge of three faces and more all say the same
         rim = np.flatnonzero(self.twin < 0)
         rim = rim[np.unique(self.mesh.corner_edge[rim], return_index=True)[1]]
-        _, (own_weight, along, beyond) = tables.curve_weights(rules.scheme, number)
-        other = np.full((2, V), -1)
-        at, one, two = self.rim
+        other = np.full((2, self.mesh.n_vertices), -1)
         other[0, at], other[1, at] = one, two
+        tail, head, _ = self._corners
+        points = self.n_half + 2 * self.mesh.corner_edge[rim]
+        tail, head = tail[rim], head[rim]
+        near, far = points + (tail > head), points + (tail < head)
         for point, own, towards, k in ((near, tail, head, 1), (far, head, tail, 0)):
-            smooth = self.smooth[own[rim]]
-            here, fixed = rim[smooth], rim[~smooth]
-            parts += [
-                (point[here], x, number.full(len(here), w))
-                for x, w in (
-                    (own[here], own_weight),
-                    (towards[here], along),
-                    (other[k, own[here]], beyond),
-                )
-            ]
+            smooth = self.smooth[own]
+            here, there = own[smooth], towards[smooth]
+            yield point[smooth], (here, there, other[k, here]), (own_weight, along, beyond)
             # the neighbour beyond a corner is the mirror image of the one before
-            parts += [
-                (point[fixed], x, number.full(len(fixed), w))
-                for x, w in (
-                    (own[fixed], own_weight + 2 * beyond),
-                    (towards[fixed], along - beyond),
-                )
-            ]
-        return parts
+            columns = own[~smooth], towards[~smooth]
+            yield point[~smooth], columns, (own_weight + 2 * beyond, along - beyond)
+
+    # ---------------------------------------------------------------- float64 points, by kernels
+
+    def first_points(self, rules: Rules, points: Array) -> Array:
+        """The points (n_half, d) after the first step."""
+        from limitsurf._kernels import step_points
+
+        result = np.empty((self.n_half, points.shape[1]))
+        shares = self._shares(rules)
+        for first, channels in channel_groups(points.shape[1]):
+            step_points.centred(points, self.mesh.indices, shares, first, channels, result)
+        return result
+
+    def second_points(self, rules: Rules, points: Array) -> Array:
+        """The points (n_whole, d) after both steps, from those after the first."""
+        from limitsurf._kernels import step_points
+
+        result = np.empty((self.n_whole, points.shape[1]))
+        counts = np.arange(3, 7)
+        middles = tables.shares(rules.scheme, counts, FLOAT64) / counts
+        known = self.mesh.indices, self.twin, self.mesh.corner_edge, self._shares(rules), middles
+        for first, channels in channel_groups(points.shape[1]):
+            step_points.cut_into_thirds(points, *known, first, channels, result)
+        for rows, columns, weights in self._curves(rules, FLOAT64):
+            parts = zip(columns, weights, strict=True)
+            result[rows] = sum(points[x] * w for x, w in parts)
+        return result
+
+    def _shares(self, rules: Rules) -> Array:
+        """What each neighbour has in a new vertex, 0 where it stays."""
+        kinds, kind = np.unique(np.where(self.interior, self.valence, 0), return_inverse=True)
+        share = np.zeros(len(kinds))
+        some = kinds > 0
+        share[some] = tables.shares(rules.scheme, kinds[some], FLOAT64) / kinds[some]
+        return np.asarray(share[kind])
 
     @cached_property
     def child(self) -> Thirds:
@@ -290,7 +352,8 @@ class Thirds:
         sides[1] = mesh.boundary_edge
         interior = np.concatenate([self.interior, middles, np.repeat(sides[0], 2)])
         smooth = np.concatenate([self.smooth, ~middles, np.repeat(sides[1], 2)])
-        return Thirds(finer, finer.twin, Fans.of(finer, finer.twin), interior, smooth)
+        valence = np.concatenate([self.valence, np.full(len(interior) - len(self.valence), 6)])
+        return Thirds(finer, finer.twin, valence, self.doubled, interior, smooth)
 
 
 def edge_table(ends: tuple[Array, Array], twin: Array) -> tuple[Array, Array, Array]:

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf import numbers, tables
+from limitsurf import _kernels, numbers, tables
 from limitsurf._kernels import reference as kernels
+from limitsurf.cage.connectivity import Connectivity, read_only
+from limitsurf.cage.mesh import Mesh
 from limitsurf.numbers import NumberType
 from limitsurf.options import Rules
-from limitsurf.refine.operators import sparse_operator
+from limitsurf.refine.operators import multiplied, sparse_operator
 from limitsurf.refine.stages import irrational
 from limitsurf.refine.thirds import Thirds
 
@@ -166,6 +168,44 @@ def corners_of_halves(half: Thirds) -> Array:
     middle = 3 * (9 * face + 3) + 2
     across = np.where(inner, middle[half.twin], tail[half.mesh.next_corner])
     return np.stack([tail, across, middle], axis=1).ravel()
+
+
+def steps(mesh: Mesh, rules: Rules, levels: int) -> list[Thirds]:
+    """What so many steps begin from, two each; of none that of the mesh."""
+    found = [Thirds.of(mesh, rules)]
+    while len(found) < (levels + 1) // 2:
+        found.append(found[-1].child)
+    return found
+
+
+def faces_after(steps: Sequence[Thirds], levels: int) -> Connectivity:
+    """The mesh after so many steps."""
+    last = steps[-1]
+    if not levels:
+        return last.mesh
+    return last.half if levels % 2 else last.whole
+
+
+def refined(
+    steps: Sequence[Thirds], levels: int, rules: Rules, points: Array, total: Any = None
+) -> tuple[Array, Any]:
+    """Points (n, d) after so many steps, and their operator, if that so far is given."""
+    number = numbers.type_of(points)
+    corners = steps[0].mesh.n_corners * sum(3**level for level in range(levels))
+    # an edge from a vertex to itself has one point where kernels look for two
+    plain = total is None and not number.exact and not steps[0].mesh.repeats
+    if plain and _kernels.compiled(corners, 10):
+        points = read_only(points)
+        for level in range(levels):
+            step = steps[level // 2]
+            take = step.second_points if level % 2 else step.first_points
+            points = take(rules, points)
+        return points, None
+    for level in range(levels):
+        matrix = operator(steps[level // 2], bool(level % 2), rules, number)
+        points = np.asarray(matrix @ points)
+        total = None if total is None else multiplied(matrix, total, False)
+    return points, total
 
 
 def operator(step: Thirds, second: bool, rules: Rules, number: NumberType) -> Any:
