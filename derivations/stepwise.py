@@ -103,9 +103,15 @@ for N in (3, 4, 5, 7, 8, 12):
 #
 # On a triangle amid regular vertices let $s$ be its sides, along u and along v, and $r$ what the 24
 # other points are off its plane; a step to a child, doubled, is $s' = \pm s + Q_c r$, $r' = B_c r$
-# ([butterfly](butterfly.py), section 3). A derivative anywhere is $s + \ell r$ with $\ell = \sum_n
-# \pm Q B \cdots B$. After words $w$ of eight steps, $\ell = Q_w \pm \ell' B_w$. So if $g \ge |Q_w|
-# + g\,|B_w|$ for all 65,536 words, entry by entry, then $|\ell| \le g$: that holds for the sum of
+# ([butterfly](butterfly.py), section 3). A derivative anywhere is $s + \ell r$ with
+#
+# $$\ell = \sum_n \pm Q B \cdots B, \qquad \ell = Q_w \pm \ell' B_w$$
+#
+# after words $w$ of eight steps. So if
+#
+# $$g \ge \lvert Q_w \rvert + g\,\lvert B_w \rvert$$
+#
+# for all 65,536 words, entry by entry, then $\lvert \ell \rvert \le g$: that holds for the sum of
 # the first $8 n$ steps by induction on $n$, and they converge. All entries are multiples of a power
 # of two that floating-point numbers hold exactly.
 

@@ -66,8 +66,7 @@ def test_normals_turn_no_more_than_is_stated(name):
     assert bound < 1e-3 or bound <= 2 * most
     check_cover(surface, parts)
     check_edges(name, surface, _assembled(surface, parts, False, (), 1))
-    # only around vertices of 16 and more faces is there no bound
-    assert bool(len(parts[-1].without)) == (name == "bipyramid")
+    assert not len(parts[-1].without)
 
 
 def test_finer_angles_of_all_kinds():
