@@ -147,6 +147,16 @@ def interpolated_edges(
             result[at, c] += share * (inner + far * (points[before, c] + points[after, c]))
 
 
+@inlined
+def _move(points: Array, shares: Array, first: int, last: int, result: Array) -> None:
+    """Vertices moved by their shares of the sums of steps to neighbours that `result` has."""
+    for vertex in range(len(shares)):
+        share = shares[vertex]
+        for c in range(first, last):
+            moved = share * result[vertex, c] if share != 0 else 0.0
+            result[vertex, c] = points[vertex, c] + moved
+
+
 @lean
 def centred(
     points: Array,
@@ -173,11 +183,7 @@ def centred(
             result[two, c] += r - q
             result[three, c] += p - r
             result[middle, c] = (p + q + r) / 3
-    for vertex in range(n_vertices):
-        share = shares[vertex]
-        for c in range(first, last):
-            moved = share * result[vertex, c] if share != 0 else 0.0
-            result[vertex, c] = points[vertex, c] + moved
+    _move(points, shares, first, last, result)
 
 
 @lean
@@ -223,11 +229,7 @@ def cut_into_thirds(
         share = middles[count]
         for c in range(first, last):
             result[middle, c] = points[middle, c] + share * result[middle, c]
-    for vertex in range(n_vertices):
-        share = shares[vertex]
-        for c in range(first, last):
-            moved = share * result[vertex, c] if share != 0 else 0.0
-            result[vertex, c] = points[vertex, c] + moved
+    _move(points, shares, first, last, result)
 
 
 @lean

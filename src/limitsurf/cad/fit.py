@@ -393,9 +393,7 @@ def _run(surface: LimitSurface, target: Target, options: _Options) -> Fit:
             rms, converged = run.to_end(options.steps, enough)
         history += rms[level > 0 :]
         levels += [level] * (len(rms) - (level > 0))
-        points = surface.points.copy()
-        points[problem.free] = frame.back(run.state.surface.points[problem.free])
-        surface = surface.with_points(points)
+        surface = _where_it_ended(run, surface, frame)
         if not options.refine or rms[-1] <= enough or level == _LEVELS:
             break
         finer, before = _finer(surface, run, before, enough)
@@ -506,9 +504,14 @@ def _drawn(
     history, _ = run.to_end(options.steps, 0.0)
     if run.ran_away:
         return surface, []
-    points = surface.points.copy()
-    points[problem.free] = frame.back(run.state.surface.points[problem.free])
-    return surface.with_points(points), history[:-1]
+    return _where_it_ended(run, surface, frame), history[:-1]
+
+
+def _where_it_ended(run: Steps, surface: LimitSurface, frame: _Frame) -> LimitSurface:
+    """The surface with the vertices that move where steps took them, in units of the points."""
+    points, free = surface.points.copy(), run.problem.free
+    points[free] = frame.back(run.state.surface.points[free])
+    return surface.with_points(points)
 
 
 def _held(problem: Problem, start: LimitSurface, options: _Options) -> Steps:

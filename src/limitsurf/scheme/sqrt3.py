@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import ClassVar
 
 from limitsurf.scheme.dual import cosine
 from limitsurf.scheme.masks import Weight, Weights
@@ -33,6 +34,8 @@ class TurningScheme(StepwiseScheme):
         the point at a third of a boundary edge after two steps.
     """
 
+    # 5/3 after two steps, a third as much more after each two
+    reach: ClassVar[float] = 2.5
     share: Callable[[int], Weight]
     boundary_vertex: tuple[Fraction, Fraction]
     boundary_third: Weights
@@ -54,11 +57,6 @@ class TurningScheme(StepwiseScheme):
     def turns_edges(self) -> bool:
         """Whether two steps cut edges into three, and one makes faces across edges."""
         return True
-
-    @property
-    def reach(self) -> float:
-        """How far a vertex has influence: 5/3 edges after two steps, a third as much after each."""
-        return 2.5
 
     def share_at(self, valence: int) -> Weight:
         """What the neighbours of an interior vertex have in its new point, checked."""

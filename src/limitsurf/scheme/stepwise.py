@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 from limitsurf.scheme.lattice import TRIANGLES, Lattice
 from limitsurf.scheme.scheme import Scheme
@@ -43,8 +43,14 @@ class StepwiseScheme(Scheme):
     paper : str
     lattice : Lattice, optional
         How regular faces lie together, and what a step makes of them.
+
+    Attributes
+    ----------
+    reach : float
+        How far a vertex has influence where the scheme is regular, in edges.
     """
 
+    reach: ClassVar[float]
     face: None = field(default=None, init=False)
     edge: tuple[Fraction, Fraction] = field(default=(Fraction(0), Fraction(0)), init=False)
     vertex: Any = field(default=None, init=False)
@@ -73,11 +79,6 @@ class StepwiseScheme(Scheme):
     def local(self) -> bool:
         """Whether limit faces depend on their own corners alone."""
         return False
-
-    @property
-    def reach(self) -> float:
-        """How far a vertex has influence where the scheme is regular, in edges."""
-        raise NotImplementedError
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -112,6 +113,8 @@ class InterpolatingScheme(StepwiseScheme):
         like others. An edge between two such vertices takes the mean of both.
     """
 
+    # 3/2 after a step, as far as the wings of an edge are, and half as much more after each
+    reach: ClassVar[float] = 3.0
     ends: Fraction
     across: Fraction
     wings: Fraction
@@ -129,14 +132,6 @@ class InterpolatingScheme(StepwiseScheme):
 
     def __hash__(self) -> int:
         return hash(self.name)
-
-    @property
-    def reach(self) -> float:
-        """How far a vertex has influence, in edges: 3/2 after a step, half as much more after each.
-
-        The point of an edge takes from the wings, which are three halves of an edge away.
-        """
-        return 3.0
 
     def spoke_mask(self, valence: int) -> tuple[Any, ...] | None:
         """Weights around an interior vertex in the point of one of its edges, if it has its own.

@@ -220,6 +220,7 @@ def _by_frequency(waves: tuple[Wave, ...], second: Any) -> Iterator[CurvatureMod
         )
 
 
+@lru_cache(maxsize=64)
 def pieces_of(scheme: Scheme, valence: int) -> _Halved | _Turned:
     """How triangles at a vertex of that valence are cut."""
     return (_Turned if scheme.turns_edges else _Halved)(scheme, valence)
