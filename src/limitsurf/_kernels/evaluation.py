@@ -336,29 +336,12 @@ def _eigen_normal(
     return True
 
 
-def evaluator(shape: Any) -> Any:
-    """The kernel that evaluates scattered queries, for faces of a shape."""
-    size, own_point = shape.POINTS, shape.OWN
-    pieces = np.concatenate([shape.PIECES, shape.AROUND])
-    fine, shared = shape.REFINED + 2, shape.BLOCK  # rows in `Points.fine`
-    low_origin = shape.REFINED
-    same = np.arange(size, dtype=np.int32)
-    near = differences(size, own_point)
-    located, turned, place_around = shape.located, shape.turned, shape.place_around
-    spline, spline_weights, patch_weights = shape.spline, shape.spline_weights, shape.patch_weights
-    halved_weights = shape.halved_weights
-    spline_normal, eigenfunctions, write = shape.spline_normal, shape.eigenfunctions, shape.write
+def surrounded(shape: Any) -> tuple[Any, Any]:
+    """What finds control points around special corners, and for how many levels they are there."""
+    size, fine, shared, low_origin = shape.POINTS, shape.REFINED + 2, shape.BLOCK, shape.REFINED
 
     @inlined
-    def _copy(code: int, patches: Patches) -> int:
-        """First row in `Points.fine` of the control points of a spline; -1 if it has none there."""
-        first = -1
-        if code >> FAR & 1:
-            first = patches.near[code & ROW]
-        return first
-
-    @inlined
-    def _around(code: int, place: int, tables: Tables) -> tuple[int, int, int]:
+    def around(code: int, place: int, tables: Tables) -> tuple[int, int, int]:
         """The same of a piece around a special corner, of its origin, and where its grid begins.
 
         Rows of patches that share rings are numbers of these times faces, plus positions.
@@ -379,7 +362,7 @@ def evaluator(shape: Any) -> Any:
         return first, head, at
 
     @inlined
-    def _kept(code: int, tables: Tables) -> int:
+    def kept(code: int, tables: Tables) -> int:
         """For how many levels the control points around a special corner are there."""
         kind = code >> KIND
         levels: int = tables.kinds[kind, LEVELS]
@@ -390,6 +373,30 @@ def evaluator(shape: Any) -> Any:
                 levels = tables.kinds[kind, BESIDE]
             levels = min(levels, tables.kinds[kind, READY])
         return levels
+
+    return around, kept
+
+
+def evaluator(shape: Any) -> Any:
+    """The kernel that evaluates scattered queries, for faces of a shape."""
+    size, own_point = shape.POINTS, shape.OWN
+    pieces = np.concatenate([shape.PIECES, shape.AROUND])
+    fine, shared = shape.REFINED + 2, shape.BLOCK  # rows in `Points.fine`
+    low_origin = shape.REFINED
+    same = np.arange(size, dtype=np.int32)
+    near = differences(size, own_point)
+    located, turned, place_around = shape.located, shape.turned, shape.place_around
+    spline, spline_weights, patch_weights = shape.spline, shape.spline_weights, shape.patch_weights
+    halved_weights, (_around, _kept) = shape.halved_weights, surrounded(shape)
+    spline_normal, eigenfunctions, write = shape.spline_normal, shape.eigenfunctions, shape.write
+
+    @inlined
+    def _copy(code: int, patches: Patches) -> int:
+        """First row in `Points.fine` of the control points of a spline; -1 if it has none there."""
+        first = -1
+        if code >> FAR & 1:
+            first = patches.near[code & ROW]
+        return first
 
     @inlined
     def _ask(

@@ -102,12 +102,13 @@ class Compiled:
 
     def tangents(self, request: Request, width: int) -> tuple[Array, Array]:
         """See `Engine`."""
-        out = np.empty((2, request.face.size, self._reference.values.channels))
+        values = self._reference.values
+        out = np.empty((2, request.face.size, values.channels))
         rest = self._shapes("tangents", request, lambda: (width, out))
         if len(rest):
-            parts = self._reference.tangents(request.flat(rest), width)
-            for result, part in zip(out, parts, strict=True):
-                result[rest] = part
+            more = self._isolated.add(again := request.flat(rest), values)
+            engine = self if more else self._reference
+            out[:, rest] = engine.tangents(again, width)
         return out[0], out[1]
 
     def curvatures(self, request: Request) -> Array:
@@ -116,7 +117,8 @@ class Compiled:
         rounding, out = values.errors[inner:], np.empty((request.face.size, 10))
         rest = self._shapes("curved", request, lambda: (rounding, np.empty((3, 1, 24)), out))
         if len(rest):
-            out[rest] = self._reference.curvatures(request.flat(rest))
+            more = self._isolated.add(again := request.flat(rest), values)
+            out[rest] = (self if more else self._reference).curvatures(again)
         return out
 
     def _shapes(self, kernel: str, request: Request, given: Callable[[], Sequence[Any]]) -> Array:
