@@ -24,6 +24,7 @@ from limitsurf._kernels.evaluation import (
     LANES,
     MODES,
     PAIRS,
+    QUERIES,
     ROW,
     ROWS,
     SECOND,
@@ -43,20 +44,11 @@ from limitsurf._kernels.evaluation import (
     surrounded,
     tables_of,
 )
-from limitsurf._kernels.jit import (
-    bits,
-    combination,
-    differences,
-    inlined,
-    lean,
-    outlined,
-    prefetch,
-)
+from limitsurf._kernels.finding import finder
+from limitsurf._kernels.jit import bits, combination, inlined, lean, outlined
 
 Array = NDArray[Any]
 
-_BLOCK = 256  # queries that are located before any is answered
-_AHEAD = 4  # queries that memory is asked for ahead of time
 _TERMS = np.arange(6)  # in the order of `LimitSurface.jet`
 _FIRST_ORDER = _TERMS[1:3].copy()
 _FLAT = 1e-6  # curvature times size, as in `reference.honest`
@@ -228,91 +220,11 @@ def _unit(out: Array, k: int, query: int, width: int, noise: float) -> bool:
 
 def shapers(shape: Any) -> tuple[Any, Any]:
     """The kernels `tangents` and `curved`, for faces of a shape."""
-    size, own_point, shared = shape.POINTS, shape.OWN, shape.BLOCK
-    pieces = np.concatenate([shape.PIECES, shape.AROUND])
-    each, middle, (around, kept) = shape.REFINED + 2, shape.MIDDLE, surrounded(shape)
-    same = np.arange(size, dtype=np.int32)
-    near = differences(size, own_point)
-    located, turned, place_around = shape.located, shape.turned, shape.place_around
+    size, own_point, shared, middle = shape.POINTS, shape.OWN, shape.BLOCK, shape.MIDDLE
+    (around, kept), (_locate, _ask, _controls) = surrounded(shape), finder(shape)
     spline, patch_weights, write = shape.spline, shape.patch_weights, shape.write
     sizes_of_weights, spline_rows = shape.sizes_of_weights, shape.spline_rows
     eigenfunctions, bent_spline = shape.eigenfunctions, shape.bent_spline
-
-    @inlined
-    def _locate(
-        face: Array, u: Array, v: Array, begin: int, count: int, patches: Patches, room: Room
-    ) -> bool:
-        """Find a block of queries; False if one is out of range."""
-        for k in range(count):
-            if begin + k + 4 * _AHEAD < len(face):
-                prefetch(patches.info, face[begin + k + 4 * _AHEAD])
-            code, _, s, t, fine = located(face[begin + k], u[begin + k], v[begin + k], patches)
-            if not fine:
-                return False
-            level, piece = 0, 0
-            if code >= 0:
-                turn = code >> TURN & TURNS
-                s, t = turned(s, t, turn)
-                if code >> KIND > 1:
-                    level, piece, s, t = place_around(s, t, turn)
-            room.codes[k], room.s[k], room.t[k] = code, s, t
-            room.places[k] = piece + 4 * (level + 1)
-        return True
-
-    @inlined
-    def _copy(code: int, place: int, patches: Patches, tables: Tables) -> int:
-        """First row in `Points.fine` of what a patch has there; -1 if nothing."""
-        first = -1
-        if code >> KIND > 1:
-            first = around(code, place, tables)[0]
-        elif code >> FAR & 1:
-            first = patches.near[code & ROW]
-        return first
-
-    @inlined
-    def _ask(
-        i: int, count: int, room: Room, patches: Patches, tables: Tables, points: Points
-    ) -> None:
-        """Prefetch what queries some way beyond number i need."""
-        codes = room.codes
-        for j in range(0 if i == 0 else i + 2 * _AHEAD, min(i + 2 * _AHEAD + 1, count)):
-            code = codes[j]
-            if code >= 0 and code >> KIND <= 1:
-                prefetch(patches.ids, (code & ROW) * size)
-        j = i + _AHEAD
-        if j >= count or codes[j] < 0:
-            return
-        width, inner = points.high.shape[1], len(points.high)
-        base = _copy(codes[j], room.places[j], patches, tables) * width
-        if base >= 0:
-            for line in range(base, base + each * width, 8):
-                prefetch(points.fine, line)
-            return
-        at = (codes[j] & ROW) * size
-        for k in range(size):
-            number = np.int64(patches.ids[at + k])
-            if number < inner:
-                prefetch(points.high, number * width)
-            else:
-                prefetch(points.extras, (number - inner) * 2 * width)
-
-    @inlined
-    def _controls(
-        code: int, place: int, channel: int, patches: Patches, tables: Tables, points: Points,
-        room: Room,
-    ) -> tuple[Array, Array, int, int, int]:  # fmt: skip
-        """Control points of a spline: of what, numbers, where these begin, base, channel."""
-        grid, numbers, at, base = points.high, patches.ids, (code & ROW) * size, 0
-        copy = _copy(code, place, patches, tables)
-        if code >> KIND > 1:
-            base, _, at = around(code, place, tables)
-            grid, numbers = points.fine, pieces
-        elif copy >= 0:
-            grid, numbers, at, base = points.fine, same, 0, copy
-        elif code >> FAR & 1:
-            near(points.high, points.extras, patches.ids, at, channel, room.near)
-            grid, numbers, at, channel = room.near, same, 0, 0
-        return grid, numbers, at, base, channel
 
     @inlined
     def _block(code: int, tables: Tables, width: int) -> tuple[int, int]:
@@ -403,8 +315,8 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         """
         patches, tables, points = patches_of(words), tables_of(words), points_of(words)
         left = 0
-        for begin in range(0, len(face), _BLOCK):
-            count = min(_BLOCK, len(face) - begin)
+        for begin in range(0, len(face), QUERIES):
+            count = min(QUERIES, len(face) - begin)
             if not _locate(face, u, v, begin, count, patches, room):
                 return -1
             for k in range(count):
@@ -605,8 +517,8 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         """
         patches, tables, points = patches_of(words), tables_of(words), points_of(words)
         left = 0
-        for begin in range(0, len(face), _BLOCK):
-            count = min(_BLOCK, len(face) - begin)
+        for begin in range(0, len(face), QUERIES):
+            count = min(QUERIES, len(face) - begin)
             if not _locate(face, u, v, begin, count, patches, room):
                 return -1
             for k in range(count):
