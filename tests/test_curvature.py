@@ -137,6 +137,30 @@ def test_kernels_give_the_same(name, use):
             np.testing.assert_array_equal(np.isnan(a), np.isnan(b))
 
 
+@pytest.mark.parametrize("sharp", [False, True])
+def test_kernels_around_a_vertex_of_many_faces(sharp, monkeypatch):
+    """No eigenfunctions are kept there, but refined points of some levels: more than this asks."""
+    points, faces = zoo.flower(80)
+    near = np.ldexp(np.linspace(0.55, 1, 7), -(np.arange(7) % 4))
+    creases = [[0, 1], [0, faces[160][1]]] if sharp else []
+    mesh = ls.Mesh(
+        zoo.random_points(len(points), 4), faces, creases=(creases, [np.inf] * len(creases))
+    )
+    plain, other = (ls.LimitSurface(mesh, engine=x) for x in ("reference", "compiled"))
+    face, u, v = 4 * np.arange(80)[:, None, None], near[:, None], near
+    wanted, curved = plain.tangents(face, u, v), plain.curvature(face, u, v)
+    sine = np.linalg.norm(np.cross(*wanted), axis=-1)
+    answers = other._answers.compiled._reference  # who gets what kernels leave
+    for left in ("tangents", "curvatures"):
+        monkeypatch.setattr(answers, left, None)
+    for a, b in zip(wanted, other.tangents(face, u, v), strict=True):
+        np.testing.assert_allclose(b, a, rtol=0, atol=1e-12)
+    found = other.curvature(face, u, v)
+    size = np.maximum(abs(curved.k1), abs(curved.k2))
+    for a, b in ((curved.k1, found.k1), (curved.k2, found.k2)):
+        assert (abs(a - b) * np.minimum(sine, 1) ** 3 < 6e-12 * size).all()
+
+
 @pytest.mark.parametrize("name", ["crowded", "fan", "disc"])
 def test_triangles_by_kernels(name):
     points, faces = getattr(zoo_triangles, name)(*() if name == "crowded" else (5,))

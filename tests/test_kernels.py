@@ -102,8 +102,8 @@ def sizes(surface, face, u, v):
     return result
 
 
-def scales(surface, face, u, v):
-    """Largest sums of absolute weights that are close to queries, by order, (3, Q).
+def scales(surface, face, u, v, terms=TERMS):
+    """Largest sums of absolute weights that are close to queries, by order, (orders, Q).
 
     Around a special corner: on the ring that the query lies on; else anywhere in the patch.
     """
@@ -124,11 +124,24 @@ def scales(surface, face, u, v):
     )  # fmt: skip
     us[-1], vs[-1] = u, v
     us, vs = us.clip(0, 1), vs.clip(0, 1)
-    result = np.zeros((3, len(face)))
+    result = np.zeros((1 + max(map(sum, terms)), len(face)))
     with np.errstate(over="ignore", invalid="ignore"):
-        for nu in TERMS:
+        for nu in terms:
             found = row_sums(surface.weights(face, us, vs, nu=nu)).reshape(us.shape)
             result[sum(nu)] = np.maximum(result[sum(nu)], np.nan_to_num(found).max(axis=0))
+    return result
+
+
+def smallest_pieces(surface, face, u, v):
+    """Sizes of the polynomials that queries lie in, in parameters, (Q,)."""
+    patches, result = surface.patches, np.ones(len(u))
+    there = np.isfinite(u) & np.isfinite(v) & (patches.codes[face] != -1)
+    patch, s, t, depth, _ = patches.locate(face[there], u[there], v[there])
+    near = np.maximum(np.minimum(s, 1 - s), np.minimum(t, 1 - t)) / 2
+    across = np.minimum(t, 1 - t) / 2 + 2.0**-20
+    kind = patches.kind[patch]
+    size = np.where(kind > STRIP, near, np.where(kind == STRIP, across, 1.0))
+    result[there] = np.maximum(size * 0.5**depth, LEAST)
     return result
 
 
@@ -408,38 +421,50 @@ def test_schemes_of_ones_own(own, N, use):
     compare(surface, query, use)
 
 
-def test_higher_derivatives_are_left_to_numpy(use):
-    surface = surface_of("carved_cube_1")
-    query = with_gaps(*queries(surface, 60, np.random.default_rng(6), NEAR))
-    for nu in [(3, 0), (2, 1), (1, 3)]:
-        use(False)
-        expected, rows = surface.evaluate(*query, nu=nu), surface.weights(*query, nu=nu)
-        use(True)
-        assert np.array_equal(surface.evaluate(*query, nu=nu), expected, equal_nan=True)
-        jet = surface.jet(*query, order=sum(nu))[nu]
-        assert np.allclose(jet, expected, rtol=1e-12, atol=1e-12, equal_nan=True)
-        assert np.array_equal(
-            surface.weights(*query, nu=nu).toarray(), rows.toarray(), equal_nan=True
-        )
+HIGHER = [(order - j, j) for order in range(3, 8) for j in range(order + 1)]
 
 
-def test_jets_of_higher_order_are_shared_out(use):
-    """Kernels give what they know of them, NumPy the others."""
-    surface = surface_of("carved_cube_1")
+@over_the_zoo
+def test_higher_derivatives(name, use):
+    """Of all orders beyond the second, also where they are on other sides of lines, or infinite."""
+    rng = np.random.default_rng(len(name))
+    surface = surface_of(name)
+    query = with_gaps(*queries(surface, 160, rng))
+    orders = [*rng.permutation(HIGHER)[:5], (3, 0), (2, 1), (1, 2), (0, 3)]
+    use(False)
+    expected = [surface.evaluate(*query, nu=tuple(nu)) for nu in orders]
+    use(True)
+    size, scale = sizes(surface, *query), scales(surface, *query, terms=[*TERMS, *HIGHER])
+    with np.errstate(over="ignore"):
+        least = 2 / smallest_pieces(surface, *query)
+    for nu, values in zip(orders, expected, strict=True):
+        with np.errstate(over="ignore"):
+            # what cancels in the weights of vertices does not in those of control points
+            allowed = size * np.maximum(scale[sum(nu)], least ** sum(nu))
+        assert_close(surface.evaluate(*query, nu=tuple(nu)), values, allowed)
+
+
+@over_some
+def test_jets_of_higher_order(name, use):
+    """They are what is asked for one by one, whoever answers."""
+    surface = surface_of(name)
     query = with_gaps(*queries(surface, 60, np.random.default_rng(6), NEAR))
     use(False)
-    high = surface.jet(*query, order=3)
+    rows = surface.weights(*query, nu=(2, 1))
     use(True)
-    low, found = surface.jet(*query, order=2), surface.jet(*query, order=3)
+    low, found = surface.jet(*query, order=2), surface.jet(*query, order=4)
     out = {nu: np.empty_like(x) for nu, x in found.items()}
-    given = surface.jet(*query, order=3, out=out, workers=2)
+    given = surface.jet(*query, order=4, out=out, workers=2)
     for nu, x in found.items():
-        wanted = low[nu] if nu in low else high[nu]
-        assert np.array_equal(x, wanted, equal_nan=True)
+        wanted = low[nu] if nu in low else surface.evaluate(*query, nu=nu)
+        # (NumPy adds up in an order that depends on how many there are)
+        assert np.allclose(x, wanted, rtol=0 if nu in low else 1e-12, atol=0, equal_nan=True)
         assert given[nu] is out[nu]
         assert np.array_equal(out[nu], x, equal_nan=True)
-        one = surface.jet(*(x.ravel()[0] for x in query), order=3)[nu]
-        assert np.allclose(one, x.reshape(-1, 3)[0], rtol=0 if nu in low else 1e-12, atol=0)
+        one = surface.jet(*(x.ravel()[0] for x in query), order=4)[nu]
+        assert np.allclose(one, x.reshape(-1, 3)[0], rtol=1e-12, atol=1e-12, equal_nan=True)
+    # (weights of these orders are for NumPy)
+    assert np.array_equal(surface.weights(*query, nu=(2, 1)).toarray(), rows.toarray(), True)
 
 
 # --- The oracles

@@ -83,8 +83,14 @@ def test_cages(name, use):
     use(False)
     expected = [of_order(k, lambda nu: surface.evaluate(*query, nu=nu)) for k in range(3)]
     rows = [surface.weights(*query, nu=nu).toarray() for nu in TERMS]
-    twin = surface.normal(*query)
+    higher, twin = surface.jet(*query, order=5), surface.normal(*query)
     use(True)
+    more = surface.jet(*query, order=5, workers=2)
+    for order in (3, 4, 5):
+        given, wanted = (
+            np.stack([jet[order - j, j] for j in range(order + 1)]) for jet in (more, higher)
+        )
+        assert_close(given, wanted, order, 8 * size, depth)
     every = surface.jet(*query, order=2)
     for order, wanted in enumerate(expected):
         for derivative in (lambda nu: surface.evaluate(*query, nu=nu), every.__getitem__):

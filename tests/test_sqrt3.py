@@ -14,6 +14,7 @@ import oracles_sqrt3 as oracle
 import pytest
 
 import limitsurf as ls
+from limitsurf import _kernels
 from limitsurf.scheme.sqrt3 import SQRT3
 
 REFERENCE = Path(__file__).parent / "reference_sqrt3.json"
@@ -395,6 +396,33 @@ def test_what_is_asked_for_does_not_matter_to_others():
         ].max()
         < 1e-3
     )
+
+
+@pytest.mark.parametrize("engine", ["reference", "compiled"])
+def test_faces_with_a_vertex_twice_are_refused(engine):
+    """Both thirds of an edge from a vertex to itself would be one point."""
+    mesh = ls.Mesh(np.eye(3), [[0, 1, 2], [0, 2, 2]])
+    with (
+        _kernels.chosen(engine),
+        pytest.raises(ls.MeshError, match=r"face 1 has a vertex twice \(0, 2, 2\): scheme 'sqrt3'"),
+    ):
+        ls.refined(mesh, 2, scheme="sqrt3")
+
+
+@pytest.mark.parametrize("levels", [1, 2])
+@pytest.mark.parametrize("seed", range(12))
+def test_connectivity_of_any_cage_by_both_engines(seed, levels):
+    """Of faces on few vertices: on the same ones, with edges of many, in no order."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 7))
+    faces = [rng.permutation(n)[:3] for _ in range(rng.integers(1, 9))]
+    mesh, found = ls.Mesh(rng.random((n, 3)), faces), []
+    for engine in ("reference", "compiled"):
+        with _kernels.chosen(engine):
+            fine = ls.refined(mesh, levels, scheme="sqrt3")
+            found.append((fine.indices, fine.edges, fine.points, fine.limit_points))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(other, one, rtol=0, atol=1e-14)
 
 
 def test_bad_calls_are_refused():

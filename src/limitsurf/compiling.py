@@ -124,6 +124,8 @@ def _evaluate(scheme: Scheme, part: str) -> None:
         elif part == _kernels.CURVATURE:
             kernels.tangents(request, 3)
             kernels.curvatures(request)
+        elif part == _kernels.HIGHER:
+            kernels.derivatives(request, [(3, 0)])
         else:
             kernels.derivatives(request, JET)
             kernels.normals(request)

@@ -75,12 +75,12 @@ class LimitSurface:
     engine : {"auto", "reference", "compiled"}, optional
         Who answers in float64: compiled kernels once they are loaded and NumPy until then ("auto";
         last digits may change then, once in a process), NumPy alone, or kernels, which are compiled
-        at once where they must be, but for what they do not know: derivatives beyond the second
-        order, directions and curvature in doubt, and points beyond 2^1000 or all below 2^-900. The
-        argument, else the environment variable ``LIMITSURF_ENGINE``, else "auto". Equal calls get
-        the same digits of either that is chosen; kernels also give a query the same whatever else
-        is in the call, but where parameters broadcast over faces, as NumPy, whose last digits may
-        depend on it, does not.
+        at once where they must be, but for what they do not know: weights of derivatives beyond
+        the second, directions and curvature in doubt, and points beyond 2^1000 or all below
+        2^-900. The argument, else the environment variable ``LIMITSURF_ENGINE``, else "auto". Equal
+        calls get the same digits of either that is chosen; kernels also give a query the same
+        whatever else is in the call, but where parameters broadcast over faces, as NumPy, whose
+        last digits may depend on it, does not.
 
     Attributes
     ----------

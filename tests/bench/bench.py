@@ -384,6 +384,7 @@ def several(surface: ls.LimitSurface, queries: Queries, nus: list[tuple[int, int
 
 def weighted(surface: ls.LimitSurface, queries: Queries) -> Iterator[Job]:
     n, points = len(queries[0]), surface.points
+    several(surface, tuple(x[:1] for x in queries), [(0, 0)])  # what is made once for a surface
     for order, nus in (("P", [(0, 0)]), ("+d1", [(0, 0), (1, 0), (0, 1)])):
 
         def apply(operators: list[Any]) -> list[Any]:

@@ -26,13 +26,14 @@ from limitsurf._kernels.locks import preparing as preparing
 VARIABLE = "LIMITSURF_ENGINE"
 CHOICES = ("auto", "reference", "compiled")
 # what kernels are for, in the order in which they are compiled: meshes, and by the shape of faces
-# derivatives and normals, weights, and tangents and curvature; last searches of surfaces, and
-# schemes that are evaluated by steps
-MESHES, WEIGHTS, CURVATURE, SEARCHES = "meshes", "-weights", "-curvature", "searches"
-STEPWISE = "stepwise"
+# derivatives and normals, weights, tangents and curvature, and derivatives beyond the second; last
+# searches of surfaces, and schemes that are evaluated by steps
+MESHES, WEIGHTS, CURVATURE, HIGHER = "meshes", "-weights", "-curvature", "-higher"
+SEARCHES, STEPWISE = "searches", "stepwise"
+_PARTS = "", WEIGHTS, CURVATURE, HIGHER
 KINDS = (
-    *("quads", MESHES, f"quads{WEIGHTS}", f"quads{CURVATURE}"),
-    *("triangles", f"triangles{WEIGHTS}", f"triangles{CURVATURE}"),
+    *("quads", MESHES, *(f"quads{part}" for part in _PARTS[1:])),
+    *(f"triangles{part}" for part in _PARTS),
     *(SEARCHES, STEPWISE),
 )
 # kinds whose kernels answer whatever is asked; reading it is cheap enough for every query

@@ -22,10 +22,9 @@ from limitsurf._kernels.evaluation import (
     FIRST,
     KIND,
     LANES,
-    LEVELS,
     MODES,
     PAIRS,
-    PATCH,
+    QUERIES,
     ROW,
     ROWS,
     SECOND,
@@ -42,22 +41,14 @@ from limitsurf._kernels.evaluation import (
     points_of,
     powered,
     scale_by_two,
+    surrounded,
     tables_of,
 )
-from limitsurf._kernels.jit import (
-    bits,
-    combination,
-    differences,
-    inlined,
-    lean,
-    outlined,
-    prefetch,
-)
+from limitsurf._kernels.finding import finder
+from limitsurf._kernels.jit import bits, combination, inlined, lean, outlined
 
 Array = NDArray[Any]
 
-_BLOCK = 256  # queries that are located before any is answered
-_AHEAD = 4  # queries that memory is asked for ahead of time
 _TERMS = np.arange(6)  # in the order of `LimitSurface.jet`
 _FIRST_ORDER = _TERMS[1:3].copy()
 _FLAT = 1e-6  # curvature times size, as in `reference.honest`
@@ -229,89 +220,11 @@ def _unit(out: Array, k: int, query: int, width: int, noise: float) -> bool:
 
 def shapers(shape: Any) -> tuple[Any, Any]:
     """The kernels `tangents` and `curved`, for faces of a shape."""
-    size, own_point, pieces = shape.POINTS, shape.OWN, shape.PIECES
-    each, middle = shape.REFINED + 2, shape.MIDDLE
-    same = np.arange(size, dtype=np.int32)
-    near = differences(size, own_point)
-    located, turned, place_around = shape.located, shape.turned, shape.place_around
+    size, own_point, shared, middle = shape.POINTS, shape.OWN, shape.BLOCK, shape.MIDDLE
+    (around, kept), (_locate, _ask, _controls) = surrounded(shape), finder(shape)
     spline, patch_weights, write = shape.spline, shape.patch_weights, shape.write
     sizes_of_weights, spline_rows = shape.sizes_of_weights, shape.spline_rows
     eigenfunctions, bent_spline = shape.eigenfunctions, shape.bent_spline
-
-    @inlined
-    def _locate(
-        face: Array, u: Array, v: Array, begin: int, count: int, patches: Patches, room: Room
-    ) -> bool:
-        """Find a block of queries; False if one is out of range."""
-        for k in range(count):
-            if begin + k + 4 * _AHEAD < len(face):
-                prefetch(patches.info, face[begin + k + 4 * _AHEAD])
-            code, _, s, t, fine = located(face[begin + k], u[begin + k], v[begin + k], patches)
-            if not fine:
-                return False
-            level, piece = 0, 0
-            if code >= 0:
-                turn = code >> TURN & TURNS
-                s, t = turned(s, t, turn)
-                if code >> KIND > 1:
-                    level, piece, s, t = place_around(s, t, turn)
-            room.codes[k], room.s[k], room.t[k] = code, s, t
-            room.places[k] = piece + 4 * (level + 1)
-        return True
-
-    @inlined
-    def _copy(code: int, patches: Patches, tables: Tables) -> int:
-        """First row in `Points.fine` of what a patch has there; -1 if nothing."""
-        kind, row = code >> KIND, code & ROW
-        first = -1
-        if kind > 1:
-            first = (tables.kinds[kind, PATCH] + row) * each
-        elif code >> FAR & 1:
-            first = patches.near[row]
-        return first
-
-    @inlined
-    def _ask(
-        i: int, count: int, codes: Array, patches: Patches, tables: Tables, points: Points
-    ) -> None:
-        """Prefetch what queries some way beyond number i need."""
-        for j in range(0 if i == 0 else i + 2 * _AHEAD, min(i + 2 * _AHEAD + 1, count)):
-            code = codes[j]
-            if code >= 0 and code >> KIND <= 1:
-                prefetch(patches.ids, (code & ROW) * size)
-        j = i + _AHEAD
-        if j >= count or codes[j] < 0:
-            return
-        width, inner = points.high.shape[1], len(points.high)
-        base = _copy(codes[j], patches, tables) * width
-        if base >= 0:
-            for line in range(base, base + each * width, 8):
-                prefetch(points.fine, line)
-            return
-        at = (codes[j] & ROW) * size
-        for k in range(size):
-            number = np.int64(patches.ids[at + k])
-            if number < inner:
-                prefetch(points.high, number * width)
-            else:
-                prefetch(points.extras, (number - inner) * 2 * width)
-
-    @inlined
-    def _controls(
-        code: int, place: int, channel: int, patches: Patches, tables: Tables, points: Points,
-        room: Room,
-    ) -> tuple[Array, Array, int, int, int]:  # fmt: skip
-        """Control points of a spline: of what, numbers, where these begin, base, channel."""
-        grid, numbers, at, base = points.high, patches.ids, (code & ROW) * size, 0
-        copy = _copy(code, patches, tables)
-        if code >> KIND > 1:
-            grid, numbers, at, base = points.fine, pieces, (place & 3) * size, copy
-        elif copy >= 0:
-            grid, numbers, at, base = points.fine, same, 0, copy
-        elif code >> FAR & 1:
-            near(points.high, points.extras, patches.ids, at, channel, room.near)
-            grid, numbers, at, channel = room.near, same, 0, 0
-        return grid, numbers, at, base, channel
 
     @inlined
     def _block(code: int, tables: Tables, width: int) -> tuple[int, int]:
@@ -322,10 +235,12 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         return block, block + (n + 2) * width
 
     @inlined
-    def _error(code: int, patches: Patches, tables: Tables, points: Points) -> float:
+    def _error(code: int, place: int, patches: Patches, tables: Tables, points: Points) -> float:
         """What rounding did to control points of a spline at most, times 1 / NOISE."""
         error = 0.0
-        if code >> KIND > 1:
+        if code >> KIND > 1 and shared and tables.kinds[code >> KIND, MODES] < 0:
+            error = points.fine[around(code, place, tables)[1] + 2, 0]
+        elif code >> KIND > 1:
             # rows that refine have sums of at most 3, where points are reflected
             _, known = _block(code, tables, points.high.shape[1])
             error = 3 * points.modes[known + 2]
@@ -356,9 +271,9 @@ def shapers(shape: Any) -> tuple[Any, Any]:
                 reach = max(reach, found[3 * LANES + c])
             write(1, found, _FIRST_ORDER, turn, place & 3, 1.0, 0, 0, out, query, channel)
         sizes_of_weights(room.weights, 1, found)
-        noise = (reach + _error(code, patches, tables, points)) * NOISE + TINY
+        noise = (reach + _error(code, place, patches, tables, points)) * NOISE + TINY
         noise *= found[1] + found[2]
-        if code >> KIND > 1:
+        if code >> KIND > 1 and tables.kinds[code >> KIND, MODES] >= 0:
             noise /= _CERTAIN
         return _unit(out, 0, query, width, noise) and _unit(out, 1, query, width, noise)
 
@@ -400,12 +315,12 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         """
         patches, tables, points = patches_of(words), tables_of(words), points_of(words)
         left = 0
-        for begin in range(0, len(face), _BLOCK):
-            count = min(_BLOCK, len(face) - begin)
+        for begin in range(0, len(face), QUERIES):
+            count = min(QUERIES, len(face) - begin)
             if not _locate(face, u, v, begin, count, patches, room):
                 return -1
             for k in range(count):
-                _ask(k, count, room.codes, patches, tables, points)
+                _ask(k, count, room, patches, tables, points)
                 query, code = start + begin + k, room.codes[k]
                 if code < 0:
                     for c in range(out.shape[2]):
@@ -414,8 +329,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
                 given = k, query, patches, tables, points, out, width, room
                 done, special = False, code >> KIND > 1
                 known = special and tables.kinds[code >> KIND, MODES] >= 0
-                level, kept = room.places[k] >> 2, tables.kinds[code >> KIND, LEVELS]
-                if not special or (known and 0 < level <= kept):
+                if not special or 0 < room.places[k] >> 2 <= kept(code, tables):
                     done = _spline_tangents(*given)
                 if known and not done:
                     done = _special_tangents(*given)
@@ -457,7 +371,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         grid, numbers, at, base, _ = _controls(code, place, 0, patches, tables, points, room)
         bent_spline(grid, numbers, at, base, weights, found)
         extent = max(found[6 * LANES], found[6 * LANES + 1], found[6 * LANES + 2])
-        extent += _error(code, patches, tables, points)
+        extent += _error(code, place, patches, tables, points)
         sizes_of_weights(weights, 2, bent)
         # first derivatives of about 1: neither overflow nor underflow in products
         largest = 0.0
@@ -476,9 +390,11 @@ def shapers(shape: Any) -> tuple[Any, Any]:
             return False
         _form(found, errors, 1.0, bent)
         size_of_form = _largest(bent)
-        if code >> KIND > 1 and not _CERTAIN * size_of_form > bent[_DOUBT]:
+        # (where there are no eigenfunctions the reference also has refined points alone)
+        eigen = code >> KIND > 1 and tables.kinds[code >> KIND, MODES] >= 0
+        if eigen and not _CERTAIN * size_of_form > bent[_DOUBT]:
             return False
-        if not size_of_form > bent[_DOUBT]:
+        if code >> KIND <= 1 and not size_of_form > bent[_DOUBT]:
             if not size_of_form < np.inf:
                 return False
             _thorough(code, s, t, factor, patches, tables, points, rounding, room, errors, mine[2:])
@@ -601,12 +517,12 @@ def shapers(shape: Any) -> tuple[Any, Any]:
         """
         patches, tables, points = patches_of(words), tables_of(words), points_of(words)
         left = 0
-        for begin in range(0, len(face), _BLOCK):
-            count = min(_BLOCK, len(face) - begin)
+        for begin in range(0, len(face), QUERIES):
+            count = min(QUERIES, len(face) - begin)
             if not _locate(face, u, v, begin, count, patches, room):
                 return -1
             for k in range(count):
-                _ask(k, count, room.codes, patches, tables, points)
+                _ask(k, count, room, patches, tables, points)
                 query, code = start + begin + k, room.codes[k]
                 if code < 0:
                     for c in range(10):
@@ -615,8 +531,7 @@ def shapers(shape: Any) -> tuple[Any, Any]:
                 given = k, query, patches, tables, points, rounding, out, room, mine
                 done, special = False, code >> KIND > 1
                 known = special and tables.kinds[code >> KIND, MODES] >= 0
-                level, kept = room.places[k] >> 2, tables.kinds[code >> KIND, LEVELS]
-                if not special or (known and 0 < level <= kept):
+                if not special or 0 < room.places[k] >> 2 <= kept(code, tables):
                     done = _bent_spline(*given)
                 if known and not done:
                     done = _bent_special(*given)

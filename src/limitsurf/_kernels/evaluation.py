@@ -60,8 +60,8 @@ LEVELS, BESIDE, FACES, READY, FIELDS = range(9, 14)
 HEAD = 3  # rows of a level of a shared ring: the limit less the vertex, the vertex, [errors]
 FIRST, SECOND = 0, 1  # the eigenvalue that powers are relative to
 ROW = (1 << TURN) - 1  # the bits of a packed patch that are its row
-_BLOCK = 256  # queries that are sorted by what their patches are
-_AHEAD = 4  # queries that memory is asked for ahead of time; many more at once hinder each other
+QUERIES = 256  # queries that are sorted by what their patches are
+AHEAD = 4  # queries that memory is asked for ahead of time; many more at once hinder each other
 NEVER = 1 << 40  # more halvings than there are
 DEEPEST = 1000  # level beyond which second derivatives are left to the reference
 _scale1, _scale3, _scale6 = (scaling(count) for count in (1, 3, 6))
@@ -131,8 +131,8 @@ class Room(NamedTuple):
     @classmethod
     def of(cls, tables: Tables) -> Room:
         """Enough for these tables."""
-        codes, depths, places, simple, splines, special = np.empty((6, _BLOCK), dtype=np.int64)
-        s, t = np.empty((2, _BLOCK))
+        codes, depths, places, simple, splines, special = np.empty((6, QUERIES), dtype=np.int64)
+        s, t = np.empty((2, QUERIES))
         rows = np.empty((6 + tables.chains.shape[1], max(6, tables.pieces.shape[3])))
         sums = np.empty(72), np.empty(7 * LANES), np.empty((16, LANES))
         return cls(codes, depths, places, s, t, simple, splines, special, *sums, rows)
@@ -169,16 +169,16 @@ points_of = unpacking(Points, len(Patches._fields + Tables._fields), _FIELDS[2])
 def _room_of(flat: Array, tables: Tables) -> Room:
     """Room at the begin of a flat array, as `Room.of` makes it."""
     wide = max(6, tables.pieces.shape[3])
-    at = 8 * _BLOCK
+    at = 8 * QUERIES
     return Room(
-        _ints(flat, 0, (_BLOCK,)),
-        _ints(flat, _BLOCK, (_BLOCK,)),
-        _ints(flat, 2 * _BLOCK, (_BLOCK,)),
-        _floats(flat, 3 * _BLOCK, (_BLOCK,)),
-        _floats(flat, 4 * _BLOCK, (_BLOCK,)),
-        _ints(flat, 5 * _BLOCK, (_BLOCK,)),
-        _ints(flat, 6 * _BLOCK, (_BLOCK,)),
-        _ints(flat, 7 * _BLOCK, (_BLOCK,)),
+        _ints(flat, 0, (QUERIES,)),
+        _ints(flat, QUERIES, (QUERIES,)),
+        _ints(flat, 2 * QUERIES, (QUERIES,)),
+        _floats(flat, 3 * QUERIES, (QUERIES,)),
+        _floats(flat, 4 * QUERIES, (QUERIES,)),
+        _ints(flat, 5 * QUERIES, (QUERIES,)),
+        _ints(flat, 6 * QUERIES, (QUERIES,)),
+        _ints(flat, 7 * QUERIES, (QUERIES,)),
         _floats(flat, at, (72,)),
         _floats(flat, at + 72, (7 * LANES,)),
         _rows(flat, at + 72 + 7 * LANES, (16, LANES)),
@@ -336,29 +336,12 @@ def _eigen_normal(
     return True
 
 
-def evaluator(shape: Any) -> Any:
-    """The kernel that evaluates scattered queries, for faces of a shape."""
-    size, own_point = shape.POINTS, shape.OWN
-    pieces = np.concatenate([shape.PIECES, shape.AROUND])
-    fine, shared = shape.REFINED + 2, shape.BLOCK  # rows in `Points.fine`
-    low_origin = shape.REFINED
-    same = np.arange(size, dtype=np.int32)
-    near = differences(size, own_point)
-    located, turned, place_around = shape.located, shape.turned, shape.place_around
-    spline, spline_weights, patch_weights = shape.spline, shape.spline_weights, shape.patch_weights
-    halved_weights = shape.halved_weights
-    spline_normal, eigenfunctions, write = shape.spline_normal, shape.eigenfunctions, shape.write
+def surrounded(shape: Any) -> tuple[Any, Any]:
+    """What finds control points around special corners, and for how many levels they are there."""
+    size, fine, shared, low_origin = shape.POINTS, shape.REFINED + 2, shape.BLOCK, shape.REFINED
 
     @inlined
-    def _copy(code: int, patches: Patches) -> int:
-        """First row in `Points.fine` of the control points of a spline; -1 if it has none there."""
-        first = -1
-        if code >> FAR & 1:
-            first = patches.near[code & ROW]
-        return first
-
-    @inlined
-    def _around(code: int, place: int, tables: Tables) -> tuple[int, int, int]:
+    def around(code: int, place: int, tables: Tables) -> tuple[int, int, int]:
         """The same of a piece around a special corner, of its origin, and where its grid begins.
 
         Rows of patches that share rings are numbers of these times faces, plus positions.
@@ -379,7 +362,7 @@ def evaluator(shape: Any) -> Any:
         return first, head, at
 
     @inlined
-    def _kept(code: int, tables: Tables) -> int:
+    def kept(code: int, tables: Tables) -> int:
         """For how many levels the control points around a special corner are there."""
         kind = code >> KIND
         levels: int = tables.kinds[kind, LEVELS]
@@ -391,17 +374,41 @@ def evaluator(shape: Any) -> Any:
             levels = min(levels, tables.kinds[kind, READY])
         return levels
 
+    return around, kept
+
+
+def evaluator(shape: Any) -> Any:
+    """The kernel that evaluates scattered queries, for faces of a shape."""
+    size, own_point = shape.POINTS, shape.OWN
+    pieces = np.concatenate([shape.PIECES, shape.AROUND])
+    fine, shared = shape.REFINED + 2, shape.BLOCK  # rows in `Points.fine`
+    low_origin = shape.REFINED
+    same = np.arange(size, dtype=np.int32)
+    near = differences(size, own_point)
+    located, turned, place_around = shape.located, shape.turned, shape.place_around
+    spline, spline_weights, patch_weights = shape.spline, shape.spline_weights, shape.patch_weights
+    halved_weights, (_around, _kept) = shape.halved_weights, surrounded(shape)
+    spline_normal, eigenfunctions, write = shape.spline_normal, shape.eigenfunctions, shape.write
+
+    @inlined
+    def _copy(code: int, patches: Patches) -> int:
+        """First row in `Points.fine` of the control points of a spline; -1 if it has none there."""
+        first = -1
+        if code >> FAR & 1:
+            first = patches.near[code & ROW]
+        return first
+
     @inlined
     def _ask(
         i: int, n: int, queries: Array, room: Room, patches: Patches, tables: Tables, points: Points
     ) -> None:
         """Prefetch what the splines of queries some way beyond number i need."""
         codes = room.codes
-        for j in range(0 if i == 0 else i + 2 * _AHEAD, min(i + 2 * _AHEAD + 1, n)):
+        for j in range(0 if i == 0 else i + 2 * AHEAD, min(i + 2 * AHEAD + 1, n)):
             code = codes[queries[j]]
             if code >> KIND <= 1 and _copy(code, patches) < 0:
                 prefetch(patches.ids, (code & ROW) * size)
-        j = i + _AHEAD
+        j = i + AHEAD
         if j >= n or codes[queries[j]] == codes[queries[j - 1]]:
             return
         width, inner, code = points.high.shape[1], len(points.high), codes[queries[j]]
@@ -550,7 +557,7 @@ def evaluator(shape: Any) -> Any:
         found = room.found
         rows = room.rows
         for i in range(special):
-            for j in range(0 if i == 0 else i + _AHEAD, min(i + _AHEAD + 1, special)):
+            for j in range(0 if i == 0 else i + AHEAD, min(i + AHEAD + 1, special)):
                 code = room.codes[room.special[j]]
                 length = (tables.kinds[code >> KIND, ROWS] + 3) * width
                 base = tables.kinds[code >> KIND, MODES] * width + (code & ROW) * length
@@ -658,12 +665,12 @@ def evaluator(shape: Any) -> Any:
         face, u = _floats(room, first, (n,)), _floats(room, first + n, (n,))
         v, rest = _floats(room, first + 2 * n, (n,)), _ints(room, first + 3 * n, (n,))
         codes, places, ss, ts = own.codes, own.places, own.s, own.t
-        for begin in range(0, n, _BLOCK):
-            size = min(_BLOCK, n - begin)
+        for begin in range(0, n, QUERIES):
+            size = min(QUERIES, n - begin)
             simple = splines = special = 0
             for k in range(size):
-                if begin + k + 4 * _AHEAD < n:
-                    prefetch(patches.info, np.int64(face[begin + k + 4 * _AHEAD]))
+                if begin + k + 4 * AHEAD < n:
+                    prefetch(patches.info, np.int64(face[begin + k + 4 * AHEAD]))
                 number = face[begin + k]
                 code, depth, s, t, fine = located(
                     np.int64(number) if 0 <= number < patches.n_faces else -1,

@@ -31,6 +31,7 @@ from limitsurf._kernels.evaluation import (
     scale_by_two,
 )
 from limitsurf._kernels.grids import gridder
+from limitsurf._kernels.higher import deriver
 from limitsurf._kernels.jit import bicubic, inlined, of_bits, polynomials
 from limitsurf._kernels.rows import writers
 
@@ -38,6 +39,7 @@ Array = NDArray[Any]
 
 POINTS, OWN = 16, 5  # control points of a regular patch, and which of them all are relative to
 MONOMIALS = 16  # of a piece
+DEGREES = (3, 3, 3, 3)  # in s beside each power of t
 MIDDLE = -1  # the piece that is turned by half a turn: none
 REFINED = 25  # points of the pieces around a special corner, 5 x 5
 _PIECES = [(j + y, i + x) for x, y in ((1, 0), (1, 1), (0, 1)) for j in range(4) for i in range(4)]
@@ -59,7 +61,7 @@ SIGN = np.array([
 
 _bicubic0, _bicubic1, _bicubic2 = (bicubic(order) for order in range(3))
 _bicubic_sized, _bicubic_bent = bicubic(1, sized=True), bicubic(2, sized=True)
-_polynomials0, _polynomials1, _polynomials2 = (polynomials(order, (3,) * 4) for order in range(3))
+_polynomials0, _polynomials1, _polynomials2 = (polynomials(order, DEGREES) for order in range(3))
 
 
 @inlined
@@ -209,6 +211,25 @@ def patch_weights(
 
 
 @inlined
+def piece_of(code: int, s: float, t: float, patches: Patches) -> tuple[int, float, float, int, int]:
+    """The polynomial that a spline is at a place: its number, parameters in it, halvings of both.
+
+    The first is that of regular patches, then come those of strips; of a dual scheme there are
+    four, the upper halves first, along s, then along t.
+    """
+    if patches.halves:
+        right, above = s > 0.5, t > 0.5
+        return 3 - right - 2 * above, 2 * s - right, 2 * t - above, 1, 1
+    if code >> KIND != 1:
+        return 0, s, t, 0, 0
+    row, turn = (code & ROW) - len(patches.ids) // 16 + len(patches.strips), code >> TURN & TURNS
+    first, depth = patches.strips[row, 0], patches.strips[row, 1]
+    k = min(halvings(t, turn == 1 or turn == 2), depth)
+    level = min(k + 1, depth)
+    return 1 + first + k, s, scale_by_two(t, level) - (k < depth), 0, level
+
+
+@inlined
 def spline(
     order: int, sized: bool, points: Array, ids: Array, at: int, base: int, channel: int,
     weights: Array, found: Array,
@@ -347,3 +368,4 @@ _shape = sys.modules[__name__]
 scattered, gridded = evaluator(_shape), gridder(_shape)
 lengths, fill = writers(_shape)
 tangents, curved = shapers(_shape)
+higher = deriver(_shape)

@@ -32,6 +32,7 @@ from limitsurf._kernels.evaluation import (
     scale_by_two,
 )
 from limitsurf._kernels.grids import gridder
+from limitsurf._kernels.higher import deriver
 from limitsurf._kernels.jit import gathered, inlined, of_bits, polynomials
 from limitsurf._kernels.rows import writers
 
@@ -39,6 +40,7 @@ Array = NDArray[Any]
 
 POINTS, OWN = 12, 4  # control points of a regular patch, and which of them all are relative to
 MONOMIALS = 15  # of a piece
+DEGREES = (4, 3, 2, 1, 0)  # in s beside each power of t
 # places of the control points of a patch, and of those of the three pieces around a special corner:
 # the children at corners 1 and 2, and the middle one, which is turned by half a turn
 _TEMPLATE = [(i, j) for j, row in enumerate(("123", "0123", "012", "01")) for i in map(int, row)]
@@ -76,9 +78,7 @@ for _k, (_i, _j) in enumerate(((0, 0), (0, 1), (1, 1)), start=3):
 _gathered1, _gathered3, _gathered6 = (gathered(POINTS, OWN, count) for count in (1, 3, 6))
 _gathered_sized = gathered(POINTS, OWN, 3, sized=True)
 _gathered_bent = gathered(POINTS, OWN, 6, sized=True)
-_polynomials0, _polynomials1, _polynomials2 = (
-    polynomials(order, (4, 3, 2, 1, 0)) for order in range(3)
-)
+_polynomials0, _polynomials1, _polynomials2 = (polynomials(order, DEGREES) for order in range(3))
 
 
 @inlined
@@ -265,6 +265,12 @@ def patch_weights(
 
 
 @inlined
+def piece_of(code: int, s: float, t: float, patches: Patches) -> tuple[int, float, float, int, int]:
+    """The polynomial that a spline is at a place, always the same, as in `quads`."""
+    return 0, s, t, 0, 0
+
+
+@inlined
 def spline(
     order: int, sized: bool, points: Array, ids: Array, at: int, base: int, channel: int,
     weights: Array, found: Array,
@@ -417,3 +423,4 @@ _shape = sys.modules[__name__]
 scattered, gridded = evaluator(_shape), gridder(_shape)
 lengths, fill = writers(_shape)
 tangents, curved = shapers(_shape)
+higher = deriver(_shape)

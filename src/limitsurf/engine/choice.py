@@ -96,7 +96,7 @@ class Answers:
     @cached_property
     def compiled(self) -> Compiled:
         """Kernels."""
-        return Compiled(self.topology, self.reference)
+        return Compiled(self.topology, self.reference, self._choice)
 
     def one(
         self, face: Any, u: Any, v: Any, orders: tuple[Order, ...] | None, workers: Any
@@ -142,9 +142,10 @@ class Answers:
         if choice == "reference" or shape is None:
             return self.reference
         weights = part == _kernels.WEIGHTS
-        # (what kernels never know costs them nothing)
         if (orders or weights) and not PLACES.keys() & orders:
-            return self.reference
+            if weights:  # (what kernels never know costs them nothing)
+                return self.reference
+            part = _kernels.HIGHER
         if choice == "auto" and (kind := shape + part) not in _kernels.available:
             size, kinds = request.face.size, len(self.topology.patches.controls)
             seconds = _CALL + _KIND * min(size, kinds) + _QUERY * size * (1 + (len(orders) or 3))

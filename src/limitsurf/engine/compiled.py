@@ -23,24 +23,28 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-# derivatives that kernels know, in the order of `jet`
+# derivatives that most kernels know, in the order of `jet`
 PLACES = {nu: place for place, nu in enumerate(TERMS)}
+_HIGHER = 4e-7  # seconds that NumPy takes for one of a higher order
 
 
 class Compiled:
-    """The engine by kernels, for the points of a `reference` in float64."""
+    """The engine by kernels, for the points of a `reference` in float64.
 
-    def __init__(self, topology: Topology, reference: Reference) -> None:
-        self._topology, self._reference = topology, reference
+    `choice` is "compiled" where it has all kernels, whatever it costs.
+    """
+
+    def __init__(self, topology: Topology, reference: Reference, choice: str) -> None:
+        self._topology, self._reference, self._choice = topology, reference, choice
 
     def knows(self, orders: Sequence[Order], weights: bool) -> bool:
-        """Whether kernels can answer at all: derivatives of few orders, of points of common size.
+        """Whether kernels can answer at all: of points of common size, weights of few orders.
 
         Patches must be of a shape that has kernels, and there must be numbers to be answered; for
-        `weights` points do not matter. One order is enough: the reference may give the others.
+        `weights` points do not matter. One order of these is enough: the reference may give the
+        others.
         """
-        asked_for = orders or weights
-        if self._topology.shape is None or (asked_for and not PLACES.keys() & orders):
+        if self._topology.shape is None or (weights and not PLACES.keys() & orders):
             return False
         values = self._reference.values
         return weights or (values.channels > 0 and not values.balance)
@@ -74,14 +78,14 @@ class Compiled:
     def derivatives(
         self, request: Request, orders: Sequence[Order], out: Sequence[Array] | None = None
     ) -> Sequence[Array]:
-        """See `Engine`; orders of `PLACES` by kernels, others by the reference."""
+        """See `Engine`."""
         orders = tuple(orders)
         known = [k for k, nu in enumerate(orders) if nu in PLACES]
         if len(known) < len(orders):
             others = [k for k, nu in enumerate(orders) if nu not in PLACES]
             both: dict[int, Array] = {}
-            asking = (self.derivatives, known), (self._reference.derivatives, others)
-            for ask, which in asking:
+            asking = (self.derivatives, known), (self._higher, others)
+            for ask, which in asking if known else asking[1:]:
                 into = out and [out[k] for k in which]
                 some = ask(request, [orders[k] for k in which], into)
                 both.update(zip(which, some, strict=True))
@@ -93,6 +97,36 @@ class Compiled:
                 result[rest] = part
         return found
 
+    def _higher(
+        self, request: Request, orders: Sequence[Order], out: Sequence[Array] | None
+    ) -> Sequence[Array]:
+        """Derivatives beyond those of `PLACES`; by the reference while it is faster."""
+        kind = f"{self._topology.shape}{_kernels.HIGHER}"
+        seconds = _HIGHER * request.face.size * len(orders)
+        if self._choice == "auto" and not _kernels.answer(kind, seconds):
+            return self._reference.derivatives(request, orders, out)
+        results: list[Any] = [*out] if out else [*orders]  # (places for them)
+        queries = request.face, request.u, request.v
+        packing, words = self._topology.packing, self._isolated.words
+        values = self._reference.values
+        for total in {sum(nu): None for nu in orders}:
+            which = [k for k, nu in enumerate(orders) if sum(nu) == total]
+            some = [orders[k] for k in which]
+            found, rest = packing.higher(words, queries, some, values.channels, request.workers)
+            if rest is None:
+                self._complain(request)
+            if len(rest):
+                more = self._isolated.add(again := request.flat(rest), values)
+                engine = self if more else self._reference
+                for result, part in zip(found, engine.derivatives(again, some), strict=True):
+                    result[rest] = part
+            for k, result in zip(which, found, strict=True):
+                if out:
+                    results[k][...] = result
+                else:
+                    results[k] = result
+        return results
+
     def normals(self, request: Request, out: Array | None = None) -> Array:
         """See `Engine`."""
         (normals,), rest = self._answers(request, None, None if out is None else [out])
@@ -102,12 +136,13 @@ class Compiled:
 
     def tangents(self, request: Request, width: int) -> tuple[Array, Array]:
         """See `Engine`."""
-        out = np.empty((2, request.face.size, self._reference.values.channels))
+        values = self._reference.values
+        out = np.empty((2, request.face.size, values.channels))
         rest = self._shapes("tangents", request, lambda: (width, out))
         if len(rest):
-            parts = self._reference.tangents(request.flat(rest), width)
-            for result, part in zip(out, parts, strict=True):
-                result[rest] = part
+            more = self._isolated.add(again := request.flat(rest), values)
+            engine = self if more else self._reference
+            out[:, rest] = engine.tangents(again, width)
         return out[0], out[1]
 
     def curvatures(self, request: Request) -> Array:
@@ -116,7 +151,8 @@ class Compiled:
         rounding, out = values.errors[inner:], np.empty((request.face.size, 10))
         rest = self._shapes("curved", request, lambda: (rounding, np.empty((3, 1, 24)), out))
         if len(rest):
-            out[rest] = self._reference.curvatures(request.flat(rest))
+            more = self._isolated.add(again := request.flat(rest), values)
+            out[rest] = (self if more else self._reference).curvatures(again)
         return out
 
     def _shapes(self, kernel: str, request: Request, given: Callable[[], Sequence[Any]]) -> Array:

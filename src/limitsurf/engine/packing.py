@@ -517,6 +517,57 @@ class Packing:
             return work(slice(0, total))
         return _joined(over_chunks(total, workers, work))
 
+    def higher(
+        self,
+        words: Array,
+        queries: tuple[Array, Array, Array],
+        orders: Sequence[tuple[int, int]],
+        channels: int,
+        workers: int,
+    ) -> tuple[Array, Array | None]:
+        """Derivatives of these orders, all of one total order, (n, Q, channels), and as `shapes`.
+
+        Words are those of a `block`.
+        """
+        total, turned = sum(orders[0]), [self._patches.lattice.turned(nu) for nu in orders]
+        own = {(total - j, j) for j in range(total + 1)}
+        terms = sorted(nu for nu in own if not self._native.vanishes(nu))
+        # (there are as many columns as the kernel knows terms)
+        from limitsurf._kernels import higher
+
+        turning = np.zeros((len(self._patches.lattice.gradients), len(orders), higher.TERMS))
+        for column, term in enumerate(terms):
+            for row, factors in enumerate(turned):
+                turning[:, row, column] = factors.get(term, 0)
+        out = np.empty((len(orders), queries[0].size, channels))
+        wanted = np.array(terms, dtype=np.int64).reshape(-1, 2)
+
+        def given() -> Sequence[Any]:
+            sums = np.zeros(higher.TERMS * self.shape.POINTS)
+            return total, wanted, turning, self._polynomials, sums, out
+
+        return out, self.shapes("higher", words, queries, given, workers)
+
+    @cached_property
+    def _polynomials(self) -> Array:
+        """Coefficients of monomials of the pieces of splines, by control point.
+
+        In the order of ``piece_of`` of the kernels, (pieces, monomials, POINTS).
+        """
+        spline, strips = self._native, np.array(self._strips.pieces, dtype=float)
+        whole = [(i, j) for j, most in enumerate(self.shape.DEGREES) for i in range(most + 1)]
+        rows = [spline.exponents.index(powers) for powers in whole]
+        regular = np.array(spline.pieces, dtype=float)[None, rows]
+        if not strips.size:
+            return regular
+        across = np.zeros((len(strips), 4, 4))
+        across[:, : strips.shape[1]] = strips
+        along = np.array(spline.curve, dtype=float)[None]
+        if self._strips.both:
+            regular, along = regular[:0], across
+        both = np.einsum("pjy,qix->pqjiyx", across, along)
+        return np.concatenate([regular, both.reshape(-1, *regular.shape[1:])])
+
     def _gridded(
         self,
         words: Array,

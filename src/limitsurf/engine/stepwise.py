@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from limitsurf.cage import checks
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.topology import Topology
+from limitsurf.refine.thirds import check_corners
 from limitsurf.rules import Rules
 from limitsurf.topology import LimitFaces
 
@@ -32,7 +32,7 @@ class StepwiseTopology(Topology):
         self.rules, self.lattice, self.choice = rules, rules.scheme.lattice, choice
         self.limit_faces = LimitFaces.of(mesh, self.lattice)
         self.mesh = mesh.with_points(np.zeros((mesh.n_vertices, 0)))
-        _check_repeats(mesh, rules.scheme.name)
+        check_corners(mesh, rules.scheme.name)
         self._kept: dict[str, Any] = {}
         self._with_limit = ~rules.without_limit(mesh)[self.limit_faces.face]
 
@@ -61,17 +61,3 @@ class StepwiseTopology(Topology):
     def shape(self) -> str | None:
         """There are no compiled kernels of pieces; steps have some, which the engines choose."""
         return None
-
-
-def _check_repeats(mesh: Mesh, scheme: str) -> None:
-    """Refuse faces with a vertex twice: what is around them is not told apart by faces."""
-    if not mesh.connectivity.repeats:
-        return
-
-    def wrong(face: int) -> tuple[Any, ...]:
-        listed = ", ".join(map(str, mesh.faces[face]))
-        text = f"face {face} has a vertex twice ({listed}): a surface of scheme {scheme!r} needs"
-        return f"{text} three different ones; leave the face out", ("face", face)
-
-    corners = np.sort(mesh.indices.reshape(-1, 3), axis=1)
-    checks.check((np.diff(corners, axis=1) == 0).any(axis=1), wrong)
