@@ -149,6 +149,7 @@ def advice_on(weight: Any, algebraic: bool) -> str:
     return f"of type {type(weight).__name__}, need {need}"
 
 
+@lru_cache(maxsize=4096)
 def too_large(weight: Any) -> bool:
     """Whether an exact number is one that no weight can be."""
     return bool(abs(weight) > _LARGEST)

@@ -471,6 +471,7 @@ def is_exact(weight: Any) -> bool:
     return _is_algebraic(weight) and not too_large(weight)
 
 
+@lru_cache(maxsize=4096)
 def _equal(one: Weight, other: Weight) -> bool:
     if one == other:
         return True
