@@ -602,3 +602,35 @@ def test_algebraic_weights_need_not_be_simplified():
     assert np.allclose(
         found, tables.limit_mask(plain, "interior", 5, ls.numbers.FLOAT64), atol=1e-15
     )
+
+
+@pytest.mark.parametrize("mask", [F(1, 2), (F(1, 2), F(1, 6)), "half"])
+def test_a_mask_that_is_no_function_is_told_what_it_should_be(mask):
+    with pytest.raises(ValueError, match="'number': a mask must be a function of the valence, or"):
+        ls.Scheme("number", lattice="triangles", vertex=mask)
+
+
+def test_edges_between_equal_valences_have_no_first_end():
+    scheme = ls.Scheme(
+        "asymmetric",
+        lattice="triangles",
+        vertex=lambda n: (F(5, 8), F(3, 8) / n),
+        edge=lambda a, b: (
+            (F(3, 8), F(3, 8), F(1, 8)) if a == b == 6 else (F(1, 2), F(1, 4), F(1, 8))
+        ),
+    )
+    with pytest.raises(
+        ValueError, match=r"edge\(3, 3\) is \(1/2, 1/4, 1/8\); an edge has no first"
+    ):
+        scheme.edge_mask(3, 3)
+
+
+def test_a_mask_that_leaves_the_program_is_refused_as_one_that_raises():
+    def vertex(n):
+        if n == 6:
+            return F(5, 8), F(1, 16)
+        raise SystemExit(3)
+
+    scheme = ls.Scheme("leaves", lattice="triangles", vertex=vertex)
+    with pytest.raises(ValueError, match=r"'leaves': vertex\(5\) raised SystemExit: 3"):
+        scheme.vertex_mask(5)

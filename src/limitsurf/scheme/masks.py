@@ -97,6 +97,11 @@ class Still:
 
 def as_mask(name: str, mask: Any, regular: int, own: Weights) -> Any:
     """A function, of a mapping; which knows what is regular, if nothing else is said of that."""
+    if mask is not None and not callable(mask) and not isinstance(mask, Mapping):
+        raise ValueError(
+            f"scheme {name!r}: a mask must be a function of the valence, or a mapping "
+            f"{{valence: weights}}, got {shown(mask)}"
+        )
     if not isinstance(mask, Mapping):
         return mask
     for n in mask:
