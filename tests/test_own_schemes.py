@@ -8,6 +8,7 @@ Kass and DeRose 1993). It knows no matrix and no eigenvalue.
 import itertools
 import multiprocessing
 import pickle
+import re
 import warnings
 from fractions import Fraction as F
 
@@ -602,3 +603,55 @@ def test_algebraic_weights_need_not_be_simplified():
     assert np.allclose(
         found, tables.limit_mask(plain, "interior", 5, ls.numbers.FLOAT64), atol=1e-15
     )
+
+
+@pytest.mark.parametrize("mask", [F(1, 2), (F(1, 2), F(1, 6)), "half"])
+def test_a_mask_that_is_no_function_is_told_what_it_should_be(mask):
+    with pytest.raises(ValueError, match="'number': a mask must be a function of the valence, or"):
+        ls.Scheme("number", lattice="triangles", vertex=mask)
+
+
+def test_edges_between_equal_valences_have_no_first_end():
+    scheme = ls.Scheme(
+        "asymmetric",
+        lattice="triangles",
+        vertex=lambda n: (F(5, 8), F(3, 8) / n),
+        edge=lambda a, b: (
+            (F(3, 8), F(3, 8), F(1, 8)) if a == b == 6 else (F(1, 2), F(1, 4), F(1, 8))
+        ),
+    )
+    with pytest.raises(
+        ValueError, match=r"edge\(3, 3\) is \(1/2, 1/4, 1/8\); an edge has no first"
+    ):
+        scheme.edge_mask(3, 3)
+
+
+def test_a_mask_that_leaves_the_program_is_refused_as_one_that_raises():
+    def vertex(n):
+        if n == 6:
+            return F(5, 8), F(1, 16)
+        raise SystemExit(3)
+
+    scheme = ls.Scheme("leaves", lattice="triangles", vertex=vertex)
+    with pytest.raises(ValueError, match=r"'leaves': vertex\(5\) raised SystemExit: 3"):
+        scheme.vertex_mask(5)
+
+
+@pytest.mark.parametrize(
+    ("edges", "what"), [(True, "edge and vertex(5) decide"), (False, "vertex(5) decides")]
+)
+def test_a_warning_names_the_masks_that_decide(edges, what):
+    def edge(a, b):
+        if (a == 6) == (b == 6):
+            return F(3, 8), F(3, 8), F(1, 8)
+        return (F(5, 8), F(1, 8), F(1, 8)) if b == 6 else (F(1, 8), F(5, 8), F(1, 8))
+
+    # the vertex keeps so much that frequency 0 outweighs the tangent plane
+    scheme = ls.Scheme(
+        f"cups {edges}",
+        lattice="triangles",
+        vertex=lambda n: (F(5, 8), F(1, 16)) if n == 6 else (F(99, 100), F(1, 100) / n),
+        edge=edge if edges else None,
+    )
+    with pytest.warns(UserWarning, match="are NaN; " + re.escape(what) + " "):
+        assert ls.spectral_analysis(scheme, valence=5).c1 is False

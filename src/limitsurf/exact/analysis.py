@@ -36,7 +36,7 @@ from limitsurf.exact.fixed import (
     to_mpf,
 )
 from limitsurf.exact.matrices import subdivision_matrix
-from limitsurf.exact.ring import centre_block, centre_mask
+from limitsurf.exact.ring import centre_block, check_centre
 from limitsurf.exact.sectors import folded, mirrored
 from limitsurf.exact.wide import MOST_FACES, Weights, dart_factor, wide_dart_values
 from limitsurf.scheme.lattice import Lattice, Place
@@ -53,6 +53,7 @@ _HALVINGS = 12  # of a piece on which the sign of a minor is sought
 # --- limits ---------------------------------------------------------------------------------------
 
 
+@lru_cache(maxsize=256)
 def check_convergence(scheme: Scheme, kind: str, faces: int) -> None:
     """Raise `UnsupportedSpectrum` where the masks around a special corner have no limit."""
     if scheme.lattice.dual:
@@ -61,7 +62,7 @@ def check_convergence(scheme: Scheme, kind: str, faces: int) -> None:
         if kind in ("interior", "dart") and scheme.has_own_spokes(faces):
             _check_spokes(scheme, Sector(kind, faces, lattice=scheme.lattice))
         elif kind == "interior":
-            centre_mask(faces, Weights.of(scheme, faces, exact=True).centre(faces))
+            check_centre(faces, Weights.of(scheme, faces, exact=True).centre(faces))
         elif kind == "dart":
             value = _dart_excess(scheme, Weights.of(scheme, faces, exact=True), faces)
             if value is not None:
@@ -77,11 +78,11 @@ def _check_spokes(scheme: Scheme, sector: Sector) -> None:
             f"{MOST_FACES} faces; give edges of other vertices the mask of regular ones"
         )
     matrix = subdivision_matrix(scheme, sector)
-    centre_mask(sector.faces, centre_block(matrix))
+    check_centre(sector.faces, centre_block(matrix))
     ring = np.zeros((sector.ring, sector.ring))
     for i, row in enumerate(matrix.rows[: sector.ring]):
         for k, w in row.items():
-            ring[i, k] = float(w)
+            ring[i, k] = to_mpf(w)  # of few different sympy numbers, each known already
     values = np.linalg.eigvals(ring)
     values = np.delete(values, np.abs(values - 1).argmin())
     largest = values[np.abs(values).argmax()]

@@ -116,7 +116,7 @@ class Precision:
         """A Fraction, or an algebraic number of sympy, to all digits of `mp`."""
         if isinstance(x, Fraction):
             return self.mp.mpf(x.numerator) / x.denominator
-        return self.mp.mpf(x.evalf(self.mp.dps + 10)._mpf_)
+        return self.mp.mpf(_digits(x, self.mp.dps + 10))
 
     def to_fixed(self, values: Any) -> Fixed:
         """Integers nearest below the values, in an object array."""
@@ -155,6 +155,12 @@ class Precision:
     def is_noise(self, x: int) -> bool:
         """Whether nothing but rounding can be left of a number: less than half of its digits."""
         return abs(x) >> (self.bits // 2) == 0
+
+
+@lru_cache(maxsize=4096)
+def _digits(x: Any, digits: int) -> Any:
+    """An algebraic number of sympy as mpmath has it; masks have few of them, in many places."""
+    return x.evalf(digits)._mpf_
 
 
 STANDARD = Precision.of(BITS)

@@ -88,7 +88,7 @@ def centre_block(matrix: SubdivisionMatrix) -> Block:
     return block
 
 
-def _check_convergence(valence: int, block: Block) -> None:
+def check_centre(valence: int, block: Block) -> None:
     """Both eigenvalues of frequency 0 other than 1 must lie inside the unit circle (Jury 1964).
 
     The others are those of regular masks: smaller than 1.
@@ -114,7 +114,7 @@ def centre_mask(faces: int, block: Block) -> tuple[Any, ...]:
 
     From the block of frequency 0 of so many faces.
     """
-    _check_convergence(faces, block)
+    check_centre(faces, block)
     size = len(block)
     shifted = [[x - int(i == j) for j, x in enumerate(row)] for i, row in enumerate(block)]
     # rows of the adjugate of a matrix of rank one less are left null vectors
@@ -189,7 +189,7 @@ def _block_basis(
 def _centre_modes(matrix: SubdivisionMatrix, at: Precision) -> list[Mode]:
     """The eigenvectors of frequency 0: eigenvalue 1 and the roots of an exact polynomial."""
     block, n = centre_block(matrix), matrix.sector.faces
-    _check_convergence(n, block)
+    check_centre(n, block)
     size = len(block)
     trace, determinant = centre_quadratic(block)
     square = trace * trace - 4 * determinant

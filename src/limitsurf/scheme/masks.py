@@ -97,6 +97,11 @@ class Still:
 
 def as_mask(name: str, mask: Any, regular: int, own: Weights) -> Any:
     """A function, of a mapping; which knows what is regular, if nothing else is said of that."""
+    if mask is not None and not callable(mask) and not isinstance(mask, Mapping):
+        raise ValueError(
+            f"scheme {name!r}: a mask must be a function of the valence, or a mapping "
+            f"{{valence: weights}}, got {shown(mask)}"
+        )
     if not isinstance(mask, Mapping):
         return mask
     for n in mask:
@@ -149,6 +154,7 @@ def advice_on(weight: Any, algebraic: bool) -> str:
     return f"of type {type(weight).__name__}, need {need}"
 
 
+@lru_cache(maxsize=4096)
 def too_large(weight: Any) -> bool:
     """Whether an exact number is one that no weight can be."""
     return bool(abs(weight) > _LARGEST)

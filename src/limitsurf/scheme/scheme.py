@@ -279,7 +279,7 @@ class Scheme:
             got = again = function(*at)
             if asked is not None and (mask, at) not in asked:
                 again = function(*at)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             if isinstance(function, MaskValues):
                 raise ValueError(f"{told} {function.missing(at)}") from None
             raise ValueError(f"{told} raised {type(error).__name__}: {error}") from error
@@ -337,6 +337,11 @@ class Scheme:
             got = self._ask("edge", self.edge, *pair)
             found.append(self._check(name, got, (1, 1, 2), algebraic=True))
         (one, other, across), turned = found
+        if first == second and not _equal(one, other):
+            raise ValueError(
+                f"scheme {self.name!r}: edge{ends[0]} is ({', '.join(map(str, found[0]))}); an "
+                "edge has no first end: between equal valences the first two weights must be alike"
+            )
         if not all(map(_equal, turned, (other, one, across))):
             told = (
                 f"edge{e} is ({', '.join(map(str, w))})" for e, w in zip(ends, found, strict=True)
@@ -471,6 +476,7 @@ def is_exact(weight: Any) -> bool:
     return _is_algebraic(weight) and not too_large(weight)
 
 
+@lru_cache(maxsize=4096)
 def _equal(one: Weight, other: Weight) -> bool:
     if one == other:
         return True

@@ -93,11 +93,13 @@ def warn_once(scheme: Scheme, sector: Sector) -> None:
     own = sector.takes_vertex_mask and scheme not in SCHEMES.values()
     if own and ring not in _warned:
         _warned.add(ring)
-        mask = "corner" if scheme.lattice.dual else "vertex"
+        mask = f"{'corner' if scheme.lattice.dual else 'vertex'}({sector.faces}) decides"
+        if not scheme.lattice.dual and scheme.has_own_spokes(sector.faces):
+            mask = f"edge and {mask.removesuffix('s')}"
         warnings.warn(
             f"scheme {scheme.name!r} converges at {sector.place}, but has no tangent plane there: "
             f"its surfaces are not C1, and normals at these vertices are NaN; "
-            f"{mask}({sector.faces}) decides (see limitsurf.{type(scheme).__name__})",
+            f"{mask} (see limitsurf.{type(scheme).__name__})",
             UserWarning,
             stacklevel=users_level(),
         )

@@ -9,6 +9,7 @@ import click
 
 import limitsurf as ls
 from limitsurf.shell import terminal
+from limitsurf.shell.cli.own import OF_SCHEME, SCHEME
 from limitsurf.shell.cli.program import json_option
 from limitsurf.spectra import SpectralAnalysis
 
@@ -38,11 +39,12 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
 @click.option(
     "--scheme",
     "schemes",
+    type=SCHEME,
     metavar="NAME",
     multiple=True,
     default=("catmull-clark",),
     show_default=True,
-    help="Of subdivision; may be given several times.",
+    help=f"{OF_SCHEME} May be given several times.",
 )
 @click.option(
     "--valence",
@@ -66,7 +68,7 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
 @json_option
 def spectrum(
     *,
-    schemes: tuple[str, ...],
+    schemes: tuple[str | ls.Scheme, ...],
     valence: list[int] | None,
     kind: str | None,
     faces: list[int] | None,

@@ -22,6 +22,7 @@ from limitsurf.shell.cli.interpolating import interpolate
 from limitsurf.shell.cli.measures import measure
 from limitsurf.shell.cli.modes import modes
 from limitsurf.shell.cli.offsets import offset
+from limitsurf.shell.cli.own import OF_SCHEME, SCHEME
 from limitsurf.shell.cli.program import (
     PATH,
     Cage,
@@ -456,10 +457,11 @@ main.add_command(modes)
 )
 @click.option(
     "--scheme",
+    type=SCHEME,
     metavar="NAME",
     default="catmull-clark",
     show_default=True,
-    help="Of subdivision.",
+    help=OF_SCHEME,
 )
 @click.option(
     "--digits",
@@ -478,7 +480,7 @@ def basis(
     kind: str | None,
     faces: int | None,
     position: int,
-    scheme: str,
+    scheme: str | ls.Scheme,
     digits: int,
     exact: bool,
     latex: bool,

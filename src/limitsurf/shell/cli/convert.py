@@ -10,6 +10,7 @@ import click
 
 import limitsurf as ls
 from limitsurf.shell import files, terminal
+from limitsurf.shell.cli.own import OF_SCHEME, SCHEME
 from limitsurf.shell.cli.program import (
     PATH,
     Cage,
@@ -39,7 +40,9 @@ _UNITS = ("mm", "cm", "m", "km", "um", "in", "ft")
 @merge_option
 @select_option
 @strict_option
-@click.option("--scheme", metavar="NAME", help="Of subdivision, for CAD; else as the cage says.")
+@click.option(
+    "--scheme", type=SCHEME, metavar="NAME", help=f"For CAD: {OF_SCHEME} Else as the cage says."
+)
 @click.option(
     "--tolerance",
     type=float,
@@ -62,7 +65,7 @@ def convert(
     from_: str | None,
     to: str | None,
     select: Sequence[str],
-    scheme: str | None,
+    scheme: str | ls.Scheme | None,
     tolerance: float | None,
     poles: str | None,
     unit: str | None,

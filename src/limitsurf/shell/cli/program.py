@@ -18,6 +18,7 @@ import click
 import limitsurf as ls
 from limitsurf.cage.mesh import BOUNDARY, CREASING, TRIANGLES
 from limitsurf.shell import files, terminal
+from limitsurf.shell.cli.own import OF_SCHEME, SCHEME
 
 if TYPE_CHECKING:
     from limitsurf.cage.mesh import Mesh
@@ -286,7 +287,7 @@ def reads_cage(command: Command) -> Command:
         merge: float | None,
         select: Sequence[str],
         strict: bool,
-        scheme: str | None,
+        scheme: str | ls.Scheme | None,
         boundary: str | None,
         creasing: str | None,
         triangles: str | None,
@@ -306,7 +307,7 @@ def reads_cage(command: Command) -> Command:
         choice = click.Choice([value for value in values if value is not None])
         decorated = click.option(f"--{name}", type=choice, help=f"{text} {RULE}")(decorated)
     for option in (
-        click.option("--scheme", metavar="NAME", help=f"Of subdivision. {RULE}"),
+        click.option("--scheme", type=SCHEME, metavar="NAME", help=f"{OF_SCHEME} {RULE}"),
         strict_option,
         select_option,
         merge_option,

@@ -470,9 +470,9 @@ def write(
     ValueError
         An unknown suffix; a file that `check` finds fault with; points that are not of shape
         (n_vertices, 3) or too large for the format; a tessellation without polygons; in OBJ a
-        scheme that is no name; in USD a scheme other than "catmull-clark", "loop", "bilinear" and
-        "none", channels with a name that is no identifier, or of shapes other than (k,), (k, 2),
-        (k, 3) and (k, 4).
+        name of a scheme of several words; in USD a scheme other than "catmull-clark", "loop",
+        "bilinear" and "none", channels with a name that is no identifier, or of shapes other than
+        (k,), (k, 2), (k, 3) and (k, 4).
     OSError
         A file that cannot be written.
     ImportError
@@ -481,9 +481,9 @@ def write(
     Warns
     -----
     UserWarning
-        What of a cage or tessellation the format cannot hold, in USD seams of several
-        interpolations, or several schemes; faces of a cage that are cut into
-        triangles; how many distinct points become equal as they are rounded for the file.
+        What of a cage or tessellation the format cannot hold, as a scheme of your own; in USD seams
+        of several interpolations, or several schemes; faces of a cage that are cut into triangles;
+        how many distinct points become equal as they are rounded for the file.
 
     Examples
     --------

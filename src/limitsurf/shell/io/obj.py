@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from limitsurf.cage.checks import INTERPOLATION, MeshError
 from limitsurf.cage.mesh import Mesh
+from limitsurf.scheme import SCHEMES
+from limitsurf.scheme.scheme import Scheme
 from limitsurf.shell.io.losses import Losses, first_of
 from limitsurf.shell.io.polygons import INTERPOLATED, IntArray, mesh_of, polygons, texture
 from limitsurf.shell.io.statements import (
@@ -154,6 +156,8 @@ def _before_faces(x: Mesh | Tessellation) -> Any:
 def _tag_statements(mesh: Mesh) -> Iterator[str]:
     """OpenSubdiv's tags, and ours, of a cage."""
     scheme = mesh.scheme
+    if isinstance(scheme, Scheme):  # of the library's, or one's own, which files cannot hold
+        scheme = scheme.name if scheme.name in SCHEMES else None
     if scheme is not None and not (isinstance(scheme, str) and re.fullmatch(r"[\w.+-]+", scheme)):
         raise ValueError(f"scheme: an OBJ file holds a name of one word, got {scheme!r}")
     options: dict[str, str | None] = {

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from limitsurf import memory
 from limitsurf.cage.checks import MeshError, users_level
 from limitsurf.cage.mesh import CHOICES, Mesh
+from limitsurf.scheme import SCHEMES
+from limitsurf.scheme.scheme import Scheme
 from limitsurf.shell.io.losses import Losses, finite_points, tagged, with_gaps
 
 if TYPE_CHECKING:
@@ -146,6 +148,8 @@ def warn_of_loss(
     """
     kept = texture(x) if uv else None
     lost = []
+    scheme = x.scheme if isinstance(x, Mesh) else None
+    own = isinstance(scheme, Scheme) and scheme.name not in SCHEMES
     if isinstance(x, Mesh) and not tags:
         counts = {"creases": x.creases[0], "corners": x.corners[0], "holes": x.holes}
         lost = [what for what, found in counts.items() if len(found)]
@@ -159,9 +163,11 @@ def warn_of_loss(
         lost.append(f"the name of channel {kept!r}")
     if isinstance(x, Mesh) and not tags:
         lost += [what for what in CHOICES[1:4] if getattr(x, what) is not None]
-        lost += ["scheme"] if x.scheme not in (None, "none", "catmull-clark") else []
+        lost += ["scheme"] if x.scheme not in (None, "none", "catmull-clark") and not own else []
         if kept is not None and x.channels[kept][2] != INTERPOLATED:
             lost.append(f"the interpolation of channel {kept!r}")
+    if isinstance(scheme, Scheme) and own:
+        lost.append(f"scheme {scheme.name!r}, which is your own: give it as scheme= again")
     if kind not in OWN_MEASURES:
         lost += [f"units ({x.units:g} m)"] if x.units is not None else []
         lost += [f"up axis ({x.up})"] if x.up is not None else []
