@@ -386,7 +386,7 @@ def test_faces_that_are_lost_are_warned_of(tmp_path):
 
 def test_faces_that_are_lost_from_iges_are_warned_of(tmp_path):
     path = tmp_path / "box.igs"
-    ls.write(path, box((0, 0, 0), (1, 2, 3)))
+    ls.write(path, ls.LimitSurface(ls.Mesh(CUBE, QUADS)))
     lines = path.read_text().split("\n")
     first = next(k for k, line in enumerate(lines) if line[72:73] == "P" and line[:4] == "128,")
     lines[first] = "128,0,0,3,3".ljust(64) + lines[first][64:]

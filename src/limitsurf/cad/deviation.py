@@ -191,7 +191,8 @@ def _sampled(
 ) -> Array:
     """Largest distances, distances along normals, and angles at places of all cells, (3, n).
 
-    Angles are those that `rounding` of derivatives cannot have made. 25 of those at special corners, and one of each other, which takes all control points.
+    Angles are those that `rounding` of derivatives cannot have made. 25 of those at special
+    corners, and one of each other, which takes all control points.
     """
     found = np.zeros((3, len(faces)))
     p, q = faces.degree
