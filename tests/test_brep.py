@@ -384,6 +384,17 @@ def test_faces_that_are_lost_are_warned_of(tmp_path):
         assert len(ls.read_brep(path)) == 5
 
 
+def test_faces_that_are_lost_from_iges_are_warned_of(tmp_path):
+    path = tmp_path / "box.igs"
+    ls.write(path, ls.LimitSurface(ls.Mesh(CUBE, QUADS)))
+    lines = path.read_text().split("\n")
+    first = next(k for k, line in enumerate(lines) if line[72:73] == "P" and line[:4] == "128,")
+    lines[first] = "128,0,0,3,3".ljust(64) + lines[first][64:]
+    path.write_text("\n".join(lines))
+    with pytest.warns(UserWarning, match=r"box.igs: 1 of 6 faces are left out"):
+        assert len(ls.read_brep(path)) == 5
+
+
 @pytest.mark.parametrize("kind", ["step", "igs", "brep"])
 @pytest.mark.parametrize("name", ["new\nline", 'it\'s "so"; ENDSEC', "\u2603", "\udcff"])
 def test_names_of_files_are_any(tmp_path, kind, name):

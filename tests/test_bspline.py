@@ -385,6 +385,27 @@ def test_bounds_of_angles_are_near_at_any_valence(valence):
     assert (angle <= found.edge_angle.max()).all()
 
 
+@pytest.mark.filterwarnings("ignore:.* cannot share tangent planes")
+@pytest.mark.parametrize("poles", ["g0", "g1"])
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_found_is_within_bounds_of_degenerate_cages(seed, poles):
+    """Faces without area, on a line, folded: what rounding does there is no angle that is found."""
+    rng = np.random.default_rng(seed)
+    points, faces = zoo.grid(4, 4) if seed % 2 else zoo.cube()
+    points = zoo.random_points(len(points), seed)
+    which = rng.permutation(len(points))
+    if seed < 2:
+        points[which[0]] = points[which[1]]  # of two vertices, of the same face or not
+    elif seed < 4:
+        points[faces[1]] = points[faces[1][:1]]
+    else:
+        points = np.asarray(points, float) * [1, 1e-9, 1e-9]
+    surface = made((points, faces))
+    found = ls.deviation(surface, ls.bspline_faces(surface, poles=poles))
+    for name in ("parametric", "along_normal", "angle", "geometric_angle", "gap"):
+        assert (getattr(found, f"{name}_found") <= getattr(found, name)).all(), name
+
+
 @pytest.mark.parametrize("scale", [1e-200, 1e200])
 def test_deviation_is_that_of_the_size(scale):
     points, quads = around(5)

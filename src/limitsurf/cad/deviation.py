@@ -38,8 +38,9 @@ class PatchDeviation(Deviation):
     along_normal, along_normal_found : (n,)
         The same of their parts along the normals of the surface.
     angle, angle_found, geometric_angle, geometric_angle_found : (n,)
-        As of `Deviation`, radians; of splines both are the same. Bounds of splines leave out what
-        rounding does to exact faces, which is no more than what it does to the surface.
+        As of `Deviation`, radians; of splines both are the same. Those of splines leave out what
+        rounding does to derivatives: bounds of exact faces are 0, and of an angle that is found
+        only what rounding cannot have made counts. That is nothing where a face has no area.
     edges : (e, 2) int64
         The limit faces on both sides of each edge between two (of `ApproximatePatches`, the faces):
         those of edges of the cage, then those of the ways from there to the middles of n-gons. An
@@ -161,14 +162,13 @@ def deviation(
     )):  # fmt: skip
         np.maximum.at(values[row], owner, getattr(errors, name))
     near = _Near.of(patches)
-    sampled = _sampled(found, patches, near, workers)
+    error = _rounding(near)
+    sampled = _sampled(found, patches, near, error, workers)
     np.maximum(values[3:], sampled, out=values[3:])
     if (values[3] > values[0]).any():
         k = int(np.argmax(values[3] - values[0]))
         raise ValueError(f"face {k} of the patches is not as it was made of the surface")
     half, ways, lines = inner_edges(found), spokes(found), _lines(found, patches)
-
-    error = _rounding(near)
 
     def sides(face: Array, u: Array, v: Array) -> Sides:
         """Those of places of limit faces."""
@@ -186,10 +186,13 @@ def deviation(
     )  # fmt: skip
 
 
-def _sampled(surface: LimitSurface, faces: BSplineFaces, near: _Near, workers: int) -> Array:
+def _sampled(
+    surface: LimitSurface, faces: BSplineFaces, near: _Near, rounding: Array, workers: int
+) -> Array:
     """Largest distances, distances along normals, and angles at places of all cells, (3, n).
 
-    25 of those at special corners, and one of each other, which takes all control points.
+    Angles are those that `rounding` of derivatives cannot have made. 25 of those at special
+    corners, and one of each other, which takes all control points.
     """
     found = np.zeros((3, len(faces)))
     p, q = faces.degree
@@ -220,7 +223,7 @@ def _sampled(surface: LimitSurface, faces: BSplineFaces, near: _Near, workers: i
             u, v = a + (b - a) * np.stack(places)[:, None]
             which = np.repeat(face[some], len(places[0]))
             at = which, u.ravel(), v.ravel()
-            errors = _errors(surface, faces, near, at, workers)
+            errors = _errors(surface, faces, near, rounding[:2, which], at, workers)
             for k in range(3):
                 np.maximum.at(found[k], which, errors[k])
     return found
@@ -241,19 +244,32 @@ def _at_corner(surface: LimitSurface, faces: BSplineFaces, face: Array, place: A
 
 
 def _errors(
-    surface: LimitSurface, faces: BSplineFaces, near: _Near, place: tuple[Array, ...], workers: int
+    surface: LimitSurface,
+    faces: BSplineFaces,
+    near: _Near,
+    rounding: Array,
+    place: tuple[Array, ...],
+    workers: int,
 ) -> Array:
-    """Distances, distances along normals, and angles at places (q,) of faces, (3, q)."""
+    """Distances, distances along normals, and angles at places (q,) of faces, (3, q).
+
+    `rounding` (2, q) bounds errors of derivatives: those of the surface are no larger.
+    """
     limit_face, at = faces.on_surface(*place)
     known = limit_face, *at.T
     value, du, dv = near.jet(*place)
     step = value - surface.evaluate(*known, workers=workers)
     truth = surface.normal(*known, workers=workers)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        du, dv = (d / np.abs(d).max(axis=1, keepdims=True) for d in (du, dv))
+        sizes = [np.abs(d).max(axis=1) for d in (du, dv)]
+        du, dv = (d / size[:, None] for d, size in zip((du, dv), sizes, strict=True))
         other = np.cross(du, dv)
-        other /= length(other)[:, None]
+        area = length(other)
+        other /= area[:, None]
+        # (a unit vector turns by as much as errors are of the area, and cross products have two)
+        doubt = 4 * (rounding[0] / sizes[0] + rounding[1] / sizes[1]) / area
     angle = 2 * np.arctan2(length(truth - other), length(truth + other))
+    angle = np.maximum(angle - np.nan_to_num(doubt, nan=np.inf), 0)
     found = np.stack([length(step), np.abs((step * truth).sum(axis=1)), angle])
     return np.asarray(np.nan_to_num(found))
 

@@ -55,6 +55,7 @@ UNITS = {
 _BLOCK = 1 << 20  # bytes
 _FORMAT, _NUMBER = "%.16E", re.compile(rb"-?\d\.\d{16}E[+-]\d\d+")
 _FACE = re.compile(rb"=\s*(?:ADVANCED_FACE|FACE_SURFACE)\s*\(")
+_FACES_OF_IGES = (b"143", b"144", b"510")  # bounded and trimmed surfaces, and faces of shells
 _MOST = 8  # faces of the cage that a name tells
 _SMALL = 1e-4  # millimetres
 _COLUMNS = 70  # of a line of IGES
@@ -439,17 +440,27 @@ def contents_of(name: str, kind: str, path: str, folder: str | None) -> dict[str
     except ValueError as error:
         raise MeshError(f"{name}: {error}") from None
     count = found["faces"]
-    if kind in STEP:
-        with open(path, "rb") as file:
-            stated = len(_FACE.findall(file.read()))
-        if count < stated:
-            text = f"{name}: {stated - count} of {stated} faces are left out"
-            warnings.warn(f"{text}: OpenCASCADE makes nothing of them", stacklevel=2)
+    stated = _stated(path, kind)
+    if count < stated:
+        text = f"{name}: {stated - count} of {stated} faces are left out"
+        warnings.warn(f"{text}: OpenCASCADE makes nothing of them", stacklevel=2)
     names, colors = [""] * count, np.full((count, 3), np.nan)
     for k, (said, color) in enumerate(known[:count]):
         names[k] = said
         colors[k] = color
     return {**found, "names": names, "colors": colors}
+
+
+def _stated(path: str, kind: str) -> int:
+    """How many faces the text of a file has; of BREP 0, which is read as a whole or not at all."""
+    if kind in BREP:
+        return 0
+    with open(path, "rb") as file:
+        if kind in STEP:
+            return len(_FACE.findall(file.read()))
+        # of the directory, which has two lines to an entity
+        entries = [line[:8].strip() for line in file if line[72:73] == b"D"]
+    return sum(entry in _FACES_OF_IGES for entry in entries[::2])
 
 
 def _labels(shape: Any, document: Any) -> list[tuple[str, tuple[float, ...]]]:
@@ -512,7 +523,7 @@ def read_brep(file: Path, *, unit: str = "mm") -> SplineFaces:
     Warns
     -----
     UserWarning
-        How many faces of a STEP file are left out, since they are broken.
+        How many faces of a STEP or IGES file are left out, since they are broken.
 
     Examples
     --------
