@@ -15,7 +15,7 @@ FILE = """
 from dataclasses import dataclass
 from fractions import Fraction as F
 import limitsurf as ls
-from beside import HALF
+from kept_beside_mine import HALF
 
 print("is run")
 
@@ -39,10 +39,12 @@ number = 3
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text(FILE)
-    (tmp_path / "beside.py").write_text("from fractions import Fraction\nHALF = Fraction(1, 2)\n")
+    (tmp_path / "kept_beside_mine.py").write_text(
+        "from fractions import Fraction\nHALF = Fraction(1, 2)\n"
+    )
     monkeypatch.chdir(tmp_path)
     yield tmp_path
-    for name in ("mine", "beside"):
+    for name in ("mine", "kept_beside_mine"):
         sys.modules.pop(name, None)
 
 
