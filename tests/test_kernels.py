@@ -462,7 +462,10 @@ def test_jets_of_higher_order(name, use):
         assert given[nu] is out[nu]
         assert np.array_equal(out[nu], x, equal_nan=True)
         one = surface.jet(*(x.ravel()[0] for x in query), order=4)[nu]
-        assert np.allclose(one, x.reshape(-1, 3)[0], rtol=1e-12, atol=1e-12, equal_nan=True)
+        # (of the pillow NumPy answers)
+        rounding = 0 if nu in low and name != "pillow_of_quads" else 1e-12
+        wanted = x.reshape(-1, 3)[0]
+        assert np.allclose(one, wanted, rtol=rounding, atol=rounding, equal_nan=True)
     # (weights of these orders are for NumPy)
     assert np.array_equal(surface.weights(*query, nu=(2, 1)).toarray(), rows.toarray(), True)
 

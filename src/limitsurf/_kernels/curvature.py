@@ -37,11 +37,11 @@ from limitsurf._kernels.evaluation import (
     Points,
     Room,
     Tables,
+    control_points,
     patches_of,
     points_of,
     powered,
     scale_by_two,
-    surrounded,
     tables_of,
 )
 from limitsurf._kernels.finding import finder
@@ -221,7 +221,8 @@ def _unit(out: Array, k: int, query: int, width: int, noise: float) -> bool:
 def shapers(shape: Any) -> tuple[Any, Any]:
     """The kernels `tangents` and `curved`, for faces of a shape."""
     size, own_point, shared, middle = shape.POINTS, shape.OWN, shape.BLOCK, shape.MIDDLE
-    (around, kept), (_locate, _ask, _controls) = surrounded(shape), finder(shape)
+    around, kept, *_ = control_points(shape)
+    _locate, _ask, _controls = finder(shape)
     spline, patch_weights, write = shape.spline, shape.patch_weights, shape.write
     sizes_of_weights, spline_rows = shape.sizes_of_weights, shape.spline_rows
     eigenfunctions, bent_spline = shape.eigenfunctions, shape.bent_spline

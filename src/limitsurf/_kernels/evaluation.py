@@ -336,13 +336,17 @@ def _eigen_normal(
     return True
 
 
-def surrounded(shape: Any) -> tuple[Any, Any]:
-    """What finds control points around special corners, and for how many levels they are there."""
+def control_points(shape: Any) -> tuple[Any, Any, Any, Any]:
+    """What finds control points of splines, and asks for their memory.
+
+    Those around special corners, for how many levels they are there, and copies of others.
+    """
     size, fine, shared, low_origin = shape.POINTS, shape.REFINED + 2, shape.BLOCK, shape.REFINED
+    pieces = np.concatenate([shape.PIECES, shape.AROUND])
 
     @inlined
     def around(code: int, place: int, tables: Tables) -> tuple[int, int, int]:
-        """The same of a piece around a special corner, of its origin, and where its grid begins.
+        """First row in `Points.fine` of a piece, of its origin, and where its grid begins.
 
         Rows of patches that share rings are numbers of these times faces, plus positions.
         """
@@ -374,24 +378,8 @@ def surrounded(shape: Any) -> tuple[Any, Any]:
             levels = min(levels, tables.kinds[kind, READY])
         return levels
 
-    return around, kept
-
-
-def evaluator(shape: Any) -> Any:
-    """The kernel that evaluates scattered queries, for faces of a shape."""
-    size, own_point = shape.POINTS, shape.OWN
-    pieces = np.concatenate([shape.PIECES, shape.AROUND])
-    fine, shared = shape.REFINED + 2, shape.BLOCK  # rows in `Points.fine`
-    low_origin = shape.REFINED
-    same = np.arange(size, dtype=np.int32)
-    near = differences(size, own_point)
-    located, turned, place_around = shape.located, shape.turned, shape.place_around
-    spline, spline_weights, patch_weights = shape.spline, shape.spline_weights, shape.patch_weights
-    halved_weights, (_around, _kept) = shape.halved_weights, surrounded(shape)
-    spline_normal, eigenfunctions, write = shape.spline_normal, shape.eigenfunctions, shape.write
-
     @inlined
-    def _copy(code: int, patches: Patches) -> int:
+    def copied(code: int, patches: Patches) -> int:
         """First row in `Points.fine` of the control points of a spline; -1 if it has none there."""
         first = -1
         if code >> FAR & 1:
@@ -399,27 +387,17 @@ def evaluator(shape: Any) -> Any:
         return first
 
     @inlined
-    def _ask(
-        i: int, n: int, queries: Array, room: Room, patches: Patches, tables: Tables, points: Points
-    ) -> None:
-        """Prefetch what the splines of queries some way beyond number i need."""
-        codes = room.codes
-        for j in range(0 if i == 0 else i + 2 * AHEAD, min(i + 2 * AHEAD + 1, n)):
-            code = codes[queries[j]]
-            if code >> KIND <= 1 and _copy(code, patches) < 0:
-                prefetch(patches.ids, (code & ROW) * size)
-        j = i + AHEAD
-        if j >= n or codes[queries[j]] == codes[queries[j - 1]]:
-            return
-        width, inner, code = points.high.shape[1], len(points.high), codes[queries[j]]
+    def fetch(code: int, place: int, patches: Patches, tables: Tables, points: Points) -> None:
+        """Prefetch the control points of a spline."""
+        width, inner = points.high.shape[1], len(points.high)
         if code >> KIND > 1:
-            base, _, at = _around(code, room.places[queries[j]], tables)
+            base, _, at = around(code, place, tables)
             if shared and at >= 3 * size:
                 for k in range(at, at + size):
                     prefetch(points.fine, (base + pieces[k]) * width)
                 return
         else:
-            base = _copy(code, patches)
+            base = copied(code, patches)
         base *= width
         if base >= 0:
             for line in range(base, base + fine * width, 8):
@@ -432,6 +410,36 @@ def evaluator(shape: Any) -> Any:
                 prefetch(points.high, number * width)
             else:
                 prefetch(points.extras, (number - inner) * 2 * width)
+
+    return around, kept, copied, fetch
+
+
+def evaluator(shape: Any) -> Any:
+    """The kernel that evaluates scattered queries, for faces of a shape."""
+    size, own_point = shape.POINTS, shape.OWN
+    pieces, shared = np.concatenate([shape.PIECES, shape.AROUND]), shape.BLOCK
+    low_origin = shape.REFINED
+    same = np.arange(size, dtype=np.int32)
+    near = differences(size, own_point)
+    located, turned, place_around = shape.located, shape.turned, shape.place_around
+    spline, spline_weights, patch_weights = shape.spline, shape.spline_weights, shape.patch_weights
+    halved_weights, (around, kept, copied, fetch) = shape.halved_weights, control_points(shape)
+    spline_normal, eigenfunctions, write = shape.spline_normal, shape.eigenfunctions, shape.write
+
+    @inlined
+    def _ask(
+        i: int, n: int, queries: Array, room: Room, patches: Patches, tables: Tables, points: Points
+    ) -> None:
+        """Prefetch what the splines of queries some way beyond number i need."""
+        codes = room.codes
+        for j in range(0 if i == 0 else i + 2 * AHEAD, min(i + 2 * AHEAD + 1, n)):
+            code = codes[queries[j]]
+            if code >> KIND <= 1 and copied(code, patches) < 0:
+                prefetch(patches.ids, (code & ROW) * size)
+        j = i + AHEAD
+        if j >= n or codes[queries[j]] == codes[queries[j - 1]]:
+            return
+        fetch(codes[queries[j]], room.places[queries[j]], patches, tables, points)
 
     @outlined
     def _simple(
@@ -490,11 +498,11 @@ def evaluator(shape: Any) -> Any:
             grid, numbers, at = points.high, ids, row * size
             if kind > 1:
                 piece = room.places[k] & 3
-                base, head, at = _around(code, room.places[k], tables)
+                base, head, at = around(code, room.places[k], tables)
                 grid, numbers = points.fine, pieces
                 step += room.places[k] >> 2
             else:
-                base = _copy(code, patches)
+                base = copied(code, patches)
                 head = base + low_origin
                 s, t = turned(s, t, turn)
                 if base >= 0:
@@ -571,7 +579,7 @@ def evaluator(shape: Any) -> Any:
             piece, level = room.places[k] & 3, (room.places[k] >> 2) - 1
             S, T = room.s[k], room.t[k]
             if shared and tables.kinds[kind, READY] and level < 0 and order == 0:
-                _, head, _ = _around(code, room.places[k], tables)
+                _, head, _ = around(code, room.places[k], tables)
                 for j in range(len(which)):
                     for c in range(d):
                         out[j, query, c] = points.fine[head, c] + points.fine[head + 1, c]
@@ -688,7 +696,7 @@ def evaluator(shape: Any) -> Any:
                     s, t = turned(s, t, turn)
                     level, piece, ss[k], ts[k] = place_around(s, t, turn)
                     places[k] = piece + 4 * (level + 1)
-                    if 0 <= level < _kept(code, tables):
+                    if 0 <= level < kept(code, tables):
                         own.splines[splines] = k
                         splines += 1
                     else:

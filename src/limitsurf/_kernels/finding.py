@@ -18,7 +18,7 @@ from limitsurf._kernels.evaluation import (
     Points,
     Room,
     Tables,
-    surrounded,
+    control_points,
 )
 from limitsurf._kernels.jit import differences, inlined, prefetch
 
@@ -29,7 +29,7 @@ def finder(shape: Any) -> tuple[Any, Any, Any]:
     """What finds queries, asks for their memory and hands out control points of splines."""
     size = shape.POINTS
     pieces = np.concatenate([shape.PIECES, shape.AROUND])
-    each, (around, _) = shape.REFINED + 2, surrounded(shape)
+    around, _, copied, fetch = control_points(shape)
     same = np.arange(size, dtype=np.int32)
     near = differences(size, shape.OWN)
     located, turned, place_around = shape.located, shape.turned, shape.place_around
@@ -56,16 +56,6 @@ def finder(shape: Any) -> tuple[Any, Any, Any]:
         return True
 
     @inlined
-    def _copy(code: int, place: int, patches: Patches, tables: Tables) -> int:
-        """First row in `Points.fine` of what a patch has there; -1 if nothing."""
-        first = -1
-        if code >> KIND > 1:
-            first = around(code, place, tables)[0]
-        elif code >> FAR & 1:
-            first = patches.near[code & ROW]
-        return first
-
-    @inlined
     def ask(
         i: int, count: int, room: Room, patches: Patches, tables: Tables, points: Points
     ) -> None:
@@ -78,19 +68,7 @@ def finder(shape: Any) -> tuple[Any, Any, Any]:
         j = i + AHEAD
         if j >= count or codes[j] < 0:
             return
-        width, inner = points.high.shape[1], len(points.high)
-        base = _copy(codes[j], room.places[j], patches, tables) * width
-        if base >= 0:
-            for line in range(base, base + each * width, 8):
-                prefetch(points.fine, line)
-            return
-        at = (codes[j] & ROW) * size
-        for k in range(size):
-            number = np.int64(patches.ids[at + k])
-            if number < inner:
-                prefetch(points.high, number * width)
-            else:
-                prefetch(points.extras, (number - inner) * 2 * width)
+        fetch(codes[j], room.places[j], patches, tables, points)
 
     @inlined
     def controls(
@@ -99,7 +77,7 @@ def finder(shape: Any) -> tuple[Any, Any, Any]:
     ) -> tuple[Array, Array, int, int, int]:  # fmt: skip
         """Control points of a spline: of what, numbers, where these begin, base, channel."""
         grid, numbers, at, base = points.high, patches.ids, (code & ROW) * size, 0
-        copy = _copy(code, place, patches, tables)
+        copy = copied(code, patches)
         if code >> KIND > 1:
             base, _, at = around(code, place, tables)
             grid, numbers = points.fine, pieces

@@ -27,11 +27,11 @@ from limitsurf._kernels.evaluation import (
     TURNS,
     Room,
     Tables,
+    control_points,
     patches_of,
     points_of,
     powered,
     scale_by_two,
-    surrounded,
     tables_of,
 )
 from limitsurf._kernels.finding import finder
@@ -58,7 +58,7 @@ def _factor(power: int, order: int, x: float) -> float:
 def deriver(shape: Any) -> Any:
     """The kernel `higher`, for faces of a shape."""
     size, degrees, piece_of = shape.POINTS, shape.DEGREES, shape.piece_of
-    (_, kept), (locate, ask, controls) = surrounded(shape), finder(shape)
+    (_, kept, *_), (locate, ask, controls) = control_points(shape), finder(shape)
     gather, middle = gathered(size, shape.OWN, TERMS), shape.MIDDLE
 
     @inlined

@@ -339,6 +339,20 @@ def check_faces(cage: Connectivity) -> None:
         check((cage.indices < 0) | (cage.indices >= cage.n_vertices), missing)
 
 
+def distinct_corners(cage: Connectivity, scheme: str) -> None:
+    """No triangle has a vertex twice: what is around it would not be told apart by faces."""
+    if not cage.repeats:
+        return
+    corners = cage.indices.reshape(-1, 3)
+
+    def wrong(face: int) -> tuple[Any, ...]:
+        listed = ", ".join(map(str, corners[face].tolist()))
+        text = f"face {face} has a vertex twice ({listed}): scheme {scheme!r} needs"
+        return f"{text} three different ones; leave the face out", ("face", face)
+
+    check((np.diff(np.sort(corners, axis=1), axis=1) == 0).any(axis=1), wrong)
+
+
 def crease_tags(cage: Connectivity, given: Any) -> tuple[IntArray, NDArray[Any]]:
     """Edges (c, 2), rows ascending and in order, and their sharpness, from a mapping or a pair."""
     keys, values = tagged(given, "crease")

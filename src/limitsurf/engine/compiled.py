@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from limitsurf import _kernels
 from limitsurf.caching import cached_property
 from limitsurf.engine.isolated import Isolated
 from limitsurf.engine.packing import TERMS, asked
-from limitsurf.engine.protocol import Order, Request
+from limitsurf.engine.protocol import Engine, Order, Request
 from limitsurf.engine.reference import Reference
 from limitsurf.engine.results import Results
 from limitsurf.engine.topology import Topology
@@ -25,6 +25,7 @@ Array = NDArray[Any]
 
 # derivatives that most kernels know, in the order of `jet`
 PLACES = {nu: place for place, nu in enumerate(TERMS)}
+Ask: TypeAlias = Callable[[Engine, Request], Iterable[Array]]
 _HIGHER = 4e-7  # seconds that NumPy takes for one of a higher order
 
 
@@ -91,10 +92,7 @@ class Compiled:
                 both.update(zip(which, some, strict=True))
             return [both[k] for k in range(len(orders))]
         found, rest = self._answers(request, orders, out)
-        if len(rest):
-            parts = self._reference.derivatives(request.flat(rest), orders)
-            for result, part in zip(found, parts, strict=True):
-                result[rest] = part
+        self._complete(found, rest, request, _derivatives(orders))
         return found
 
     def _higher(
@@ -115,11 +113,7 @@ class Compiled:
             found, rest = packing.higher(words, queries, some, values.channels, request.workers)
             if rest is None:
                 self._complain(request)
-            if len(rest):
-                more = self._isolated.add(again := request.flat(rest), values)
-                engine = self if more else self._reference
-                for result, part in zip(found, engine.derivatives(again, some), strict=True):
-                    result[rest] = part
+            self._complete(found, rest, request, _derivatives(some))
             for k, result in zip(which, found, strict=True):
                 if out:
                     results[k][...] = result
@@ -129,20 +123,15 @@ class Compiled:
 
     def normals(self, request: Request, out: Array | None = None) -> Array:
         """See `Engine`."""
-        (normals,), rest = self._answers(request, None, None if out is None else [out])
-        if len(rest):
-            normals[rest] = self._reference.normals(request.flat(rest))
-        return normals
+        found, rest = self._answers(request, None, None if out is None else [out])
+        self._complete(found, rest, request, lambda engine, some: [engine.normals(some)])
+        return found[0]
 
     def tangents(self, request: Request, width: int) -> tuple[Array, Array]:
         """See `Engine`."""
-        values = self._reference.values
-        out = np.empty((2, request.face.size, values.channels))
+        out = np.empty((2, request.face.size, self._reference.values.channels))
         rest = self._shapes("tangents", request, lambda: (width, out))
-        if len(rest):
-            more = self._isolated.add(again := request.flat(rest), values)
-            engine = self if more else self._reference
-            out[:, rest] = engine.tangents(again, width)
+        self._complete(out, rest, request, lambda engine, some: engine.tangents(some, width))
         return out[0], out[1]
 
     def curvatures(self, request: Request) -> Array:
@@ -150,10 +139,18 @@ class Compiled:
         values, inner = self._reference.values, self._topology.patches.n_vertices
         rounding, out = values.errors[inner:], np.empty((request.face.size, 10))
         rest = self._shapes("curved", request, lambda: (rounding, np.empty((3, 1, 24)), out))
-        if len(rest):
-            more = self._isolated.add(again := request.flat(rest), values)
-            out[rest] = (self if more else self._reference).curvatures(again)
+        self._complete([out], rest, request, lambda engine, some: [engine.curvatures(some)])
         return out
+
+    def _complete(self, results: Iterable[Array], rest: Array, request: Request, ask: Ask) -> None:
+        """Write what kernels have left: theirs if they know more by now, else the reference's."""
+        if not len(rest):
+            return
+        again = request.flat(rest)
+        more = self._isolated.add(again, self._reference.values)
+        parts = ask(self if more else self._reference, again)
+        for result, part in zip(results, parts, strict=True):
+            result[rest] = part
 
     def _shapes(self, kernel: str, request: Request, given: Callable[[], Sequence[Any]]) -> Array:
         """What `Packing.shapes` returns, of requests that are in range."""
@@ -226,7 +223,7 @@ class Compiled:
         orders: tuple[Order, ...] | None,
         out: Sequence[Array] | None,
     ) -> tuple[Sequence[Array], Array]:
-        """Arrays (Q, d): derivatives, or unit normals for None; and what is left to others."""
+        """Arrays (Q, d): derivatives, or unit normals for None; and which queries are left."""
         given = asked(orders)
         shape = len(given.which), request.face.size, self._reference.values.channels
         results = Results.new(shape) if out is None else Results.into(out)
@@ -235,9 +232,9 @@ class Compiled:
         rest = packing.evaluate(self._isolated.words, places, given, results, request.workers)
         if rest is None:
             self._complain(request)
-        if len(rest) and self._isolated.add(again := request.flat(rest), self._reference.values):
-            found, left = self._answers(again, orders, None)
-            for result, part in zip(results.arrays, found, strict=True):
-                result[rest] = part
-            rest = rest[left]
         return results.arrays, rest
+
+
+def _derivatives(orders: Sequence[Order]) -> Ask:
+    """What asks an engine for derivatives of these orders."""
+    return lambda engine, request: engine.derivatives(request, orders)

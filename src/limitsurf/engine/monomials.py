@@ -22,7 +22,7 @@ from limitsurf.patches import REGULAR, STRIP, PatchTable
 from limitsurf.scheme.scheme import Scheme
 from limitsurf.scheme.sector import Sector
 from limitsurf.scheme.spline import BICUBIC, QUARTIC, Spline, Vector
-from limitsurf.tables import DenseRing, EigenTable
+from limitsurf.tables import DenseRing, EigenTable, StripTables
 
 Array = NDArray[Any]
 
@@ -108,6 +108,26 @@ def _extended(scheme: Scheme) -> Array:
                     share = first * second * sign ** (x + y) * 0.5 ** (i + j)
                     result[k, spline.exponents.index((x, y)), column] = share
     return result
+
+
+def polynomials(spline: Spline, strips: StripTables, degrees: Sequence[int]) -> Array:
+    """Coefficients of monomials of the pieces of splines, (pieces, monomials, control points).
+
+    Of regular ones, then of strips; or, where there are such splines both ways, of these by halves
+    along s, fastest, then along t. Monomials have these degrees in s beside each power of t.
+    """
+    across = np.array(strips.pieces, dtype=float)
+    whole = [(i, j) for j, most in enumerate(degrees) for i in range(most + 1)]
+    rows = [spline.exponents.index(powers) for powers in whole]
+    regular = np.array(spline.pieces, dtype=float)[None, rows]
+    if not across.size:
+        return regular
+    across = np.pad(across, ((0, 0), (0, 4 - across.shape[1]), (0, 0)))
+    along = np.array(spline.curve, dtype=float)[None]
+    if strips.both:
+        regular, along = regular[:0], across
+    both = np.einsum("pjy,qix->pqjiyx", across, along)
+    return np.concatenate([regular, both.reshape(-1, *regular.shape[1:])])
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from limitsurf import _kernels, basis, tables
 from limitsurf._kernels import reference as kernels
 from limitsurf.caching import cached_property
-from limitsurf.engine.monomials import Cover, Monomials, holding
+from limitsurf.engine.monomials import Cover, Monomials, holding, polynomials
 from limitsurf.engine.protocol import threads
 from limitsurf.engine.results import Results
 from limitsurf.numbers import FLOAT64
@@ -525,16 +525,12 @@ class Packing:
         channels: int,
         workers: int,
     ) -> tuple[Array, Array | None]:
-        """Derivatives of these orders, all of one total order, (n, Q, channels), and as `shapes`.
-
-        Words are those of a `block`.
-        """
-        total, turned = sum(orders[0]), [self._patches.lattice.turned(nu) for nu in orders]
-        own = {(total - j, j) for j in range(total + 1)}
-        terms = sorted(nu for nu in own if not self._native.vanishes(nu))
-        # (there are as many columns as the kernel knows terms)
+        """Derivatives of these orders, of one total, (n, Q, channels); else as `shapes`."""
         from limitsurf._kernels import higher
 
+        total, turned = sum(orders[0]), [self._patches.lattice.turned(nu) for nu in orders]
+        every = ((total - j, j) for j in range(total + 1))
+        terms = [nu for nu in every if not self._native.vanishes(nu)]
         turning = np.zeros((len(self._patches.lattice.gradients), len(orders), higher.TERMS))
         for column, term in enumerate(terms):
             for row, factors in enumerate(turned):
@@ -550,23 +546,8 @@ class Packing:
 
     @cached_property
     def _polynomials(self) -> Array:
-        """Coefficients of monomials of the pieces of splines, by control point.
-
-        In the order of ``piece_of`` of the kernels, (pieces, monomials, POINTS).
-        """
-        spline, strips = self._native, np.array(self._strips.pieces, dtype=float)
-        whole = [(i, j) for j, most in enumerate(self.shape.DEGREES) for i in range(most + 1)]
-        rows = [spline.exponents.index(powers) for powers in whole]
-        regular = np.array(spline.pieces, dtype=float)[None, rows]
-        if not strips.size:
-            return regular
-        across = np.zeros((len(strips), 4, 4))
-        across[:, : strips.shape[1]] = strips
-        along = np.array(spline.curve, dtype=float)[None]
-        if self._strips.both:
-            regular, along = regular[:0], across
-        both = np.einsum("pjy,qix->pqjiyx", across, along)
-        return np.concatenate([regular, both.reshape(-1, *regular.shape[1:])])
+        """What `polynomials` gives, by the numbers of ``piece_of`` of the kernels."""
+        return polynomials(self._native, self._strips, self.shape.DEGREES)
 
     def _gridded(
         self,

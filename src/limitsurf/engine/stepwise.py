@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from limitsurf.cage import checks
 from limitsurf.cage.mesh import Mesh
 from limitsurf.engine.topology import Topology
-from limitsurf.refine.thirds import check_corners
 from limitsurf.rules import Rules
 from limitsurf.topology import LimitFaces
 
@@ -32,7 +32,7 @@ class StepwiseTopology(Topology):
         self.rules, self.lattice, self.choice = rules, rules.scheme.lattice, choice
         self.limit_faces = LimitFaces.of(mesh, self.lattice)
         self.mesh = mesh.with_points(np.zeros((mesh.n_vertices, 0)))
-        check_corners(mesh, rules.scheme.name)
+        checks.distinct_corners(mesh.connectivity, rules.scheme.name)
         self._kept: dict[str, Any] = {}
         self._with_limit = ~rules.without_limit(mesh)[self.limit_faces.face]
 

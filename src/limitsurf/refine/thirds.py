@@ -61,7 +61,7 @@ class Thirds:
     @classmethod
     def of(cls, mesh: Mesh, rules: Rules) -> Self:
         """Those of a mesh: vertices of several fans stay, and lone corners if they are to."""
-        check_corners(mesh, rules.scheme.name)
+        checks.distinct_corners(mesh.connectivity, rules.scheme.name)
         fans, n = mesh.fans, mesh.n_vertices
         alone = np.bincount(fans.vertex, minlength=n) == 1
         interior, smooth = np.zeros((2, n), dtype=bool)
@@ -356,20 +356,6 @@ class Thirds:
         smooth = np.concatenate([self.smooth, ~middles, np.repeat(sides[1], 2)])
         valence = np.concatenate([self.valence, np.full(len(interior) - len(self.valence), 6)])
         return Thirds(finer, finer.twin, valence, self.doubled, interior, smooth)
-
-
-def check_corners(mesh: Mesh, scheme: str) -> None:
-    """Refuse faces with a vertex twice: what is around them is not told apart by faces."""
-    if not mesh.connectivity.repeats:
-        return
-
-    def wrong(face: int) -> tuple[Any, ...]:
-        listed = ", ".join(map(str, mesh.faces[face]))
-        text = f"face {face} has a vertex twice ({listed}): scheme {scheme!r} needs"
-        return f"{text} three different ones; leave the face out", ("face", face)
-
-    corners = np.sort(mesh.indices.reshape(-1, 3), axis=1)
-    checks.check((np.diff(corners, axis=1) == 0).any(axis=1), wrong)
 
 
 def edge_table(ends: tuple[Array, Array], twin: Array) -> tuple[Array, Array, Array]:
